@@ -1,0 +1,68 @@
+# Needs only make and Python 3.11 or newer. The first use of a target installs what it needs into .venv.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+
+export MPLBACKEND ?= Agg
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint bench bench-quick clean
+
+help:
+	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
+	@echo "make test         ruff, mypy and the tests"
+	@echo "make lint         ruff and mypy only"
+	@echo "make bench        the full benchmarks"
+	@echo "make bench-quick  the benchmarks, shortened"
+	@echo "make clean        remove what these wrote, except .venv"
+	@echo "PYTHON=...        the interpreter that .venv is made with (now: $(PYTHON))"
+
+demo: $(VENV)/.installed-demo
+	@$(BIN)/python benchmarks/demo.py
+
+lint: $(VENV)/.installed-dev
+	@echo "==> ruff check"
+	@$(BIN)/ruff check .
+	@echo "==> ruff format --check"
+	@$(BIN)/ruff format --check .
+	@echo "==> mypy"
+	@$(BIN)/mypy
+
+test: lint
+	@echo "==> pytest"
+	@$(BIN)/python -m pytest -n 2
+
+bench: $(VENV)/.installed-bench
+	@$(BIN)/python benchmarks/run.py --full
+
+bench-quick: $(VENV)/.installed-bench
+	@$(BIN)/python benchmarks/run.py --quick
+
+clean:
+	@rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+$(VENV)/.installed-demo:  EXTRAS := plot,jax
+$(VENV)/.installed-dev:   EXTRAS := dev
+$(VENV)/.installed-bench: EXTRAS := bench
+
+# A virtual environment whose pip does not run was cut short or lost its interpreter: it is made anew.
+$(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench: pyproject.toml
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
+	    $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	        echo "error: dalembert needs Python 3.11 or newer, and PYTHON=$(PYTHON) is:" \
+	             "$$($(PYTHON) --version 2>&1). Try, for example: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; \
+	        exit 1; }; \
+	    echo "==> creating $(VENV) with $$($(PYTHON) --version)"; \
+	    $(PYTHON) -m venv --clear $(VENV) || { \
+	        echo "error: '$(PYTHON) -m venv' failed (on Debian and Ubuntu: install python3-venv)" >&2; \
+	        exit 1; }; }
+	@echo "==> installing dalembert[$(EXTRAS)] into $(VENV) (a few minutes the first time)"
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-input -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \
+	    cat $@.log >&2; \
+	    echo "error: installing dalembert[$(EXTRAS)] failed; the log above is in $@.log" >&2; \
+	    exit 1; }
+	@touch $@

@@ -1,0 +1,39 @@
+"""[Program] -> [RenderedModule] -> [Engine]: printers, templates and the registry of backends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..errors import OptionError, unknown_name
+from .base import Backend, Engine, RenderedModule
+
+__all__ = ["BACKENDS", "Backend", "Engine", "RenderedModule", "backend_named"]
+
+
+def _numba() -> Backend:
+    from .numba.backend import NumbaBackend
+
+    return NumbaBackend()
+
+
+def _numpy() -> Backend:
+    from .numpy.backend import NumpyBackend
+
+    return NumpyBackend()
+
+
+def _jax() -> Backend:
+    from .jax.backend import JaxBackend
+
+    return JaxBackend()
+
+
+BACKENDS: dict[str, Callable[[], Backend]] = {"numba": _numba, "jax": _jax, "numpy": _numpy}
+"""Every backend by name; each is imported when first asked for."""
+
+
+def backend_named(name: str) -> Backend:
+    """Return a backend; ``OptionError`` for an unknown name, ``MissingExtraError`` where its package is missing."""
+    if name not in BACKENDS:
+        raise OptionError(unknown_name("backend", str(name), BACKENDS))
+    return BACKENDS[name]()

@@ -1,0 +1,111 @@
+"""Printers: an operation of the IR as an expression of a target language.
+
+A printer is a table with one format string an operation; a test asserts that every table covers
+every operation. Python's `repr` of a float is exact, so no digit of a literal is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.program import Assignment, Kernel, Load, Operand
+
+__all__ = ["JAX", "PRINTERS", "PYTHON", "Printer"]
+
+
+@final
+@dataclass(frozen=True)
+class Printer:
+    """Prints the lines of a kernel."""
+
+    name: str
+    formats: Mapping[str, str]
+
+    def operand(self, operand: Operand) -> str:
+        """Return a name or an exact literal."""
+        if isinstance(operand, str):
+            return operand
+        return f"({operand!r})" if operand < 0 else repr(operand)
+
+    def load(self, load: Load) -> str:
+        """Return the line that reads an input."""
+        return f"{load.target} = {load.array}" + ("" if load.index is None else f"[{load.index}]")
+
+    def assignment(self, line: Assignment) -> str:
+        """Return the line of an operation."""
+        return f"{line.target} = " + self.formats[line.op].format(*map(self.operand, line.args))
+
+    def lines(self, kernel: Kernel) -> list[str]:
+        """Return the body of a kernel without its outputs."""
+        return [*map(self.load, kernel.loads), *map(self.assignment, kernel.body)]
+
+    def outputs(self, kernel: Kernel) -> list[str]:
+        """Return the outputs of a kernel."""
+        return [self.operand(output) for output in kernel.outputs]
+
+
+_ARITHMETIC = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
+_FUNCTIONS = (
+    "sqrt",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "exp",
+    "log",
+    "sinh",
+    "cosh",
+    "tanh",
+    "pow",
+)
+
+PYTHON = Printer(
+    "python",
+    {
+        **_ARITHMETIC,
+        **{
+            name: f"math.{name}({{}}, {{}})" if name in ("atan2", "pow") else f"math.{name}({{}})"
+            for name in _FUNCTIONS
+        },
+        "floor": "float(math.floor({}))",
+        "abs": "abs({})",
+        "sign": "(1.0 if {0} > 0.0 else (-1.0 if {0} < 0.0 else 0.0))",
+        "min": "min({}, {})",
+        "max": "max({}, {})",
+        "less": "(1.0 if {} < {} else 0.0)",
+        "less_equal": "(1.0 if {} <= {} else 0.0)",
+        "select": "({1} if {0} != 0.0 else {2})",
+    },
+)
+"""Scalar Python with the ``math`` module; numba compiles the same text."""
+
+_JNP_NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power"}
+
+JAX = Printer(
+    "jax",
+    {
+        **_ARITHMETIC,
+        **{
+            name: f"jnp.{_JNP_NAMES.get(name, name)}({{}}, {{}})"
+            if name in ("atan2", "pow")
+            else f"jnp.{_JNP_NAMES.get(name, name)}({{}})"
+            for name in _FUNCTIONS
+        },
+        "floor": "jnp.floor({})",
+        "abs": "jnp.abs({})",
+        "sign": "jnp.sign({})",
+        "min": "jnp.minimum({}, {})",
+        "max": "jnp.maximum({}, {})",
+        "less": "jnp.where({} < {}, 1.0, 0.0)",
+        "less_equal": "jnp.where({} <= {}, 1.0, 0.0)",
+        "select": "jnp.where({} != 0.0, {}, {})",
+    },
+)
+"""Traced JAX."""
+
+PRINTERS = (PYTHON, JAX)

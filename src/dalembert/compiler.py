@@ -1,0 +1,117 @@
+"""The pipeline: a list of stages, each a function from one frozen type to the next.
+
+Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSystem --lower--> Program
+      --render--> RenderedModule --load--> CompiledModel
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+from .errors import SceneError
+from .ir.lower import lower
+from .ir.program import Program
+from .mechanics.derive import derive
+from .mechanics.equations import EquationsOfMotion
+from .options import CompileOptions
+from .reduction import ReducedSystem, reduce
+from .scene import Scene
+from .scene.model import SceneModel
+from .scene.reading import read
+
+if TYPE_CHECKING:
+    from .codegen.base import RenderedModule
+    from .runtime.model import CompiledModel
+
+__all__ = ["Stages", "compile_model"]
+
+
+@final
+@dataclass(frozen=True)
+class Stages:
+    """Every object that the pipeline passed from stage to stage, and the seconds that each stage took."""
+
+    scene: Scene
+    model: SceneModel
+    equations: EquationsOfMotion
+    reduced: ReducedSystem
+    program: Program
+    rendered: RenderedModule
+    seconds: dict[str, float]
+
+
+def compile_model(
+    source: Scene,
+    *,
+    backend: str = "numba",
+    formulation: str = "auto",
+    outputs: Sequence[Any] = (),
+    cache: bool = True,
+) -> CompiledModel:
+    """Compile a scene to a simulator.
+
+    Parameters
+    ----------
+    source : Scene
+        The scene; it is copied, so that later changes to it do not reach the model.
+    backend : str
+        "numba" (default), "jax" or "numpy".
+    formulation : str
+        "minimal", "projected" or "augmented"; "auto" takes "minimal" where independent speeds exist that are
+        regular at every configuration, else "projected".
+    outputs : sequence of str or SymPy expressions
+        What to record beside coordinates, rates and energy: names of unknown reaction components, or
+        expressions of the scene's symbols. Nothing else is computed.
+    cache : bool
+        Whether the generated module and its compiled code may be kept on disk.
+
+    Returns
+    -------
+    CompiledModel
+
+    Raises
+    ------
+    SceneError, ConstraintError, SingularMassMatrixError
+        For a scene that is not complete or contradicts itself.
+    FormulationError, OptionError, UnknownNameError, MissingExtraError
+        For options that do not exist, or cannot serve the scene.
+    """
+    from .codegen import backend_named
+    from .runtime.model import CompiledModel
+
+    if not isinstance(source, Scene):
+        raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
+    options = CompileOptions(backend, formulation, tuple(outputs), cache)
+    watch = _Watch()
+    chosen = watch("backend", lambda: backend_named(options.backend))
+    scene = source.copy()
+    model = watch("read", lambda: read(scene, options.outputs))
+    equations = watch("derive", lambda: derive(model))
+    reduced = watch("reduce", lambda: reduce(equations, options.formulation, _names(options.outputs)))
+    program = watch("lower", lambda: lower(reduced))
+    rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
+    engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
+    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds)
+    return CompiledModel(stages, engine, chosen.methods)
+
+
+def _names(outputs: Sequence[Any]) -> list[str]:
+    """Return what requested outputs are called: names as they are, symbols and expressions by their text."""
+    return [str(output) for output in outputs]
+
+
+@final
+class _Watch:
+    """Runs stages and takes down how long each took."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, run: Any) -> Any:
+        start = time.perf_counter()
+        result = run()
+        self.seconds[stage] = time.perf_counter() - start
+        return result

@@ -1,0 +1,100 @@
+"""The exception tree: misuse raises one of these, numerical failure is a status on the result.
+
+Every message says what is wrong, where, what is allowed and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+__all__ = [
+    "CacheWarning",
+    "ConstraintError",
+    "DalembertError",
+    "ExpressionError",
+    "FormulationError",
+    "InitialStateError",
+    "MissingExtraError",
+    "OptionError",
+    "SceneError",
+    "SingularMassMatrixError",
+    "UnknownNameError",
+    "ValueInputError",
+    "list_names",
+    "unknown_name",
+]
+
+
+class DalembertError(Exception):
+    """Base of every error that the library raises on purpose."""
+
+
+class SceneError(DalembertError, ValueError):
+    """The scene is not complete or contradicts itself; `faults` lists everything found, all at once."""
+
+    def __init__(self, scene: str, faults: Sequence[str]) -> None:
+        self.faults = tuple(faults)
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        super().__init__(
+            f"scene {scene!r} has {count}:\n" + "\n".join(f"  - {fault}" for fault in self.faults)
+        )
+
+    def __reduce__(self) -> tuple[type[Exception], tuple[str]]:
+        return (DalembertError, (str(self),))
+
+
+class ExpressionError(DalembertError, ValueError):
+    """An expression uses a symbol or function that cannot be compiled."""
+
+
+class ConstraintError(DalembertError, ValueError):
+    """Constraints are dependent on each other or contradict each other."""
+
+
+class SingularMassMatrixError(DalembertError, ValueError):
+    """A coordinate moves no inertia, so that its acceleration is not determined."""
+
+
+class FormulationError(DalembertError, ValueError):
+    """A formulation cannot serve the scene; the message says why and which can."""
+
+
+class OptionError(DalembertError, ValueError):
+    """An option has a value that is not allowed."""
+
+
+class UnknownNameError(DalembertError, KeyError):
+    """A name is missing from, or unknown in, a mapping that the user gave."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class ValueInputError(DalembertError, ValueError):
+    """A number that the user gave is not finite, or not a number."""
+
+
+class InitialStateError(DalembertError, ValueError):
+    """The initial state contradicts a constraint, or leaves something undetermined."""
+
+
+class MissingExtraError(DalembertError, ImportError):
+    """An optional package is needed; the message says how to install it."""
+
+
+class CacheWarning(UserWarning):
+    """A file of the module cache was damaged and has been rebuilt."""
+
+
+def list_names(names: Iterable[str]) -> str:
+    """Return names as a readable list, or "none"."""
+    return ", ".join(names) or "none"
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the sentence for an unknown name: what it is, what is known, and what may have been meant."""
+    known = list(known)
+    close = get_close_matches(name, known, n=1)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    return f"unknown {kind} {name!r}.{hint} Known: {list_names(known)}."

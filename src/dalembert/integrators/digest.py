@@ -1,0 +1,26 @@
+"""A digest of the integrators' source text, for the keys of disk caches."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+
+def digest_of(folder: Path) -> str:
+    """SHA-256 over the names and the contents of every Python file under ``folder``, in sorted order."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+@cache
+def integrator_digest() -> str:
+    """Digest of this package.
+
+    numba's disk cache watches only the file of the function it caches, so an edit to anything that was
+    inlined would go unnoticed; whatever is cached with an integrator inside must carry this digest in its
+    key.
+    """
+    return digest_of(Path(__file__).parent)

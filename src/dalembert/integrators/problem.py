@@ -1,0 +1,243 @@
+"""The initial value problem that every integrator takes and the solution it returns."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dalembert.errors import OptionError
+from dalembert.integrators.status import Status
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """The generated functions an integrator calls, all with the signature ``(t, y, constants, out)``.
+
+    Attributes
+    ----------
+    rhs
+        Writes dy/dt (n_y,) into ``out``.
+    project_position, project_velocity
+        Write one mass-orthogonal Newton correction (n_y,) into ``out``; absent where nothing is projected.
+    """
+
+    rhs: Kernel
+    project_position: Kernel | None = None
+    project_velocity: Kernel | None = None
+
+    @property
+    def projected(self) -> bool:
+        """Whether accepted steps are projected back onto constraints."""
+        return self.project_position is not None or self.project_velocity is not None
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class IntegrationProblem:
+    """An initial value problem with its tolerances and what is to be recorded.
+
+    Attributes
+    ----------
+    t0, t1
+        Start and end of the time span; ``t1 < t0`` integrates backward, ``t1 == t0`` is allowed.
+    y0
+        Initial state (n_y,).
+    constants
+        Hoisted constants (n_c,), handed to the kernels unchanged.
+    rtol, atol
+        A step is accepted when its error, in the RMS norm over ``atol + rtol*max(|y|, |y_new|)``, is at most
+        1.
+    t_eval
+        Times to record (n_t,), monotone from ``t0`` towards ``t1``; None records the accepted steps.
+    first_step
+        Size of the first step tried, or None to choose it.
+    max_step
+        Largest step size.
+    max_steps
+        Largest number of attempted steps, rejected ones included.
+    dense
+        Whether the solution keeps a continuous output.
+
+    Raises
+    ------
+    OptionError
+        If any of these is out of range; the message lists every fault.
+    """
+
+    t0: float
+    t1: float
+    y0: FloatArray
+    constants: FloatArray
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    t_eval: FloatArray | None = None
+    first_step: float | None = None
+    max_step: float = np.inf
+    max_steps: int = 100_000
+    dense: bool = False
+
+    def __post_init__(self) -> None:
+        validate(self)
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solution:
+    """What an integration produced.
+
+    Attributes
+    ----------
+    status
+        How it ended; after a failure the records end where the run did.
+    t, y
+        Recorded times (n_t,) and states (n_t, n_y).
+    steps, rejected, evaluations
+        Accepted steps, rejected attempts, and calls of the right-hand side.
+    dense
+        Continuous output over the accepted steps, where the problem asked for it.
+    """
+
+    status: Status
+    t: FloatArray
+    y: FloatArray
+    steps: int
+    rejected: int
+    evaluations: int
+    dense: "DenseOutput | None" = None
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the time span was reached."""
+        return self.status is Status.SUCCESS
+
+
+class DenseOutput(ABC):
+    """A solution that can be evaluated between its knots, forward or backward in time.
+
+    Parameters
+    ----------
+    knots
+        Ends of the steps (n_steps + 1,), monotone in either direction.
+    """
+
+    def __init__(self, knots: FloatArray) -> None:
+        self.knots = knots
+
+    def __call__(self, t: FloatArray) -> FloatArray:
+        """Evaluate at times ``t`` (k,), in any order.
+
+        Returns
+        -------
+        ndarray (k, n_y)
+
+        Raises
+        ------
+        OptionError
+            If a time lies outside the integrated span.
+        """
+        times = np.asarray(t, dtype=np.float64)
+        step = self._locate(times)
+        h = self.knots[step + 1] - self.knots[step]
+        theta = np.divide(times - self.knots[step], h, out=np.zeros_like(times), where=h != 0.0)
+        return self._evaluate(step, theta)
+
+    def _locate(self, times: FloatArray) -> NDArray[np.intp]:
+        first, last = float(self.knots[0]), float(self.knots[-1])
+        low, high = min(first, last), max(first, last)
+        slack = 4.0 * np.finfo(float).eps * max(abs(low), abs(high))
+        if not np.all((times >= low - slack) & (times <= high + slack)):
+            raise OptionError(f"times must lie between {low!r} and {high!r}, where the run has been")
+        sign = -1.0 if last < first else 1.0
+        step = np.searchsorted(sign * self.knots, sign * times, side="right") - 1
+        return np.clip(step, 0, len(self.knots) - 2)
+
+    @abstractmethod
+    def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
+        """Evaluate at the fractions ``theta`` (k,) of the steps numbered ``step`` (k,), giving (k, n_y)."""
+
+
+@final
+class PiecewisePolynomial(DenseOutput):
+    """One polynomial per step, ``y(theta) = sum_k coefficients[step, k] * theta**k``.
+
+    Parameters
+    ----------
+    knots
+        Ends of the steps (n_steps + 1,).
+    coefficients
+        Coefficients (n_steps, degree + 1, n_y), lowest power first, in the fraction theta of the step.
+    """
+
+    def __init__(self, knots: FloatArray, coefficients: FloatArray) -> None:
+        super().__init__(knots)
+        self.coefficients = coefficients
+
+    def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
+        fraction = theta[:, np.newaxis]
+        value: FloatArray = self.coefficients[step, -1]
+        for power in range(self.coefficients.shape[1] - 2, -1, -1):
+            value = value * fraction + self.coefficients[step, power]
+        return value
+
+
+def validate(problem: IntegrationProblem) -> None:
+    """Check a problem.
+
+    Raises
+    ------
+    OptionError
+        Listing every fault.
+    """
+    faults = [*_tolerance_faults(problem), *_step_faults(problem), *_time_faults(problem)]
+    for name in ("y0", "constants"):
+        if np.ndim(getattr(problem, name)) != 1:
+            faults.append(f"{name} must be one-dimensional, not of shape {np.shape(getattr(problem, name))}")
+    if faults:
+        raise OptionError("; ".join(faults))
+
+
+def _tolerance_faults(problem: IntegrationProblem) -> list[str]:
+    faults = [
+        f"{name} must be finite and not negative, not {value!r}"
+        for name, value in (("rtol", problem.rtol), ("atol", problem.atol))
+        if not 0.0 <= value < np.inf
+    ]
+    if problem.rtol == 0.0 == problem.atol:
+        faults.append("rtol and atol must not both be 0: set one of them above 0")
+    return faults
+
+
+def _step_faults(problem: IntegrationProblem) -> list[str]:
+    faults = []
+    if problem.first_step is not None and not 0.0 < problem.first_step < np.inf:
+        faults.append(
+            f"first_step must be positive and finite (also backward in time), not {problem.first_step!r}"
+        )
+    if not problem.max_step > 0.0:
+        faults.append(f"max_step must be positive, not {problem.max_step!r}")
+    if problem.max_steps < 1:
+        faults.append(f"max_steps must be at least 1, not {problem.max_steps!r}")
+    return faults
+
+
+def _time_faults(problem: IntegrationProblem) -> list[str]:
+    t0, t1, t_eval = problem.t0, problem.t1, problem.t_eval
+    if not (np.isfinite(t0) and np.isfinite(t1)):
+        return [f"t0 and t1 must be finite, not {t0!r} and {t1!r}"]
+    if t_eval is None:
+        return []
+    if np.ndim(t_eval) != 1:
+        return [f"t_eval must be one-dimensional, not of shape {np.shape(t_eval)}"]
+    faults = []
+    if not np.all((t_eval >= min(t0, t1)) & (t_eval <= max(t0, t1))):
+        faults.append(f"t_eval must lie between t0 = {t0!r} and t1 = {t1!r}")
+    if not np.all(np.diff(t_eval) * (1.0 if t1 >= t0 else -1.0) >= 0.0):
+        faults.append(f"t_eval must be sorted from t0 = {t0!r} towards t1 = {t1!r}")
+    return faults

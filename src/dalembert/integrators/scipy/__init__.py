@@ -1,0 +1,1 @@
+"""SciPy's integrators, for kernels that are plain Python functions."""

@@ -1,0 +1,263 @@
+"""Integration by stepping SciPy's solvers, for kernels that are Python functions.
+
+Stepping, instead of one call of ``solve_ivp``, gives statuses instead of exceptions, and the projection of
+every accepted step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+
+from dalembert.errors import OptionError
+from dalembert.integrators.problem import FloatArray, IntegrationProblem, Kernel, Kernels, Solution
+from dalembert.integrators.scipy.dense import StepInterpolants
+from dalembert.integrators.status import Status
+
+METHODS = ("dop853", "rk45", "radau", "lsoda", "bdf")
+PROJECTABLE = ("dop853", "rk45", "radau")
+
+_ATTEMPT_EVALUATIONS = {"dop853": 12, "rk45": 6}
+_MAX_CORRECTIONS = 10
+_QUADRATIC = 1e-8
+_LINEAR = 1e-4
+
+
+class _NonFiniteError(Exception):
+    """The right-hand side gave NaN or infinity to a solver that cannot take it."""
+
+
+def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Solution:
+    """Integrate a problem with one of SciPy's solvers.
+
+    Parameters
+    ----------
+    kernels
+        Python functions ``(t, y, constants, out)``. Where they raise an ``ArithmeticError``, or a
+        ``ValueError`` after the first call (the math module does, outside a function's domain), the result
+        counts as NaN.
+    method
+        One of ``METHODS``; with projection one of ``PROJECTABLE``, since the others continue from past steps.
+    problem
+        The problem; ``max_steps`` counts accepted steps here.
+
+    Returns
+    -------
+    Solution
+        ``rejected`` is counted for the explicit methods and 0 for the others.
+
+    Raises
+    ------
+    OptionError
+        If the method is unknown or cannot be projected.
+    """
+    if method not in METHODS:
+        raise OptionError(f"unknown method {method!r}; SciPy's are {', '.join(METHODS)}")
+    if kernels.projected and method not in PROJECTABLE:
+        raise OptionError(
+            f"{method} continues from past steps, which projection invalidates; use one of "
+            f"{', '.join(PROJECTABLE)}"
+        )
+    with np.errstate(all="ignore"):
+        return _Run(kernels, method, problem).solution()
+
+
+@final
+@dataclass
+class _Run:
+    """One integration in progress."""
+
+    kernels: Kernels
+    method: str
+    problem: IntegrationProblem
+    t: list[float] = field(default_factory=list)
+    y: list[FloatArray] = field(default_factory=list)
+    knots: list[float] = field(default_factory=list)
+    interpolants: list[Callable[[FloatArray], FloatArray]] = field(default_factory=list)
+    corrections: list[FloatArray] = field(default_factory=list)
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0
+    calls: int = 0
+    last_non_finite_call: int = -100
+
+    def solution(self) -> Solution:
+        """Run to the end and collect what was recorded."""
+        y0 = np.array(self.problem.y0, dtype=np.float64)
+        self._record_accepted(float(self.problem.t0), y0)
+        self.knots.append(float(self.problem.t0))
+        status = self._integrate(y0)
+        n = len(y0)
+        return Solution(
+            status=status,
+            t=np.array(self.t, dtype=np.float64),
+            y=np.array(self.y, dtype=np.float64).reshape(-1, n),
+            steps=self.steps,
+            rejected=self.rejected,
+            evaluations=self.evaluations,
+            dense=self._dense_output(y0) if self.problem.dense else None,
+        )
+
+    def _integrate(self, y0: FloatArray) -> Status:
+        try:
+            slope = self._call(self.kernels.rhs, self.problem.t0, y0)
+        except ArithmeticError:
+            return Status.NON_FINITE
+        self.evaluations = 1
+        if not (np.all(np.isfinite(y0)) and np.all(np.isfinite(slope))):
+            return Status.NON_FINITE
+        if self.problem.t0 == self.problem.t1:
+            return Status.SUCCESS
+        try:
+            return self._step_to_the_end(self._solver(y0))
+        except _NonFiniteError:
+            return Status.NON_FINITE
+
+    def _step_to_the_end(self, solver: Any) -> Status:
+        per_attempt = _ATTEMPT_EVALUATIONS.get(self.method, 0)
+        while solver.status == "running":
+            if self.steps >= self.problem.max_steps:
+                return Status.MAX_STEPS
+            before = solver.nfev
+            solver.step()
+            self.evaluations += solver.nfev - before
+            if solver.status == "failed":
+                in_last_attempt = self.calls - self.last_non_finite_call < max(per_attempt, 1)
+                return Status.NON_FINITE if in_last_attempt else Status.STEP_TOO_SMALL
+            if per_attempt:
+                self.rejected += (solver.nfev - before) // per_attempt - 1
+            status = self._finish_step(solver)
+            if status is not Status.SUCCESS:
+                return status
+        return Status.SUCCESS
+
+    def _finish_step(self, solver: Any) -> Status:
+        """Project and record an accepted step; the interpolant is built before the state is moved."""
+        before = solver.nfev
+        interpolant = solver.dense_output() if self.problem.dense or self._times_before(solver.t) else None
+        self.evaluations += solver.nfev - before
+        correction = np.zeros_like(solver.y)
+        if self.kernels.projected:
+            projected = self._project(solver.t, solver.y)
+            if projected is None:
+                return Status.PROJECTION_FAILED
+            correction = projected - solver.y
+            solver.y = projected
+            solver.f = self._guarded_rhs(solver.t, projected)
+            self.evaluations += 1
+        self.steps += 1
+        self.knots.append(solver.t)
+        if interpolant is not None:
+            if self.problem.dense:
+                self.interpolants.append(interpolant)
+                self.corrections.append(correction)
+            ramped = StepInterpolants(np.array(self.knots[-2:]), [interpolant], correction[np.newaxis])
+            for t in self._times_before(solver.t):
+                state: FloatArray | None = ramped(np.array([t]))[0]
+                if self.kernels.projected and state is not None:
+                    state = self._project(t, state)
+                if state is None:
+                    return Status.PROJECTION_FAILED
+                self.t.append(t)
+                self.y.append(state)
+        self._record_accepted(solver.t, solver.y.copy())
+        return Status.SUCCESS
+
+    def _times_before(self, t_new: float) -> list[float]:
+        """List the times to evaluate that are not recorded yet and come before the end of the step."""
+        if self.problem.t_eval is None:
+            return []
+        rest = np.asarray(self.problem.t_eval, dtype=np.float64)[len(self.t) :]
+        before = rest < t_new if self.problem.t1 > self.problem.t0 else rest > t_new
+        return [float(t) for t in rest[before]]
+
+    def _record_accepted(self, t: float, y: FloatArray) -> None:
+        """Record the end of a step: once, or as often as it is among the times to evaluate."""
+        if self.problem.t_eval is None:
+            self.t.append(t)
+            self.y.append(y)
+            return
+        while len(self.t) < len(self.problem.t_eval) and self.problem.t_eval[len(self.t)] == t:
+            self.t.append(t)
+            self.y.append(y)
+
+    def _dense_output(self, y0: FloatArray) -> StepInterpolants:
+        if not self.interpolants:
+            still = [lambda t: np.repeat(y0[:, np.newaxis], len(t), axis=1)]
+            return StepInterpolants(np.full(2, self.knots[0]), still, np.zeros((1, len(y0))))
+        return StepInterpolants(np.array(self.knots), self.interpolants, np.array(self.corrections))
+
+    def _project(self, t: float, y: FloatArray) -> FloatArray | None:
+        """Project a state as the compiled integrators do; None if that did not converge."""
+        projected = y.copy()
+        if self.kernels.project_position is not None:
+            size = magnitude = 0.0
+            for _ in range(_MAX_CORRECTIONS):
+                size, magnitude = self._correct(self.kernels.project_position, t, projected)
+                if size <= _QUADRATIC * magnitude or not np.isfinite(size):
+                    break
+            if not (size <= _QUADRATIC * magnitude or size <= self.problem.atol):
+                return None
+        if self.kernels.project_velocity is not None:
+            size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
+            if _LINEAR * magnitude < size < np.inf:
+                size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
+            if not np.isfinite(size):
+                return None
+        return projected
+
+    def _correct(self, kernel: Kernel, t: float, y: FloatArray) -> tuple[float, float]:
+        """Add one correction to ``y``; return its largest entry and the largest entry that it changed."""
+        delta = self._call(kernel, t, y)
+        changed = delta != 0.0
+        size, magnitude = np.max(np.abs(delta)), np.max(np.abs(y), where=changed, initial=0.0)
+        y += delta
+        return float(size), float(magnitude)
+
+    def _call(self, kernel: Kernel, t: float, y: FloatArray) -> FloatArray:
+        out = np.zeros(len(y))
+        kernel(t, y, self.problem.constants, out)
+        return out
+
+    def _guarded_rhs(self, t: float, y: FloatArray) -> FloatArray:
+        self.calls += 1
+        try:
+            slope = self._call(self.kernels.rhs, t, y)
+        except (ArithmeticError, ValueError):
+            slope = np.full(len(y), np.nan)
+        if not np.all(np.isfinite(slope)):
+            self.last_non_finite_call = self.calls
+        return slope
+
+    def _checked_rhs(self, t: float, y: FloatArray) -> FloatArray:
+        slope = self._guarded_rhs(t, y)
+        if self.last_non_finite_call == self.calls:
+            raise _NonFiniteError
+        return slope
+
+    def _solver(self, y0: FloatArray) -> Any:
+        from scipy import integrate as scipy_integrate  # SciPy takes long to import
+
+        classes: dict[str, Any] = {
+            "dop853": scipy_integrate.DOP853,
+            "rk45": scipy_integrate.RK45,
+            "radau": scipy_integrate.Radau,
+            "lsoda": scipy_integrate.LSODA,
+            "bdf": scipy_integrate.BDF,
+        }
+        problem = self.problem
+        span = abs(problem.t1 - problem.t0)
+        explicit = self.method in _ATTEMPT_EVALUATIONS
+        solver = classes[self.method](
+            self._guarded_rhs if explicit else self._checked_rhs,
+            problem.t0,
+            y0,
+            problem.t1,
+            rtol=problem.rtol,
+            atol=problem.atol,
+            max_step=problem.max_step,
+            first_step=None if problem.first_step is None else min(problem.first_step, span),
+        )
+        self.evaluations += solver.nfev
+        return solver

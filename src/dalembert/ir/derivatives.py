@@ -1,0 +1,108 @@
+"""Forward-mode derivatives on the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from .graph import Graph, Node
+
+__all__ = ["RULES", "jacobian", "tangents"]
+
+Rule = Callable[[Graph, Node, tuple[Node, ...]], Node]
+
+
+def _piecewise_zero(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+    return graph.zero
+
+
+def _extremum(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+    a, b = node.args if node.op == "min" else node.args[::-1]
+    da, db = tangent if node.op == "min" else tangent[::-1]
+    return graph.call("select", graph.call("less_equal", a, b), da, db)
+
+
+def _power(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+    base, exponent = node.args
+    result = exponent * graph.call("pow", base, exponent - 1) * tangent[0]
+    if not tangent[1].is_zero:
+        result = result + node * graph.call("log", base) * tangent[1]
+    return result
+
+
+def _atan2(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+    y, x = node.args
+    return (x * tangent[0] - y * tangent[1]) / (x * x + y * y)
+
+
+RULES: dict[str, Rule] = {
+    "add": lambda g, n, d: d[0] + d[1],
+    "sub": lambda g, n, d: d[0] - d[1],
+    "mul": lambda g, n, d: d[0] * n.args[1] + n.args[0] * d[1],
+    "div": lambda g, n, d: (d[0] - n * d[1]) / n.args[1],
+    "neg": lambda g, n, d: -d[0],
+    "sqrt": lambda g, n, d: d[0] / (2 * n),
+    "pow": _power,
+    "sin": lambda g, n, d: g.cos(n.args[0]) * d[0],
+    "cos": lambda g, n, d: -(g.sin(n.args[0]) * d[0]),
+    "tan": lambda g, n, d: (1 + n * n) * d[0],
+    "asin": lambda g, n, d: d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
+    "acos": lambda g, n, d: -d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
+    "atan": lambda g, n, d: d[0] / (1 + n.args[0] * n.args[0]),
+    "atan2": _atan2,
+    "exp": lambda g, n, d: n * d[0],
+    "log": lambda g, n, d: d[0] / n.args[0],
+    "sinh": lambda g, n, d: g.call("cosh", n.args[0]) * d[0],
+    "cosh": lambda g, n, d: g.call("sinh", n.args[0]) * d[0],
+    "tanh": lambda g, n, d: (1 - n * n) * d[0],
+    "abs": lambda g, n, d: g.call("sign", n.args[0]) * d[0],
+    "sign": _piecewise_zero,
+    "floor": _piecewise_zero,
+    "min": _extremum,
+    "max": _extremum,
+    "less": _piecewise_zero,
+    "less_equal": _piecewise_zero,
+    "select": lambda g, n, d: g.call("select", n.args[0], d[1], d[2]),
+}
+"""The derivative of each operation: (graph, node, tangents of its operands) -> tangent of the node.
+
+Operations that jump (sign, floor, comparisons) have derivative zero, which holds between their jumps.
+"""
+
+
+def tangents(graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node]) -> list[Node]:
+    """Return the directional derivatives of `outputs`.
+
+    Parameters
+    ----------
+    graph : Graph
+        The graph of all nodes.
+    outputs : sequence of Node
+        What to differentiate.
+    seeds : mapping of Node to Node
+        The rate of each input that varies; inputs not named are constant.
+
+    Returns
+    -------
+    list of Node
+        One derivative an output: sum over inputs x of (d output / d x) * seeds[x].
+    """
+    varying = 0
+    for source in seeds:
+        varying |= source.deps
+    tangent: dict[int, Node] = {source.index: rate for source, rate in seeds.items()}
+    # new nodes are made while walking, so the order is taken down first
+    for node in list(graph.topological(outputs)):
+        if node.index in tangent:
+            continue
+        rates = tuple(tangent[arg.index] for arg in node.args)
+        if not node.deps & varying or all(rate.is_zero for rate in rates):
+            tangent[node.index] = graph.zero
+        else:
+            tangent[node.index] = RULES[node.op](graph, node, rates)
+    return [tangent[output.index] for output in outputs]
+
+
+def jacobian(graph: Graph, outputs: Sequence[Node], inputs: Sequence[Node]) -> list[list[Node]]:
+    """Return the matrix of partial derivatives, one row an output, one column an input."""
+    columns = [tangents(graph, outputs, {source: graph.one}) for source in inputs]
+    return [[column[row] for column in columns] for row in range(len(outputs))]

@@ -1,0 +1,133 @@
+"""[ReducedSystem] -> [Program]: graph nodes become straight-line kernels on named arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from ..errors import ExpressionError
+from ..naming import Namer
+from .graph import Graph, Node
+from .ops import OPERATIONS
+from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_reciprocals
+from .program import Assignment, Kernel, Layout, Load, Operand, Program
+
+if TYPE_CHECKING:
+    from ..reduction import ReducedSystem
+
+__all__ = ["lower", "lower_kernel"]
+
+PASSES = (group_products, share_reciprocals, eliminate_dead_code)
+ARGUMENTS = ("t", "y", "p")
+
+
+def lower(system: ReducedSystem) -> Program:
+    """Return the program of a reduced system.
+
+    Besides ``prepare(p)`` every kernel takes ``(t, y, c)``. In ``rhs``, ``expand``, ``outputs`` and the
+    projections y is the state of the formulation; in the others it is (q, q_dot).
+    """
+    equations = system.equations
+    graph, symbols = equations.graph, equations.symbols
+    parameters = {graph.input(name): ("p", i) for i, name in enumerate(symbols.parameters)}
+    common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
+    state = common | {node: ("y", i) for i, node in enumerate(system.inputs)}
+    scene = common | {node: ("y", i) for i, node in enumerate((*equations.q, *equations.qdot))}
+    rows = equations.constraints
+    residuals = [
+        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift
+        for row in rows
+    ]
+    definitions = dict(zip(system.inputs, system.initial, strict=True))
+    back = {a: b for a, b in definitions.items() if a is not b}
+    on_state = {
+        "rhs": system.rhs,
+        "expand": (*system.coordinates, *system.rates),
+        "outputs": tuple(system.outputs.values()),
+    }
+    if system.projection is not None:
+        on_state["project_position"] = system.projection.position
+        on_state["project_velocity"] = system.projection.velocity
+    on_scene = {
+        "initial": system.initial,
+        "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
+        "forcing": equations.forcing,
+        "accelerations": tuple(graph.substitute(system.accelerations, back)),
+        "energy": (equations.kinetic_energy, equations.potential_energy),
+        "constraint_jacobian": tuple(entry for row in rows for entry in row.jacobian),
+        "position_residual": tuple(row.position for row in rows if row.position is not None),
+        "velocity_residual": tuple(residuals),
+    }
+    kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
+    kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
+    hoisted = hoist_parameters(kernels, symbols.parameters)
+    layout = Layout(
+        coordinates=symbols.coordinates,
+        rates=symbols.rates,
+        parameters=symbols.parameters,
+        unknowns=symbols.unknowns,
+        undetermined=system.undetermined,
+        state=system.state,
+        outputs=tuple(system.outputs),
+        constraints=tuple(row.label for row in rows),
+        holonomic=sum(row.position is not None for row in rows),
+        constants=len(hoisted.prepare.outputs),
+        aliases=dict(symbols.aliases),
+    )
+    return Program(
+        equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes
+    )
+
+
+def lower_kernel(
+    graph: Graph, name: str, nodes: Sequence[Node], inputs: Mapping[Node, tuple[str, int | None]]
+) -> Kernel:
+    """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
+
+    Raises
+    ------
+    ExpressionError
+        When a node depends on an input that is not given, or a constant is not finite.
+    """
+    namer = Namer([*ARGUMENTS, "c", "out"])
+    operands: dict[int, Operand] = {}
+    loads: list[Load] = []
+    body: list[Assignment] = []
+    for node in graph.topological(nodes):
+        if node.op == "input":
+            if node not in inputs:
+                raise ExpressionError(f"kernel {name!r} depends on {node.payload!r}, which it is not given")
+            array, index = inputs[node]
+            target = namer(str(node.payload).removeprefix("speed "))
+            loads.append(Load(target, array, index))
+            operands[node.index] = target
+        elif node.deps == 0:
+            operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
+        else:
+            args = tuple(operands[arg.index] for arg in node.args)
+            target = namer(_wish(node, args))
+            body.append(Assignment(target, node.op, args))
+            operands[node.index] = target
+    loads.sort(key=lambda load: (load.array, load.index or 0))
+    outputs = tuple(operands[node.index] for node in nodes)
+    return run(Kernel(name, ARGUMENTS, tuple(loads), tuple(body), outputs), PASSES)
+
+
+def _literal(node: Node, args: list[Operand]) -> float:
+    """Return the value of a node that depends on no input."""
+    if node.op == "const":
+        assert isinstance(node.payload, Fraction | float)
+        return float(node.payload)
+    value = float(OPERATIONS[node.op].evaluate(*args))
+    if not math.isfinite(value):
+        raise ExpressionError(f"the constant {node.op}({', '.join(map(str, args))}) is not finite")
+    return value
+
+
+def _wish(node: Node, args: tuple[Operand, ...]) -> str:
+    """Return a readable name for a value."""
+    if len(args) == 1 and isinstance(args[0], str) and node.op != "neg":
+        return f"{node.op}_{args[0]}"
+    return "z"

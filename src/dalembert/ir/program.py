@@ -1,0 +1,152 @@
+"""`Program`: kernels of straight-line code in SSA form, free of SymPy and of the graph."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import final
+
+from .ops import OPERATIONS
+
+__all__ = [
+    "Assignment",
+    "Kernel",
+    "Layout",
+    "Load",
+    "Operand",
+    "Program",
+    "count_operations",
+    "describe_counts",
+]
+
+Operand = str | float
+"""The name of a value, or a literal."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Load:
+    """``target = array[index]``, or ``target = array`` for the scalar time (index None)."""
+
+    target: str
+    array: str
+    index: int | None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """``target = op(args)``; every target is assigned once."""
+
+    target: str
+    op: str
+    args: tuple[Operand, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """Named inputs, straight-line assignments, outputs.
+
+    Attributes
+    ----------
+    name : str
+        Name of the generated function.
+    arguments : tuple of str
+        Its arguments, in order: ``t``, ``y``, ``c``, or ``p``.
+    loads : tuple of Load
+        Inputs in use.
+    body : tuple of Assignment
+        Operations, each after its operands.
+    outputs : tuple of Operand
+        What is written to the output array, in order.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    loads: tuple[Load, ...]
+    body: tuple[Assignment, ...]
+    outputs: tuple[Operand, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """What the arrays of a program hold, by name.
+
+    Attributes
+    ----------
+    coordinates, rates, parameters, unknowns : tuple of str
+        Names of q, q_dot, p and of the reaction components.
+    state : tuple of str
+        Names of the components of y.
+    outputs : tuple of str
+        Names of the requested outputs.
+    constraints : tuple of str
+        Labels of the constraints, holonomic ones first.
+    holonomic : int
+        How many of them are holonomic.
+    constants : int
+        Length of c: the parameters, then the expressions of parameters alone.
+    aliases : mapping of str to str
+        Text of a SymPy symbol -> name.
+    """
+
+    coordinates: tuple[str, ...]
+    rates: tuple[str, ...]
+    parameters: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    state: tuple[str, ...]
+    outputs: tuple[str, ...]
+    constraints: tuple[str, ...]
+    holonomic: int
+    constants: int
+    aliases: dict[str, str] = field(hash=False)
+
+
+@final
+@dataclass(frozen=True)
+class Program:
+    """The kernels of one scene in one formulation, and what their arrays hold."""
+
+    name: str
+    formulation: str
+    layout: Layout
+    kernels: tuple[Kernel, ...]
+    notes: tuple[str, ...]
+
+    def kernel(self, name: str) -> Kernel:
+        """Return the kernel called `name`; ``KeyError`` where there is none."""
+        for kernel in self.kernels:
+            if kernel.name == name:
+                return kernel
+        raise KeyError(name)
+
+    def __contains__(self, name: object) -> bool:
+        return any(kernel.name == name for kernel in self.kernels)
+
+    def __iter__(self) -> Iterator[Kernel]:
+        return iter(self.kernels)
+
+
+def count_operations(kernel: Kernel) -> Counter[str]:
+    """Return how often each operation occurs, with all floating-point ones under "flops"."""
+    counts: Counter[str] = Counter()
+    for line in kernel.body:
+        operation = OPERATIONS[line.op]
+        counts[line.op] += 1
+        counts["flops"] += operation.flops
+    return counts
+
+
+def describe_counts(kernel: Kernel) -> str:
+    """Return the operation count of a kernel as text: ``8 flops, 1 sin, 1 cos``."""
+    counts = count_operations(kernel)
+    named = [
+        f"{counts[name]} {name}"
+        for name, op in OPERATIONS.items()
+        if not op.flops and name != "neg" and counts[name]
+    ]
+    return ", ".join([f"{counts['flops']} flops", *named])

@@ -1,0 +1,1 @@
+"""Kinematics and virtual power on the graph."""

@@ -1,0 +1,106 @@
+"""`EquationsOfMotion`: what virtual power says of a scene, before any constraint is used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.graph import Graph, Node
+from ..ir.linear import Matrix
+from ..scene.model import SymbolTable
+
+__all__ = ["ConstraintRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
+
+
+@final
+@dataclass(frozen=True)
+class ConstraintRow:
+    """One constraint: jacobian . q_dot + drift = 0, and q_ddot form jacobian . q_ddot = bias.
+
+    Attributes
+    ----------
+    label : str
+        How the user wrote it.
+    position : Node or None
+        The expression that vanishes in coordinates and time; None for a nonholonomic constraint.
+    jacobian : tuple of Node, length n_q
+    drift : Node
+        The part of the velocity constraint without rates.
+    bias : Node
+        Minus the part of the acceleration constraint without second rates.
+    """
+
+    label: str
+    position: Node | None
+    jacobian: tuple[Node, ...]
+    drift: Node
+    bias: Node
+
+
+@final
+@dataclass(frozen=True)
+class VelocityChoice:
+    """Quasi-velocities that may replace the rates of a group: speeds = rows . rates."""
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[Node, ...], ...]
+
+
+@final
+@dataclass(frozen=True)
+class VelocityGroup:
+    """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer."""
+
+    coordinates: tuple[int, ...]
+    choices: tuple[VelocityChoice, ...]
+
+
+@final
+@dataclass(frozen=True)
+class EquationsOfMotion:
+    """M(q, t) q_ddot = forcing(t, q, q_dot) + reactions . X + J^T lam, with constraints that vanish.
+
+    Attributes
+    ----------
+    mass_matrix : Matrix, n_q by n_q
+    forcing : tuple of Node, length n_q
+        Given actions and bias terms, no reactions.
+    reactions : Matrix, n_q by n_unknown
+        Power coefficients of the unknown reaction components, one column each.
+    constraints : tuple of ConstraintRow
+        Holonomic ones first.
+    groups : tuple of VelocityGroup
+        Quasi-velocities found in the frames of the scene.
+    outputs : mapping of str to Node
+        Requested expressions; they may contain reactions as inputs.
+    """
+
+    name: str
+    graph: Graph
+    symbols: SymbolTable
+    q: tuple[Node, ...]
+    qdot: tuple[Node, ...]
+    mass_matrix: Matrix
+    forcing: tuple[Node, ...]
+    reactions: Matrix
+    constraints: tuple[ConstraintRow, ...]
+    kinetic_energy: Node
+    potential_energy: Node
+    groups: tuple[VelocityGroup, ...]
+    outputs: Mapping[str, Node]
+
+    @property
+    def time(self) -> Node:
+        """Time."""
+        return self.graph.input(self.symbols.time)
+
+    @property
+    def unknowns(self) -> tuple[Node, ...]:
+        """The reaction components, as inputs."""
+        return tuple(self.graph.input(name) for name in self.symbols.unknowns)
+
+    @property
+    def moving(self) -> tuple[Node, ...]:
+        """Every input that may change along a motion; what depends on none of them is a parameter."""
+        return (self.time, *self.q, *self.qdot)

@@ -1,0 +1,234 @@
+"""Kinematic screws on the graph, propagated along the tree of poses in local components.
+
+A *pose* is a frame together with a reference point. The way from the origin to a pose is a
+chain of steps, each of which either rotates the frame or moves the point within the frame, so
+the kinematic screw of a pose follows from that of its parent in a few operations on local
+components. Bodies that share the beginning of their chains share poses, which makes a tree;
+the partial kinematic screw of a coordinate is held once, at the step where it enters.
+
+Accelerations are those with all second rates of the coordinates zero: the bias terms of the
+principle of virtual power.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..scene.model import Components, Pieces, SceneModel
+from . import vectors as vec
+
+__all__ = ["Kinematics", "Motion", "Pose"]
+
+
+@final
+class Motion:
+    """The part of a partial kinematic screw that one coordinate has at one step: angular or linear."""
+
+    __slots__ = ("angular", "coordinate", "direction")
+
+    def __init__(self, coordinate: int, direction: Components, angular: bool) -> None:
+        self.coordinate, self.direction, self.angular = coordinate, direction, angular
+
+
+@final
+class Pose:
+    """A frame and a point of the tree, with its screw (omega, v) and bias (alpha, a) in its own components.
+
+    Attributes
+    ----------
+    parent : Pose or None
+        Where the step starts; None for the origin.
+    rotation : rows or None
+        Components here = rotation * components of the parent, for a rotating step.
+    offset : Components or None
+        Position from the parent's point, for a moving step.
+    motions : tuple of Motion
+        Partial kinematic screws that enter at this step.
+    """
+
+    __slots__ = ("a", "alpha", "children", "frame", "motions", "offset", "omega", "parent", "rotation", "v")
+
+    def __init__(self, frame: int, parent: Pose | None, omega: Components, v: Components) -> None:
+        self.frame, self.parent, self.omega, self.v = frame, parent, omega, v
+        self.rotation: tuple[Components, Components, Components] | None = None
+        self.offset: Components | None = None
+        self.motions: tuple[Motion, ...] = ()
+        self.alpha: Components = omega
+        self.a: Components = v
+        self.children: dict[tuple[int, ...], Pose] = {}
+
+
+@final
+class Kinematics:
+    """The tree of poses of one scene; poses are made when first asked for, parents before children."""
+
+    def __init__(self, model: SceneModel) -> None:
+        self.model = model
+        self.graph: Graph = model.graph
+        symbols = model.symbols
+        self.q = [self.graph.input(name) for name in symbols.coordinates]
+        self.qdot = [self.graph.input(name) for name in symbols.rates]
+        self.flow = dict(zip(self.q, self.qdot, strict=True))
+        self.flow[self.graph.input(symbols.time)] = self.graph.one
+        root = Pose(0, None, vec.zero(self.graph), vec.zero(self.graph))
+        # a field of gravity is an acceleration of the referential the other way
+        root.a = vec.scale(self.graph.const(-1), self.resolve(model.gravity, 0))
+        self.poses: list[Pose] = [root]
+
+    # -- frames ---------------------------------------------------------------------------
+
+    def ancestry(self, frame: int) -> list[int]:
+        """Return the frames from the root to `frame`, both included."""
+        chain = [frame]
+        while (parent := self.model.frames[chain[-1]].parent) is not None:
+            chain.append(parent)
+        return chain[::-1]
+
+    def to_frame(self, a: Components, source: int, target: int) -> Components:
+        """Return the components of a vector on `target` from those on `source`."""
+        down = self.ancestry(target)
+        while source not in down:
+            frame = self.model.frames[source]
+            assert frame.rotation is not None and frame.parent is not None
+            a, source = vec.rotate_back(frame.rotation, a), frame.parent
+        for number in down[down.index(source) + 1 :]:
+            rotation = self.model.frames[number].rotation
+            assert rotation is not None
+            a = vec.rotate(rotation, a)
+        return a
+
+    def resolve(self, pieces: Pieces, target: int) -> Components:
+        """Return the components on `target` of a vector given in pieces."""
+        total = vec.zero(self.graph)
+        for piece in pieces:
+            total = vec.add(total, self.to_frame(piece.components, piece.frame, target))
+        return total
+
+    # -- points ---------------------------------------------------------------------------
+
+    def point_pieces(self, point: int) -> list[Pieces]:
+        """Return the position of a point as segments from the origin on."""
+        segments: list[Pieces] = []
+        current: int | None = point
+        while current is not None:
+            segments.append(self.model.points[current].position)
+            current = self.model.points[current].parent
+        return segments[::-1]
+
+    def between(self, start: int, end: int, frame: int) -> Components:
+        """Return the vector from point `start` to point `end` on `frame`."""
+        from_start, to_end = self.point_pieces(start), self.point_pieces(end)
+        while from_start and to_end and from_start[0] is to_end[0]:
+            del from_start[0], to_end[0]
+        total = vec.zero(self.graph)
+        for pieces in to_end:
+            total = vec.add(total, self.resolve(pieces, frame))
+        for pieces in from_start:
+            total = vec.subtract(total, self.resolve(pieces, frame))
+        return total
+
+    def carrier(self, point: int) -> int:
+        """Return the frame that carries a point: the deepest one that its position is written on."""
+        frames = [piece.frame for pieces in self.point_pieces(point) for piece in pieces]
+        return max(frames, key=lambda frame: len(self.ancestry(frame)), default=0)
+
+    # -- poses ----------------------------------------------------------------------------
+
+    def pose(self, frame: int, point: int) -> Pose:
+        """Return the pose of `frame` at `point`."""
+        chain = self.ancestry(frame)
+        steps: dict[int, list[Components]] = {number: [] for number in chain}
+        for pieces in self.point_pieces(point):
+            for piece in pieces:
+                level, components = piece.frame, piece.components
+                while level not in steps:  # written on a frame beside the chain: take it to where they part
+                    model = self.model.frames[level]
+                    assert model.rotation is not None and model.parent is not None
+                    level, components = model.parent, vec.rotate_back(model.rotation, components)
+                steps[level].append(components)
+        pose = self.poses[0]
+        for number in chain:
+            if number != 0:
+                pose = self._child(pose, (number,), number, None)
+            for offset in steps[number]:
+                if not vec.is_zero(offset):
+                    pose = self._child(pose, tuple(x.index for x in offset), number, offset)
+        return pose
+
+    def _child(self, parent: Pose, key: tuple[int, ...], frame: int, offset: Components | None) -> Pose:
+        known = parent.children.get(key)
+        if known is None:
+            known = self._rotated(parent, frame) if offset is None else self._moved(parent, offset)
+            parent.children[key] = known
+            self.poses.append(known)
+        return known
+
+    def _moved(self, parent: Pose, r: Components) -> Pose:
+        rate = self._flow(r)
+        twist = vec.add(vec.cross(parent.omega, r), rate)
+        pose = Pose(parent.frame, parent, parent.omega, vec.add(parent.v, twist))
+        pose.offset = r
+        pose.alpha = parent.alpha
+        a = vec.add(parent.a, vec.cross(parent.alpha, r))
+        a = vec.add(a, vec.cross(parent.omega, vec.add(twist, rate)))
+        pose.a = vec.add(a, self._flow(rate))
+        pose.motions = self._motions(lambda seeds: self._tangent(r, seeds), r, angular=False)
+        return pose
+
+    def _rotated(self, parent: Pose, frame: int) -> Pose:
+        rotation = self.model.frames[frame].rotation
+        assert rotation is not None
+        spin = self._spin(rotation, self.flow)
+        omega = vec.rotate(rotation, parent.omega)
+        pose = Pose(frame, parent, vec.add(omega, spin), vec.rotate(rotation, parent.v))
+        pose.rotation = rotation
+        alpha = vec.add(vec.rotate(rotation, parent.alpha), vec.cross(omega, spin))
+        pose.alpha = vec.add(alpha, self._flow(spin))
+        pose.a = vec.rotate(rotation, parent.a)
+        entries = (*rotation[0], *rotation[1], *rotation[2])
+        pose.motions = self._motions(lambda seeds: self._spin(rotation, seeds), entries, angular=True)
+        return pose
+
+    def _motions(self, partial, of: tuple[Node, ...], *, angular: bool) -> tuple[Motion, ...]:  # type: ignore[no-untyped-def]
+        deps = 0
+        for node in of:
+            deps |= node.deps
+        found = []
+        for number, q in enumerate(self.q):
+            if q.deps & deps:
+                direction = partial({q: self.graph.one})
+                if not vec.is_zero(direction):
+                    found.append(Motion(number, direction, angular))
+        return tuple(found)
+
+    def _tangent(self, a: Components, seeds: dict[Node, Node]) -> Components:
+        x, y, z = tangents(self.graph, a, seeds)
+        return x, y, z
+
+    def _flow(self, a: Components) -> Components:
+        """Return the rate of components along the motion, second rates of the coordinates being zero."""
+        return self._tangent(a, self.flow)
+
+    def _spin(self, c: tuple[Components, Components, Components], seeds: dict[Node, Node]) -> Components:
+        """Return the angular velocity relative to the parent, from C dC^T = [omega x], on the rotated frame."""
+        rate = [self._tangent(row, seeds) for row in c]
+        w = [[vec.dot(c[i], rate[j]) for j in range(3)] for i in range(3)]
+        pairs = ((2, 1), (0, 2), (1, 0))
+        x, y, z = (
+            w[i][j] if w[i][j] is -w[j][i] else (w[i][j] - w[j][i]) * self.graph.node(0.5) for i, j in pairs
+        )
+        return x, y, z
+
+    def position(self, pose: Pose) -> Components:
+        """Return the position of a pose's point from the origin, on the root frame."""
+        total = vec.zero(self.graph)
+        current: Pose | None = pose
+        while current is not None:
+            if current.offset is not None:
+                total = vec.add(total, current.offset)
+            if current.rotation is not None:
+                total = vec.rotate_back(current.rotation, total)
+            current = current.parent
+        return total

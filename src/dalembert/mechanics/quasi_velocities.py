@@ -1,0 +1,117 @@
+"""Quasi-velocities that the frames of a scene offer.
+
+Constraints and inertia are simple when velocities are resolved on the right frame: the speed
+of the sleigh's blade along the blade, the angular velocity of a sphere. Two kinds of groups are
+found, without a word in the scene:
+
+* coordinates whose rates are the components of a point's velocity on some frame (Cartesian
+  coordinates) may give way to the components of the same velocity on any other frame;
+* three coordinates that orient one frame relative to another may give way to the components
+  of the angular velocity on any frame between the two.
+
+Which of these is used, if any, is decided by the `minimal` formulation.
+"""
+
+from __future__ import annotations
+
+from ..ir.graph import Node
+from ..scene.model import Components
+from . import vectors as vec
+from .equations import VelocityChoice, VelocityGroup
+from .kinematics import Kinematics, Pose
+
+__all__ = ["velocity_groups"]
+
+_AXES = "xyz"
+
+
+def velocity_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
+    """Return the groups of a scene; no coordinate is in two of them."""
+    groups: list[VelocityGroup] = []
+    taken: set[int] = set()
+    for pose in list(kinematics.poses):
+        group = _translation(kinematics, pose) if pose.offset is not None else None
+        if group is not None and not taken & set(group.coordinates):
+            groups.append(group)
+            taken |= set(group.coordinates)
+    frames = sorted(
+        {pose.frame for pose in kinematics.poses}, key=lambda frame: len(kinematics.ancestry(frame))
+    )
+    for frame in frames:
+        rotation = _rotation(kinematics, frame)
+        if rotation is not None and not taken & set(rotation.coordinates):
+            groups.append(rotation)
+            taken |= set(rotation.coordinates)
+    return tuple(groups)
+
+
+def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
+    """Return the group of a moving step whose partial velocities are constant and orthonormal."""
+    motions = pose.motions
+    if len(motions) not in (2, 3):
+        return None
+    for i, motion in enumerate(motions):
+        if any(x.number is None for x in motion.direction):
+            return None
+        if any(
+            not _equals(vec.dot(motion.direction, other.direction), i == j) for j, other in enumerate(motions)
+        ):
+            return None
+    choices = []
+    for frame in range(len(kinematics.model.frames)):
+        if frame == pose.frame:
+            continue
+        columns = [kinematics.to_frame(motion.direction, pose.frame, frame) for motion in motions]
+        rows = [[column[axis] for column in columns] for axis in range(3)]
+        used = [axis for axis in range(3) if not all(x.is_zero for x in rows[axis])]
+        if len(used) == len(motions):
+            name = kinematics.model.frames[frame].name
+            choices.append(
+                VelocityChoice(
+                    tuple(f"v_{name}_{_AXES[a]}" for a in used), tuple(tuple(rows[a]) for a in used)
+                )
+            )
+    return VelocityGroup(tuple(motion.coordinate for motion in motions), tuple(choices))
+
+
+def _equals(node: Node, one: bool) -> bool:
+    return node.is_one if one else node.is_zero
+
+
+def _rotation(kinematics: Kinematics, frame: int) -> VelocityGroup | None:
+    """Return the group of the last three coordinates that turn `frame`, with no body on the frames between."""
+    path = kinematics.ancestry(frame)
+    stretch = [frame]
+    carrying = {body.frame for body in kinematics.model.bodies if body.inertia is not None}
+    axes: dict[int, list[tuple[int, Components]]] = {}
+    for number in reversed(path[1:]):
+        step = _turning(kinematics, number)
+        for coordinate, direction in step:
+            axes.setdefault(coordinate, []).append((number, direction))
+        parent = kinematics.model.frames[number].parent
+        assert parent is not None
+        stretch.append(parent)
+        if len(axes) >= 3 or parent in carrying:
+            break
+    if len(axes) != 3:
+        return None
+    coordinates = tuple(sorted(axes))
+    choices = []
+    for target in stretch:
+        columns = []
+        for coordinate in coordinates:
+            total = vec.zero(kinematics.graph)
+            for number, direction in axes[coordinate]:
+                total = vec.add(total, kinematics.to_frame(direction, number, target))
+            columns.append(total)
+        rows = tuple(tuple(column[axis] for column in columns) for axis in range(3))
+        name = kinematics.model.frames[target].name
+        choices.append(VelocityChoice(tuple(f"omega_{name}_{axis}" for axis in _AXES), rows))
+    return VelocityGroup(coordinates, tuple(choices))
+
+
+def _turning(kinematics: Kinematics, frame: int) -> list[tuple[int, Components]]:
+    for pose in kinematics.poses:
+        if pose.frame == frame and pose.rotation is not None:
+            return [(motion.coordinate, motion.direction) for motion in pose.motions]
+    return []

@@ -1,0 +1,46 @@
+"""Names: what users call things, and what generated code calls them."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Iterable
+from typing import final
+
+__all__ = ["RATE_SUFFIX", "Namer", "rate_name"]
+
+RATE_SUFFIX = "_dot"
+
+
+def rate_name(coordinate: str) -> str:
+    """Return the name of the rate of a coordinate: ``"x" -> "x_dot"``."""
+    return coordinate + RATE_SUFFIX
+
+
+@final
+class Namer:
+    """Gives every object of one generated kernel an identifier of its own.
+
+    A wished-for name is reduced to letters, digits and underscores, so no text that a user
+    wrote reaches generated code as code; names taken already get a number.
+
+    Parameters
+    ----------
+    reserved : iterable of str
+        Identifiers that must not be given out.
+    """
+
+    def __init__(self, reserved: Iterable[str] = ()) -> None:
+        self._taken = set(reserved) | set(keyword.kwlist)
+
+    def __call__(self, wish: str) -> str:
+        """Return an identifier close to `wish` that nothing else has."""
+        base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_") or "value"
+        if base[0].isdigit():
+            base = f"n{base}"
+        name, count = base, 1
+        while name in self._taken:
+            count += 1
+            name = f"{base}_{count}"
+        self._taken.add(name)
+        return name

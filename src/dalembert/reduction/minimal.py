@@ -1,0 +1,116 @@
+"""`minimal`: independent speeds u with q_dot = S u + s; the constraints are satisfied by construction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..errors import FormulationError, SingularMassMatrixError
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..ir.linear import matmul, matvec, transpose
+from ..ir.ops import OPERATIONS
+from ..ir.simplify import drop_independent
+from ..mechanics.equations import EquationsOfMotion
+from .base import Formulation, ReducedSystem, factorize_inertia
+from .parametrization import NoRegularBasis, Parametrization, parametrizations
+from .reactions import requested_outputs
+
+__all__ = ["Minimal"]
+
+
+@final
+@dataclass(frozen=True)
+class _Motion:
+    """Rates of the state: of the kept coordinates, of the speeds, and what q_ddot is made of."""
+
+    coordinate_rates: tuple[Node, ...]
+    speed_rates: tuple[Node, ...]
+    accelerations: tuple[Node, ...]
+
+
+def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
+    """Project the equations of motion on the free directions: S^T M S u_dot = S^T (forcing - M (S_dot u + s_dot))."""
+    graph, size = equations.graph, len(equations.q)
+    plain = p.coordinates == equations.q and p.rates == equations.qdot
+    flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
+    if not plain:
+        values = {a: b for a, b in zip(equations.q, p.coordinates, strict=True) if a is not b}
+        values |= {a: b for a, b in zip(equations.qdot, p.rates, strict=True) if a is not b}
+        flat = graph.substitute(flat, values)
+    mass = [flat[i * size : (i + 1) * size] for i in range(size)]
+    forcing = flat[size * size :]
+    flow = {equations.q[i]: p.rates[i] for i in p.kept} | {equations.time: graph.one}
+    bias = tangents(graph, p.rates, flow)
+    basis = (
+        transpose([tangents(graph, p.rates, {speed: graph.one}) for speed in p.speeds]) if p.speeds else []
+    )
+    if not p.speeds:
+        accelerations = tuple(bias)
+        speed_rates: list[Node] = []
+    elif plain:
+        speed_rates = factorize_inertia(graph, mass, p.names, equations.name).solve(forcing)
+        accelerations = tuple(speed_rates)
+    else:
+        across = transpose(basis)
+        load = [f - b for f, b in zip(forcing, matvec(graph, mass, bias), strict=True)]
+        inertia = matmul(graph, across, matmul(graph, mass, basis))
+        demand = matvec(graph, across, load)
+        drop_independent(graph, [*(entry for row in inertia for entry in row), *demand], equations.q)
+        speed_rates = factorize_inertia(graph, inertia, p.names, equations.name).solve(demand)
+        drop_independent(graph, speed_rates, equations.q)
+        moved = matvec(graph, basis, speed_rates)
+        accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
+    return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations)
+
+
+def _work(graph: Graph, outputs: Sequence[Node]) -> float:
+    """Return the weighted operations that `outputs` cost, shared ones counted once."""
+    return sum(OPERATIONS[node.op].cost for node in graph.topological(outputs) if node.args)
+
+
+@final
+class Minimal(Formulation):
+    """State: the coordinates that no holonomic constraint gives, and independent speeds."""
+
+    name = "minimal"
+
+    def reduce(self, equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem:
+        """See `Formulation.reduce`."""
+        try:
+            best = parametrizations(equations, lambda p: self._cost(equations, p))
+        except NoRegularBasis as reason:
+            raise FormulationError(
+                f"scene {equations.name!r} cannot be put in the formulation 'minimal': {reason}."
+                " Use formulation='projected', or 'auto', which takes it"
+            ) from None
+        motion = _kane(equations, best)
+        values = {a: b for a, b in zip(equations.q, best.coordinates, strict=True) if a is not b}
+        values |= {a: b for a, b in zip(equations.qdot, best.rates, strict=True) if a is not b}
+        wanted = requested_outputs(equations, requested, values, motion.accelerations)
+        kept = [equations.symbols.coordinates[i] for i in best.kept]
+        return ReducedSystem(
+            formulation=self.name,
+            equations=equations,
+            state=(*kept, *best.names),
+            inputs=(*(equations.q[i] for i in best.kept), *best.speeds),
+            rhs=(*motion.coordinate_rates, *motion.speed_rates),
+            coordinates=best.coordinates,
+            rates=best.rates,
+            accelerations=motion.accelerations,
+            initial=(*(equations.q[i] for i in best.kept), *best.definitions),
+            projection=None,
+            outputs=wanted.outputs,
+            undetermined=wanted.undetermined,
+            notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes),
+        )
+
+    def _cost(self, equations: EquationsOfMotion, p: Parametrization) -> float:
+        try:
+            motion = _kane(equations, p)
+        except SingularMassMatrixError:
+            if p.rates == equations.qdot:  # no choice of speeds can mend an unconstrained singular matrix
+                raise
+            return float("inf")
+        return _work(equations.graph, (*motion.coordinate_rates, *motion.speed_rates))

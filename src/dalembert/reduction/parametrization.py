@@ -1,0 +1,295 @@
+"""Speeds that span exactly what the constraints leave free.
+
+Holonomic constraints are solved for a coordinate that enters them linearly with a coefficient
+made of parameters only; nonholonomic ones for a quasi-velocity with such a coefficient. No
+other pivot is used, so the basis never divides by a function of the configuration. Which
+quasi-velocities stand for the rates of a group is tried out: the choice that needs the fewest
+operations per evaluation wins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..errors import ConstraintError
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+
+__all__ = ["NoRegularBasis", "Parametrization", "parametrizations"]
+
+
+class NoRegularBasis(Exception):
+    """No basis without a division by a function of the configuration was found; the text says where."""
+
+
+@final
+@dataclass(frozen=True)
+class Parametrization:
+    """q and q_dot in terms of the coordinates kept and independent speeds u.
+
+    Attributes
+    ----------
+    kept : tuple of int
+        Numbers of the coordinates kept.
+    coordinates : tuple of Node, length n_q
+        q in terms of the kept ones and time.
+    rates : tuple of Node, length n_q
+        q_dot in terms of kept coordinates, time and u.
+    names : tuple of str
+        Names of u.
+    speeds : tuple of Node
+        u as inputs.
+    definitions : tuple of Node
+        u in terms of q and q_dot.
+    notes : tuple of str
+        What was eliminated, for `explain()`.
+    """
+
+    kept: tuple[int, ...]
+    coordinates: tuple[Node, ...]
+    rates: tuple[Node, ...]
+    names: tuple[str, ...]
+    speeds: tuple[Node, ...]
+    definitions: tuple[Node, ...]
+    notes: tuple[str, ...]
+
+
+def parametrizations(
+    equations: EquationsOfMotion, cost: Callable[[Parametrization], float]
+) -> Parametrization:
+    """Return the cheapest regular parametrization, by `cost`.
+
+    Raises
+    ------
+    NoRegularBasis
+        When there is none, with the constraint that cannot be solved for.
+    ConstraintError
+        When a constraint follows from others or contradicts them.
+    """
+    holonomic = _solve_holonomic(equations)
+    groups = [group for group in equations.groups if not set(group.coordinates) & set(holonomic.solved)]
+    picks: list[VelocityChoice | None] = [None] * len(groups)
+    best: Parametrization | None = None
+    best_cost, reason = float("inf"), ""
+    trials: list[tuple[int, VelocityChoice | None]] = [(-1, None)]
+    trials += [(place, choice) for place, group in enumerate(groups) for choice in group.choices]
+    for place, choice in trials:
+        trial = list(picks)
+        if place >= 0:
+            trial[place] = choice
+        try:
+            found = _parametrize(equations, holonomic, groups, trial)
+        except NoRegularBasis as failure:
+            reason = reason or str(failure)
+            continue
+        price = cost(found)
+        if price < best_cost:
+            best, best_cost, picks = found, price, trial
+    if best is None:
+        raise NoRegularBasis(reason)
+    return best
+
+
+@final
+@dataclass(frozen=True)
+class _Holonomic:
+    """Coordinates solved for: number -> expression in the others, and the values of q and q_dot that follow."""
+
+    solved: dict[int, Node]
+    coordinates: tuple[Node, ...]
+    rates: tuple[Node, ...]
+
+
+def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
+    graph, q = equations.graph, equations.q
+    solved: dict[int, Node] = {}
+    for row in (row for row in equations.constraints if row.position is not None):
+        assert row.position is not None
+        known = {q[i]: value for i, value in solved.items()}
+        residual = graph.substitute([row.position], known)[0]
+        pivot = _pivot(equations, residual, [i for i in range(len(q)) if i not in solved])
+        if pivot is None:
+            _refuse_dependent(equations, row, residual, q)
+            raise NoRegularBasis(f"{row.label} gives no coordinate in closed form")
+        number, slope = pivot
+        rest = graph.substitute([residual], {q[number]: graph.zero})[0]
+        value = -rest / slope
+        for i, old in solved.items():
+            solved[i] = graph.substitute([old], {q[number]: value})[0]
+        solved[number] = value
+    coordinates = tuple(solved.get(i, node) for i, node in enumerate(q))
+    flow = dict(zip(q, equations.qdot, strict=True)) | {equations.time: graph.one}
+    rates = list(equations.qdot)
+    for number, value in solved.items():
+        rates[number] = tangents(graph, [value], flow)[0]
+    return _Holonomic(solved, coordinates, tuple(rates))
+
+
+def _refuse_dependent(
+    equations: EquationsOfMotion, row: ConstraintRow, residual: Node, variables: Sequence[Node]
+) -> None:
+    """Raise for a constraint that, once the others are used, has no variable left."""
+    if any(equations.graph.freed_of(residual, [x]) is None for x in variables):
+        return
+    verdict = (
+        "follows from the other constraints" if residual.is_zero else "contradicts the other constraints"
+    )
+    raise ConstraintError(
+        f"scene {equations.name!r}: {row.label} {verdict}, whatever the state."
+        " Remove it, or correct the one that it repeats"
+    )
+
+
+def _pivot(
+    equations: EquationsOfMotion, residual: Node, candidates: Sequence[int]
+) -> tuple[int, Node] | None:
+    """Return the coordinate to solve a holonomic constraint for, and its coefficient; numbers before parameters."""
+    graph = equations.graph
+    best: tuple[int, Node] | None = None
+    for number in candidates:
+        slope = tangents(graph, [residual], {equations.q[number]: graph.one})[0]
+        free = graph.freed_of(slope, equations.moving)
+        if free is not None and not free.is_zero and (best is None or _rank(free) < _rank(best[1])):
+            best = (number, free)
+    return best
+
+
+def _rank(slope: Node) -> int:
+    return 0 if slope.is_one or (-slope).is_one else 1 if slope.number is not None else 2
+
+
+def _parametrize(
+    equations: EquationsOfMotion,
+    holonomic: _Holonomic,
+    groups: Sequence[VelocityGroup],
+    picks: Sequence[VelocityChoice | None],
+) -> Parametrization:
+    graph = equations.graph
+    kept = [i for i in range(len(equations.q)) if i not in holonomic.solved]
+    names = {i: equations.symbols.rates[i] for i in kept}
+    speeds = {i: equations.qdot[i] for i in kept}
+    definitions: dict[int, Node] = dict(speeds)
+    turned: dict[Node, Node] = {}
+    at_kept = dict(zip(equations.q, holonomic.coordinates, strict=True))
+    for group, pick in zip(groups, picks, strict=True):
+        if pick is None:
+            continue
+        rows = [graph.substitute(row, at_kept) for row in pick.rows]
+        inputs = [graph.input(f"speed {name}") for name in pick.names]
+        rates = _solve(graph, rows, inputs)
+        for i, name, speed, row, rate in zip(
+            group.coordinates, pick.names, inputs, pick.rows, rates, strict=True
+        ):
+            names[i], speeds[i] = name, speed
+            definitions[i] = graph.sum(
+                a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True)
+            )
+            turned[equations.qdot[i]] = rate
+    solved = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
+    independent = [i for i in kept if i not in solved]
+    rates_in_speeds = graph.substitute(list(holonomic.rates), turned)
+    dependent = {speeds[i]: value for i, value in solved.items()}
+    rates_in_speeds = graph.substitute(graph.substitute(rates_in_speeds, at_kept), dependent)
+    free = [speeds[i] for i in independent]
+    rates_in_speeds = [_linear(graph, rate, free) for rate in rates_in_speeds]
+    coordinate_names = equations.symbols.coordinates
+    notes = [f"{coordinate_names[i]} is given by a holonomic constraint" for i in sorted(holonomic.solved)]
+    notes += [f"{names[i]} is given by a nonholonomic constraint" for i in sorted(solved)]
+    return Parametrization(
+        kept=tuple(kept),
+        coordinates=holonomic.coordinates,
+        rates=tuple(rates_in_speeds),
+        names=tuple(names[i] for i in independent),
+        speeds=tuple(speeds[i] for i in independent),
+        definitions=tuple(definitions[i] for i in independent),
+        notes=tuple(notes),
+    )
+
+
+def _solve_nonholonomic(
+    equations: EquationsOfMotion,
+    at_kept: dict[Node, Node],
+    holonomic: _Holonomic,
+    turned: dict[Node, Node],
+    speeds: dict[int, Node],
+) -> dict[int, Node]:
+    """Return the speeds that nonholonomic constraints give, each in terms of the independent ones."""
+    graph = equations.graph
+    solved: dict[int, Node] = {}
+    moving = (*equations.moving, *speeds.values())
+    for row in (row for row in equations.constraints if row.position is None):
+        jacobian = graph.substitute([*row.jacobian, row.drift], at_kept)
+        rates = graph.substitute(graph.substitute(holonomic.rates, turned), at_kept)
+        velocity = graph.sum(a * b for a, b in zip(jacobian, rates, strict=False)) + jacobian[-1]
+        velocity = graph.substitute([velocity], {speeds[i]: value for i, value in solved.items()})[0]
+        velocity = _linear(graph, velocity, tuple(speeds.values()))
+        best: tuple[int, Node] | None = None
+        for i, speed in speeds.items():
+            if i in solved:
+                continue
+            slope = graph.freed_of(tangents(graph, [velocity], {speed: graph.one})[0], moving)
+            if slope is not None and not slope.is_zero and (best is None or _rank(slope) < _rank(best[1])):
+                best = (i, slope)
+        if best is None:
+            _refuse_dependent(equations, row, velocity, tuple(speeds.values()))
+            raise NoRegularBasis(
+                f"{row.label} gives no velocity without a division by a function of the configuration"
+            )
+        number, slope = best
+        rest = graph.substitute([velocity], {speeds[number]: graph.zero})[0]
+        value = -rest / slope
+        for i, old in solved.items():
+            solved[i] = graph.substitute([old], {speeds[number]: value})[0]
+        solved[number] = value
+    independent = [speed for i, speed in speeds.items() if i not in solved]
+    return {i: _linear(graph, value, independent) for i, value in solved.items()}
+
+
+def _linear(graph: Graph, node: Node, speeds: Sequence[Node]) -> Node:
+    """Return `node`, which is affine in the speeds, having offered it the form sum of slope times speed."""
+    slopes = [tangents(graph, [node], {speed: graph.one})[0] for speed in speeds]
+    rest = graph.substitute([node], dict.fromkeys(speeds, graph.zero))[0]
+    return graph.sum(slope * speed for slope, speed in zip(slopes, speeds, strict=True)) + rest
+
+
+def _solve(graph: Graph, rows: Sequence[Sequence[Node]], values: Sequence[Node]) -> list[Node]:
+    """Return x with rows . x = values, for two or three rows: units are eliminated, the rest goes by cofactors."""
+    size = range(len(rows))
+    unit = [(i, j) for i in size for j in size if rows[i][j].is_one or (-rows[i][j]).is_one]
+    for i, j in unit:
+        others = [k for k in size if k != i]
+        if len(rows) == 3 and all(rows[k][j].is_zero for k in others):
+            left = [c for c in size if c != j]
+            part = _cofactors(
+                graph, [[rows[k][c] for c in left] for k in others], [values[k] for k in others]
+            )
+            last = values[i] - graph.sum(rows[i][c] * x for c, x in zip(left, part, strict=True))
+            part.insert(j, last * rows[i][j])
+            return part
+    return _cofactors(graph, rows, values)
+
+
+def _cofactors(graph: Graph, rows: Sequence[Sequence[Node]], values: Sequence[Node]) -> list[Node]:
+    if len(rows) == 2:
+        (a, b), (c, d) = rows
+        cofactors = [[d, -b], [-c, a]]
+        determinant = a * d - b * c
+    else:
+        cofactors = [
+            [
+                rows[(j + 1) % 3][(i + 1) % 3] * rows[(j + 2) % 3][(i + 2) % 3]
+                - rows[(j + 1) % 3][(i + 2) % 3] * rows[(j + 2) % 3][(i + 1) % 3]
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+        determinant = graph.sum(rows[0][j] * cofactors[j][0] for j in range(3))
+    if determinant.is_zero:
+        raise NoRegularBasis("three rotations that do not turn a frame freely")
+    return [
+        graph.sum(entry / determinant * value for entry, value in zip(row, values, strict=True))
+        for row in cofactors
+    ]

@@ -1,0 +1,149 @@
+"""Requested outputs, and the unknown reaction components among them.
+
+Along a motion, reactions . X = M q_ddot - forcing =: r. The components that these equations
+determine solve the normal equations of that system; it is consistent whenever the joints of
+the scene can exert the reactions of its constraints, which is checked, not assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
+from ..ir.graph import Graph, Node
+from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..mechanics.equations import EquationsOfMotion
+
+__all__ = ["Requested", "requested_outputs", "undetermined_unknowns"]
+
+
+@final
+@dataclass(frozen=True)
+class Requested:
+    """Outputs by name, in terms of t and the state."""
+
+    outputs: Mapping[str, Node]
+    undetermined: tuple[str, ...]
+
+
+def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
+    """Return the names of the reaction components that no equation determines."""
+    independent, free = _independent_columns(equations.graph, equations.reactions)
+    return tuple(equations.symbols.unknowns[i] for i in sorted(free))
+
+
+def requested_outputs(
+    equations: EquationsOfMotion,
+    requested: Sequence[str],
+    values: Mapping[Node, Node],
+    accelerations: Sequence[Node],
+) -> Requested:
+    """Return the requested outputs.
+
+    Parameters
+    ----------
+    equations : EquationsOfMotion
+        The scene's.
+    requested : sequence of str
+        Names of reactions, coordinates or rates, or the texts of expressions of the scene's symbols.
+    values : mapping of Node to Node
+        Coordinates and rates in terms of the state.
+    accelerations : sequence of Node
+        Second rates in terms of the state.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that the scene does not have.
+    ConstraintError
+        For a reaction that the equations do not determine.
+    """
+    graph, symbols = equations.graph, equations.symbols
+    undetermined = undetermined_unknowns(equations)
+    nodes: dict[str, Node] = {}
+    for name in requested:
+        if name in equations.outputs:
+            nodes[name] = equations.outputs[name]
+        elif name in (*symbols.unknowns, *symbols.coordinates, *symbols.rates):
+            nodes[name] = graph.input(name)
+        else:
+            known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
+            raise UnknownNameError(
+                unknown_name("output", name, known) + " A SymPy expression of them serves too."
+            )
+    needed = _needed_unknowns(equations, nodes)
+    lost = [name for name in needed if name in undetermined]
+    if lost:
+        raise ConstraintError(
+            f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
+            " they have no power on any coordinate, or only a combination of them has. Give the scene a coordinate"
+            " along the reaction and a constraint that holds it"
+        )
+    replace = dict(values)
+    if needed:
+        replace.update(_solve(equations, values, accelerations))
+    found = graph.substitute(list(nodes.values()), replace)
+    return Requested(dict(zip(nodes, found, strict=True)), undetermined)
+
+
+def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) -> list[str]:
+    deps = 0
+    for node in nodes.values():
+        deps |= node.deps
+    names = equations.symbols.unknowns
+    return [name for name, node in zip(names, equations.unknowns, strict=True) if node.deps & deps]
+
+
+def _independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[int]]:
+    """Return columns that are independent for almost every state, and those whose weight is not determined."""
+    columns = transpose(matrix) if matrix and matrix[0] else []
+    independent: list[int] = []
+    free: set[int] = set()
+    for number, column in enumerate(columns):
+        if all(entry.is_zero for entry in column):
+            free.add(number)
+            continue
+        trial = [columns[i] for i in (*independent, number)]
+        try:
+            factorize(graph, matmul(graph, trial, transpose(trial)))
+            independent.append(number)
+        except SingularMatrix:
+            base = trial[:-1]
+            weights = factorize(graph, matmul(graph, base, transpose(base))).solve(
+                matvec(graph, base, column)
+            )
+            free |= {number} | {
+                i for i, weight in zip(independent, weights, strict=True) if not weight.is_zero
+            }
+    return independent, free
+
+
+def _solve(
+    equations: EquationsOfMotion, values: Mapping[Node, Node], accelerations: Sequence[Node]
+) -> dict[Node, Node]:
+    """Return the determined reactions in terms of the state."""
+    graph = equations.graph
+    size = len(equations.q)
+    independent, _ = _independent_columns(graph, equations.reactions)
+    flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
+    flat += [row[i] for row in equations.reactions for i in independent]
+    flat = graph.substitute(flat, values)
+    mass = [flat[i * size : (i + 1) * size] for i in range(size)]
+    forcing, rest = flat[size * size : size * size + size], flat[size * size + size :]
+    reactions = [rest[i * len(independent) : (i + 1) * len(independent)] for i in range(size)]
+    residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
+    columns = transpose(reactions)
+    normal = factorize(graph, matmul(graph, columns, reactions))
+    solution = normal.solve(matvec(graph, columns, residual))
+    left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
+    if not all(node.is_zero for node in left):
+        names = equations.symbols.coordinates
+        where = list_names(name for name, node in zip(names, left, strict=True) if not node.is_zero)
+        raise ConstraintError(
+            f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
+            f" {where}). Give a joint the unknown force or torque component that holds the constraint"
+        )
+    unknowns = equations.unknowns
+    return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}

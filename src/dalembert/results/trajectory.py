@@ -1,0 +1,215 @@
+"""`Trajectory`: one simulated motion, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..integrators.problem import DenseOutput
+from ..integrators.status import Status
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["RunStatistics", "Trajectory"]
+
+FloatArray = NDArray[np.float64]
+_ENERGIES = ("energy", "kinetic_energy", "potential_energy")
+
+
+@final
+@dataclass(frozen=True)
+class RunStatistics:
+    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds."""
+
+    method: str
+    steps: int
+    rejected: int
+    evaluations: int
+    compile_seconds: float
+    run_seconds: float
+
+
+@final
+class Trajectory:
+    """A simulated motion.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        Recorded times [s]; after a failure they end where the run did.
+    y : ndarray (n_t, n_y)
+        State of the formulation.
+    q, qdot : ndarray (n_t, n_q)
+        Coordinates and their rates.
+    status : Status
+        How the run ended.
+    stats : RunStatistics
+        What it cost.
+
+    ``trajectory["x"]``, ``["x_dot"]``, ``["energy"]`` and every requested output give arrays (n_t,), by name or by
+    SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        constants: FloatArray,
+        status: Status,
+        t: FloatArray,
+        y: FloatArray,
+        stats: RunStatistics,
+        dense: DenseOutput | None,
+    ) -> None:
+        self._program, self._c, self._dense = program, constants, dense
+        self.status, self.stats = status, stats
+        self.t, self.y = t, y
+        size = len(program.layout.coordinates)
+        x = interpret_rows(program.kernel("expand"), t, y, constants)
+        self.q, self.qdot = x[:, :size], x[:, size:]
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span was reached."""
+        return self.status is Status.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """How the run ended, as a sentence."""
+        return self.status.message
+
+    @property
+    def can_evaluate(self) -> bool:
+        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        return self._dense is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked for by name."""
+        layout = self._program.layout
+        return (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *_ENERGIES)
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        layout = self._program.layout
+        name = layout.aliases.get(str(key), str(key))
+        for names, values in (
+            (layout.coordinates, self.q),
+            (layout.rates, self.qdot),
+            (layout.state, self.y),
+        ):
+            if name in names:
+                return values[:, names.index(name)]
+        for output in (name, str(key)):
+            if output in layout.outputs:
+                return self._outputs[:, layout.outputs.index(output)]
+        if name in _ENERGIES:
+            kinetic, potential = self._energies.T
+            return {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}[
+                name
+            ]
+        hint = ""
+        if name in layout.unknowns:
+            hint = (
+                f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
+            )
+        raise UnknownNameError(unknown_name("output", str(key), dict.fromkeys(self.names)) + hint)
+
+    def _on_scene(self, kernel: str) -> FloatArray:
+        if kernel not in self._program:
+            return np.empty((len(self.t), 0))
+        x = np.hstack([self.q, self.qdot])
+        return interpret_rows(self._program.kernel(kernel), self.t, x, self._c)
+
+    @cached_property
+    def _outputs(self) -> FloatArray:
+        return interpret_rows(self._program.kernel("outputs"), self.t, self.y, self._c)
+
+    @cached_property
+    def _energies(self) -> FloatArray:
+        return self._on_scene("energy")
+
+    @cached_property
+    def constraint_violation(self) -> FloatArray:
+        """What each constraint leaves, (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
+        holonomic = self._program.layout.holonomic
+        return np.hstack([self._on_scene("position_residual"), self.velocity_violation[:, holonomic:]])
+
+    @cached_property
+    def velocity_violation(self) -> FloatArray:
+        """What each constraint leaves on the rates, (n_t, n_constraints)."""
+        return self._on_scene("velocity_residual")
+
+    def __call__(self, t: Any) -> Trajectory:
+        """Return the motion at other times.
+
+        Parameters
+        ----------
+        t : float or array_like (k,)
+            Times within the span, in any order.
+
+        Raises
+        ------
+        OptionError
+            Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        if self._dense is None:
+            raise OptionError(
+                "this run kept no dense output; simulate with dense=True to evaluate between its times"
+            )
+        y = self._dense(times)
+        for kernel in ("project_position", "project_velocity"):
+            if kernel in self._program:
+                for _ in range(2):
+                    y = y + interpret_rows(self._program.kernel(kernel), times, y, self._c)
+        return Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+
+    def __repr__(self) -> str:
+        span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
+        return f"<Trajectory {self._program.name!r}: {span}{len(self.t)} times, {self.status.name}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, outputs and energy.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingExtraError(
+                'xarray is needed; install it with: pip install "dalembert[xarray]"'
+            ) from None
+        layout = self._program.layout
+        names = (*layout.coordinates, *layout.rates, *layout.outputs, "energy")
+        return xarray.Dataset(
+            {name: ("time", self[name]) for name in names},
+            coords={"time": ("time", self.t, {"units": "s"})},
+            attrs={
+                "scene": self._program.name,
+                "formulation": self._program.formulation,
+                "status": self.status.name,
+            },
+        )
+
+    def plot(self, *names: Any) -> Figure:
+        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
+        """
+        from .plots import plot
+
+        return plot(self, [str(name) for name in names] or list(self._program.layout.coordinates))

@@ -1,0 +1,1 @@
+"""Compiled models and what they need while running."""

@@ -1,0 +1,119 @@
+"""The content-addressed cache of generated modules.
+
+A module lives in a folder of its own, named by its digest, with whatever the backend's compiler
+keeps beside it. Files appear by an atomic rename, so that processes may share the cache; a file
+that is not what it should be is rebuilt with a warning.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import linecache
+import os
+import shutil
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import TypeVar
+
+from ..errors import CacheWarning
+from ..naming import Namer
+
+__all__ = ["ENVIRONMENT_VARIABLE", "directory", "load_from_disk", "load_in_memory", "store"]
+
+ENVIRONMENT_VARIABLE = "DALEMBERT_CACHE_DIR"
+
+T = TypeVar("T")
+
+
+def directory() -> Path:
+    """Return the folder of the cache: ``$DALEMBERT_CACHE_DIR``, or the user's cache folder of the platform."""
+    chosen = os.environ.get(ENVIRONMENT_VARIABLE)
+    if chosen:
+        return Path(chosen).expanduser()
+    import platformdirs
+
+    return platformdirs.user_cache_path("dalembert", appauthor=False)
+
+
+def store(name: str, digest: str, source: str) -> Path:
+    """Return the path of the file that holds `source`, writing it where it is missing or damaged."""
+    path = directory() / f"{Namer()(name)[:40]}_{digest}" / "kernels.py"
+    try:
+        held = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        held = None
+    except (OSError, UnicodeDecodeError):
+        held = ""
+    if held == source:
+        return path
+    if held is not None:
+        warnings.warn(f"the cached module {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
+        _discard(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(source)
+    os.replace(temporary, path)
+    return path
+
+
+def _discard(path: Path) -> None:
+    """Remove what a compiler kept beside a module."""
+    shutil.rmtree(path.parent / "__pycache__", ignore_errors=True)
+
+
+def load_from_disk(name: str, digest: str, source: str, check: Callable[[ModuleType], T]) -> T:
+    """Return ``check(module)`` for the module that holds `source`, loaded from the cache.
+
+    `check` makes the backend load its compiled code; when it fails, what was kept beside the module is
+    discarded, and it is tried once more.
+    """
+    path = store(name, digest, source)
+    try:
+        return check(_import(path, digest))
+    except Exception as failure:  # a damaged file may fail in any way; a real fault fails again below
+        kept = path.parent / "__pycache__"
+        if not kept.is_dir() or not any(kept.glob("*.nb?")):
+            raise
+        warnings.warn(
+            f"compiled code cached in {kept} could not be used ({failure}) and is rebuilt",
+            CacheWarning,
+            stacklevel=2,
+        )
+        _discard(path)
+        return check(_import(path, digest))
+
+
+def _import(path: Path, digest: str) -> ModuleType:
+    qualified = f"dalembert_generated_{digest}"
+    spec = importlib.util.spec_from_file_location(qualified, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[qualified] = module
+    with _no_bytecode():
+        spec.loader.exec_module(module)
+    return module
+
+
+@contextlib.contextmanager
+def _no_bytecode():  # type: ignore[no-untyped-def]
+    """Keep Python from caching bytecode, which it would trust by time stamp alone."""
+    held, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = held
+
+
+def load_in_memory(digest: str, source: str) -> ModuleType:
+    """Return the module that holds `source` without touching the disk; tracebacks still show its lines."""
+    filename = f"<dalembert generated {digest}>"
+    module = ModuleType(f"dalembert_generated_{digest}")
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    exec(compile(source, filename, "exec"), module.__dict__)
+    return module

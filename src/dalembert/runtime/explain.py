@@ -1,0 +1,85 @@
+"""`explain()`: what was chosen and why, what was left out, and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from ..errors import list_names
+from ..ir.program import Program, describe_counts
+
+if TYPE_CHECKING:
+    from ..compiler import Stages
+
+__all__ = ["explain"]
+
+
+def explain(stages: Stages, methods: Mapping[str, str]) -> str:
+    """Return the explanation of a compiled model as text."""
+    program, layout = stages.program, stages.program.layout
+    first, *others = methods
+    lines = [
+        f"{program.name}: {len(layout.coordinates)} coordinates, {len(layout.constraints)} constraints"
+        f" ({layout.holonomic} holonomic), {len(layout.unknowns)} unknown reaction components",
+        f"formulation   {program.formulation}: {program.notes[0]}",
+        *(f"              {note}" for note in program.notes[1:]),
+        f"state         {list_names(layout.state)}",
+        f"backend       {stages.rendered.backend}",
+        f"method        auto takes {first}, {methods[first]}; also: {list_names(others)}",
+        f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
+        *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
+        f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
+        f"prepared      {layout.constants - len(layout.parameters)} expressions of parameters alone, once a run",
+        f"left out      {'; '.join(_left_out(stages)) or 'nothing'}",
+        "formulations  " + "; ".join(f"{name}: {count}" for name, count in _formulations(stages).items()),
+        "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
+    ]
+    return "\n".join(lines)
+
+
+def _projections(program: Program) -> list[str]:
+    return [name for name in ("project_position", "project_velocity") if name in program]
+
+
+def _outputs(program: Program) -> str:
+    return describe_counts(program.kernel("outputs"))
+
+
+def _left_out(stages: Stages) -> list[str]:
+    """Return what the scene has and nothing asked for."""
+    program, layout = stages.program, stages.program.layout
+    out = []
+    reactions = [name for name in layout.unknowns if name not in layout.outputs]
+    if reactions:
+        out.append(f"the reactions {list_names(reactions)}, which no output asks for")
+    if layout.undetermined:
+        out.append(f"{list_names(layout.undetermined)} could not be had: the equations do not determine them")
+    if not layout.constraints:
+        out.append("constraint machinery: the scene has no constraints")
+    elif "project_velocity" not in program and program.formulation == "minimal":
+        out.append("multipliers and projections: the speeds satisfy the constraints")
+    rhs = {load.index for load in program.kernel("rhs").loads if load.array == "y"}
+    idle = [name for i, name in enumerate(layout.state) if i not in rhs]
+    if idle:
+        out.append(f"nothing depends on {list_names(idle)}: quadratures")
+    return out
+
+
+def _formulations(stages: Stages) -> dict[str, str]:
+    """Return the operation count of the right-hand side in every formulation that can serve the scene."""
+    from ..errors import ConstraintError, FormulationError
+    from ..ir.lower import lower
+    from ..reduction import FORMULATIONS, reduce
+
+    counts: dict[str, str] = {}
+    for name in FORMULATIONS:
+        if name == stages.program.formulation:
+            counts[name] = describe_counts(stages.program.kernel("rhs"))
+            continue
+        try:
+            other = lower(reduce(stages.equations, name))
+        except (FormulationError, ConstraintError):
+            counts[name] = "cannot serve"
+            continue
+        counts[name] = describe_counts(other.kernel("rhs"))
+    return counts

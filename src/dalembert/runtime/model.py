@@ -1,0 +1,233 @@
+"""`CompiledModel`: what `dalembert.compile_model` hands back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ..codegen.base import Engine, FloatArray
+from ..errors import OptionError, ValueInputError, unknown_name
+from ..ir.program import Layout
+from ..results.trajectory import RunStatistics, Trajectory
+from . import inputs
+from .explain import explain
+
+if TYPE_CHECKING:
+    from ..compiler import Stages
+
+__all__ = ["CompiledModel"]
+
+
+@final
+class CompiledModel:
+    """A scene compiled for one backend in one formulation.
+
+    Attributes
+    ----------
+    stages : Stages
+        Every object of the pipeline, from the scene to the rendered module.
+    layout : Layout
+        Names of everything that arrays hold.
+    """
+
+    def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
+        self.stages = stages
+        self.layout: Layout = stages.program.layout
+        self._program = stages.program
+        self._engine = engine
+        self._methods = methods
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self._program.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self.stages.rendered.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation."""
+        return self._program.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods of the backend; "auto" takes the first."""
+        return tuple(self._methods)
+
+    @property
+    def source(self) -> str:
+        """The generated code."""
+        return self.stages.rendered.source
+
+    def explain(self) -> str:
+        """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""
+        return explain(self.stages, self._methods)
+
+    def __repr__(self) -> str:
+        return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+
+    # -- simulation -----------------------------------------------------------------------
+
+    def simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+    ) -> Trajectory:
+        """Simulate one trajectory.
+
+        Parameters
+        ----------
+        t_span : (float, float)
+            Start and end [s]; the end may lie before the start.
+        initial : mapping of symbols or names to numbers
+            Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
+            be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t_eval : array_like (n_t,), optional
+            Times to record; without it, the accepted steps.
+        method : str
+            A name in `methods`, or "auto".
+        rtol, atol : float
+            Tolerances of the local error of every component of the state.
+        first_step, max_step : float, optional
+            First and largest step [s].
+        max_steps : int
+            Attempted steps after which the run ends with a status.
+        dense : bool
+            Whether the trajectory can be evaluated between the recorded times.
+
+        Returns
+        -------
+        Trajectory
+            Numerical failure is its `status`, never an exception.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong, each naming what, what is allowed and what to do.
+        """
+        from ..integrators.problem import IntegrationProblem
+
+        begin = time.perf_counter()
+        chosen = self._method(method)
+        t0, t1 = _span(t_span)
+        c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
+        x = inputs.initial_state(self._program, t0, initial, c)
+        problem = IntegrationProblem(
+            t0=t0,
+            t1=t1,
+            y0=inputs.start(self._program, t0, x, c),
+            constants=c,
+            rtol=float(rtol),
+            atol=float(atol),
+            t_eval=None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float)),
+            first_step=first_step,
+            max_step=float(max_step),
+            max_steps=int(max_steps),
+            dense=dense,
+        )
+        solution = self._engine.integrate(problem, chosen)
+        statistics = RunStatistics(
+            method=chosen,
+            steps=solution.steps,
+            rejected=solution.rejected,
+            evaluations=solution.evaluations,
+            compile_seconds=sum(self.stages.seconds.values()),
+            run_seconds=time.perf_counter() - begin,
+        )
+        return Trajectory(
+            self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense
+        )
+
+    def _method(self, method: str) -> str:
+        if method == "auto":
+            return self.methods[0]
+        if method not in self._methods:
+            raise OptionError(
+                unknown_name("method", str(method), ["auto", *self._methods])
+                + f" (of the backend {self.backend!r})"
+            )
+        return method
+
+    # -- kernels --------------------------------------------------------------------------
+
+    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
+        """Return the mass matrix.
+
+        Parameters
+        ----------
+        q : array_like (n_q,) or (k, n_q)
+            Coordinates.
+        p : mapping or array_like (n_p,)
+            Parameters, by name or in the order of ``layout.parameters``.
+        t : float or array_like (k,)
+            Time [s], where the geometry depends on it.
+
+        Returns
+        -------
+        ndarray (n_q, n_q) or (k, n_q, n_q)
+        """
+        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2)
+
+    def forcing(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+        """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
+        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),))
+
+    def constraint_jacobian(self, t: Any, q: Any, p: Any) -> FloatArray:
+        """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
+        shape = (len(self.layout.constraints), len(self.layout.coordinates))
+        return self._evaluate("constraint_jacobian", t, q, None, p, shape)
+
+    def accelerations(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+        """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
+        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))
+
+    def _evaluate(self, kernel: str, t: Any, q: Any, qdot: Any, p: Any, shape: tuple[int, ...]) -> FloatArray:
+        size = len(self.layout.coordinates)
+        q = _rows("q", q, size)
+        qdot = np.zeros_like(q) if qdot is None else _rows("qdot", qdot, size)
+        single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
+        q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
+        count = max(len(q), len(qdot), np.size(t))
+        y = np.empty((count, 2 * size))
+        y[:, :size], y[:, size:] = q, qdot
+        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (count,)))
+        if isinstance(p, Mapping):
+            p = inputs.parameter_vector(self.layout, p)
+        c = inputs.constants(self._program, _rows("p", p, len(self.layout.parameters)))
+        if kernel not in self._program:
+            return np.zeros(shape if single else (count, *shape))
+        out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
+        return out[0] if single else out
+
+
+def _span(t_span: Sequence[float]) -> tuple[float, float]:
+    try:
+        t0, t1 = (float(t) for t in t_span)
+    except (TypeError, ValueError):
+        raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
+    return t0, t1
+
+
+def _rows(name: str, values: Any, size: int) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
+    return array

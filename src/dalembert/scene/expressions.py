@@ -1,0 +1,208 @@
+"""Small SymPy expressions onto the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from functools import reduce
+from typing import Any, final
+
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Or
+
+from ..errors import list_names
+from ..ir.graph import Graph, Node
+
+__all__ = ["ExpressionReader"]
+
+_FUNCTIONS: dict[Any, str] = {
+    sp.sin: "sin",
+    sp.cos: "cos",
+    sp.tan: "tan",
+    sp.asin: "asin",
+    sp.acos: "acos",
+    sp.atan: "atan",
+    sp.atan2: "atan2",
+    sp.exp: "exp",
+    sp.log: "log",
+    sp.sinh: "sinh",
+    sp.cosh: "cosh",
+    sp.tanh: "tanh",
+    sp.Abs: "abs",
+    sp.sign: "sign",
+    sp.floor: "floor",
+}
+_RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
+
+
+@final
+class ExpressionReader:
+    """Reads SymPy expressions onto a graph, each distinct subexpression once.
+
+    Faults are collected in `faults`, with the place where they were met, and read as zero, so
+    that one reading finds them all.
+
+    Parameters
+    ----------
+    graph : Graph
+        Where the nodes go.
+    leaves : mapping of SymPy object to Node
+        Time, coordinates and rates.
+    """
+
+    def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
+        self.graph = graph
+        self.leaves = dict(leaves)
+        self.parameters: dict[str, sp.Symbol] = {}
+        self.unknowns: dict[str, sp.Symbol] = {}
+        self.faults: list[str] = []
+        self._known: dict[Any, Node] = {}
+        self._place = ""
+        self._allow_unknowns = False
+
+    def read(self, expression: Any, place: str, *, unknowns: bool = False) -> Node:
+        """Return the node of `expression`, met at `place`; `unknowns` says whether reactions may occur in it."""
+        self._place, self._allow_unknowns = place, unknowns
+        try:
+            return self._read(sp.sympify(expression))
+        except sp.SympifyError:
+            return self.fault(f"{expression!r} is not a SymPy expression")
+
+    def fault(self, text: str) -> Node:
+        """Take down a fault at the present place; return zero in its stead."""
+        line = f"{self._place}: {text}"
+        if line not in self.faults:
+            self.faults.append(line)
+        return self.graph.zero
+
+    def _read(self, e: Any) -> Node:
+        known = self._known.get(e)
+        if known is not None:
+            return known
+        node = self._new(e)
+        if not (isinstance(e, sp.Symbol) and e.name in self.unknowns):
+            self._known[e] = node
+        return node
+
+    def _new(self, e: Any) -> Node:
+        g = self.graph
+        if e in self.leaves:
+            return self.leaves[e]
+        if e.is_Rational:
+            return g.const(Fraction(int(e.p), int(e.q)))
+        if e.is_Float:
+            return g.const(float(e))
+        if e.is_NumberSymbol:
+            return g.named_constant(str(e), float(e))
+        if e.is_Symbol:
+            return self._symbol(e)
+        if e.is_Add:
+            return g.sum(self._read(arg) for arg in e.args)
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e)
+        if isinstance(e, sp.Derivative):
+            return self._derivative(e)
+        if isinstance(e, AppliedUndef):
+            return self.fault(
+                f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene"
+                f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
+            )
+        return self._function(e)
+
+    def _symbol(self, e: Any) -> Node:
+        from .scene import Unknown  # the class is only told apart here
+
+        table, other = (
+            (self.unknowns, self.parameters) if isinstance(e, Unknown) else (self.parameters, self.unknowns)
+        )
+        if isinstance(e, Unknown) and not self._allow_unknowns:
+            return self.fault(f"the unknown {e.name} may only be used in the force or torque of a joint")
+        held = table.setdefault(e.name, e)
+        if held != e or e.name in other:
+            return self.fault(
+                f"two different symbols are both called {e.name!r} (SymPy tells symbols with other"
+                " assumptions apart); create it once and use that one everywhere"
+            )
+        return self.graph.input(e.name)
+
+    def _product(self, e: Any) -> Node:
+        top: list[Node] = []
+        bottom: list[Node] = []
+        for arg in e.args:
+            if arg.is_Pow and arg.exp.is_Rational and arg.exp.is_negative:
+                bottom.append(self._read(sp.Pow(arg.base, -arg.exp)))
+            else:
+                top.append(self._read(arg))
+        product = reduce(self.graph.mul, top, self.graph.one)
+        if not bottom:
+            return product
+        return self._divide(product, reduce(self.graph.mul, bottom), e)
+
+    def _divide(self, top: Node, bottom: Node, e: Any) -> Node:
+        if bottom.is_zero:
+            return self.fault(f"{e} divides by zero")
+        return self.graph.div(top, bottom)
+
+    def _power(self, e: Any) -> Node:
+        base = self._read(e.base)
+        if e.exp.is_Rational:
+            exponent = Fraction(int(e.exp.p), int(e.exp.q))
+            if exponent < 0:
+                return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
+            return self.graph.power(base, exponent)
+        return self.graph.call("pow", base, self._read(e.exp))
+
+    def _derivative(self, e: Any) -> Node:
+        done = e.doit()
+        if done != e:
+            return self._read(done)
+        inner = e.expr
+        if inner in self.leaves and e.derivative_count > 1:
+            return self.fault(f"{e} is an acceleration; only coordinates and their first rates may be used")
+        return self.fault(f"{e} is the rate of something that is no coordinate of the scene")
+
+    def _function(self, e: Any) -> Node:
+        g, kind = self.graph, e.func
+        if kind in _FUNCTIONS:
+            return g.call(_FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
+        if kind in _RECIPROCALS:
+            top, bottom = _RECIPROCALS[kind]
+            argument = self._read(e.args[0])
+            return self._divide(g.call(top, argument) if top else g.one, g.call(bottom, argument), e)
+        if kind in (sp.Min, sp.Max):
+            name = "min" if kind is sp.Min else "max"
+            nodes = [self._read(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
+            return reduce(lambda a, b: g.call(name, a, b), nodes)
+        if kind is sp.ceiling:
+            return -g.call("floor", -self._read(e.args[0]))
+        if kind is sp.Heaviside:
+            return g.call("less_equal", g.zero, self._read(e.args[0]))
+        if kind is sp.Piecewise:
+            result = g.zero
+            for value, condition in reversed(e.args):
+                result = g.call("select", self._condition(condition), self._read(value), result)
+            return result
+        supported = sorted(
+            [f.__name__ for f in _FUNCTIONS] + ["Min", "Max", "Piecewise", "cot", "sec", "csc"]
+        )
+        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported)}")
+
+    def _condition(self, e: Any) -> Node:
+        g = self.graph
+        if isinstance(e, BooleanTrue):
+            return g.one
+        if isinstance(e, BooleanFalse):
+            return g.zero
+        if isinstance(e, And):
+            return reduce(g.mul, [self._condition(arg) for arg in sorted(e.args, key=sp.default_sort_key)])
+        if isinstance(e, Or):
+            parts = [self._condition(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
+            return reduce(lambda a, b: g.call("max", a, b), parts)
+        if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
+            low, high = self._read(e.lts), self._read(e.gts)
+            strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
+            return g.call("less" if strict else "less_equal", low, high)
+        return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, And, Or")

@@ -1,0 +1,140 @@
+"""`SceneModel`: a scene read onto the expression graph. SymPy ends here.
+
+Frames and points are numbered; components are triples of graph nodes. A vector is a tuple of
+pieces, each resolved on one frame, exactly as the user wrote it; nothing is multiplied out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.graph import Graph, Node
+
+__all__ = [
+    "Action",
+    "BodyModel",
+    "Components",
+    "ConstraintModel",
+    "FrameModel",
+    "Piece",
+    "Pieces",
+    "PointModel",
+    "SceneModel",
+    "SymbolTable",
+]
+
+Components = tuple[Node, Node, Node]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Components of a vector on the frame with number `frame`."""
+
+    frame: int
+    components: Components
+
+
+Pieces = tuple[Piece, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class FrameModel:
+    """A frame and its rotation from its parent: components here = `rotation` times components there."""
+
+    name: str
+    parent: int | None
+    rotation: tuple[Components, Components, Components] | None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class PointModel:
+    """A point and its position from its parent."""
+
+    name: str
+    parent: int | None
+    position: Pieces
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class BodyModel:
+    """A body: frame, mass centre, mass and central inertia (None for a particle) in its own frame."""
+
+    name: str
+    frame: int
+    centre: int
+    mass: Node
+    inertia: tuple[Components, Components, Components] | None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Action:
+    """An action on the scene.
+
+    `kind` is "screw" (on body number `target`, reduced at point `at`), "force" (at point `at`,
+    taken with that point's own velocity) or "torque" (on frame number `target`).
+    """
+
+    name: str
+    kind: str
+    target: int | None
+    at: int | None
+    force: Pieces
+    torque: Pieces
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ConstraintModel:
+    """An expression that vanishes, with a label for messages."""
+
+    label: str
+    expression: Node
+
+
+@final
+@dataclass(frozen=True)
+class SymbolTable:
+    """The names of a scene and the inputs they stand for.
+
+    Attributes
+    ----------
+    time : str
+        Name of time.
+    coordinates, rates, parameters, unknowns : tuple of str
+        Names, in the order of every array.
+    aliases : mapping of str to str
+        What a SymPy symbol prints as -> its name, so that symbols serve as keys wherever names do.
+    """
+
+    time: str
+    coordinates: tuple[str, ...]
+    rates: tuple[str, ...]
+    parameters: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    aliases: Mapping[str, str]
+
+
+@final
+@dataclass(frozen=True)
+class SceneModel:
+    """Everything of a scene that the derivation needs, as graph nodes."""
+
+    name: str
+    graph: Graph
+    symbols: SymbolTable
+    frames: tuple[FrameModel, ...]
+    points: tuple[PointModel, ...]
+    bodies: tuple[BodyModel, ...]
+    actions: tuple[Action, ...]
+    gravity: Pieces
+    potential: Node
+    holonomic: tuple[ConstraintModel, ...]
+    nonholonomic: tuple[ConstraintModel, ...]
+    outputs: Mapping[str, Node]

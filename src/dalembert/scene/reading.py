@@ -1,0 +1,336 @@
+"""[Scene] -> [SceneModel]: checks a scene, reports all its faults at once, and reads it onto the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, final
+
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import Vector, dynamicsymbols
+
+from ..errors import SceneError, list_names
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..naming import rate_name
+from .expressions import ExpressionReader
+from .model import (
+    Action,
+    BodyModel,
+    Components,
+    ConstraintModel,
+    FrameModel,
+    Piece,
+    Pieces,
+    PointModel,
+    SceneModel,
+    SymbolTable,
+)
+from .scene import Joint, Scene
+
+__all__ = ["read"]
+
+TIME = "t"
+RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
+
+
+def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
+    """Return `scene` on the expression graph.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene; it is not changed.
+    outputs : sequence of expressions
+        Further expressions in the scene's symbols, read beside it; they are kept under their text.
+
+    Raises
+    ------
+    SceneError
+        With every fault found.
+    """
+    return _SceneReader(scene).read(outputs)
+
+
+@final
+class _SceneReader:
+    """One reading of one scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.graph = Graph()
+        self.faults: list[str] = []
+        self.coordinates = self._coordinates()
+        self.expressions = ExpressionReader(self.graph, self._leaves())
+        self.frames = _Tree(scene.frame, "_dcm_dict")
+        self.points = _Tree(scene.origin, "_pos_dict")
+        self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
+        self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
+
+    def read(self, outputs: Sequence[Any]) -> SceneModel:
+        """Read everything, then raise the faults or return the model."""
+        scene = self.scene
+        bodies = [self._body(body) for body in scene.bodies]
+        if not scene.bodies:
+            self.faults.append("the scene has no bodies; add some with add_bodies")
+        names = list(scene.body_names())
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            self.faults.append(f"two bodies are called {name!r}; give each its own name")
+        actions = [self._joint(joint, names) for joint in scene.joints]
+        actions += [self._load(load, place) for place, load in enumerate(scene.loads)]
+        gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
+        potential = self.graph.sum(
+            self.expressions.read(getattr(body, "potential_energy", 0), f"potential energy of {body.name}")
+            for body in scene.bodies
+        )
+        holonomic = [self._holonomic(c, i) for i, c in enumerate(scene.holonomic_constraints)]
+        nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
+        extra = {
+            str(item): self.expressions.read(item, f"output {item}", unknowns=True)
+            for item in outputs
+            if isinstance(item, sp.Basic)
+        }
+        symbols = self._symbols()
+        faults = self.faults + self.expressions.faults
+        if faults:
+            raise SceneError(scene.name, faults)
+        return SceneModel(
+            name=scene.name,
+            graph=self.graph,
+            symbols=symbols,
+            frames=tuple(self.frame_models[i] for i in range(len(self.frame_models))),
+            points=tuple(self.point_models[i] for i in range(len(self.point_models))),
+            bodies=tuple(body for body in bodies if body is not None),
+            actions=tuple(action for action in actions if action is not None),
+            gravity=gravity,
+            potential=potential,
+            holonomic=tuple(holonomic),
+            nonholonomic=tuple(nonholonomic),
+            outputs=extra,
+        )
+
+    # -- symbols --------------------------------------------------------------------------
+
+    def _coordinates(self) -> tuple[Any, ...]:
+        good: list[Any] = []
+        time = dynamicsymbols._t
+        for q in self.scene.coordinates:
+            if not (isinstance(q, AppliedUndef) and q.args == (time,)):
+                self.faults.append(f"coordinate {q!r} is not a function of time; make it with dynamicsymbols")
+            elif q.func.__name__ in {g.func.__name__ for g in good}:
+                self.faults.append(f"coordinate {q.func.__name__!r} is given twice")
+            else:
+                good.append(q)
+        if not self.scene.coordinates:
+            self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
+        return tuple(good)
+
+    def _leaves(self) -> dict[Any, Node]:
+        time = dynamicsymbols._t
+        leaves: dict[Any, Node] = {time: self.graph.input(TIME)}
+        for q in self.coordinates:
+            leaves[q] = self.graph.input(q.func.__name__)
+        for q in self.coordinates:
+            leaves[sp.Derivative(q, time)] = self.graph.input(rate_name(q.func.__name__))
+        return leaves
+
+    def _symbols(self) -> SymbolTable:
+        coordinates = tuple(q.func.__name__ for q in self.coordinates)
+        rates = tuple(rate_name(name) for name in coordinates)
+        parameters = tuple(sorted(self.expressions.parameters))
+        unknowns = tuple(self.expressions.unknowns)
+        taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
+        taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
+        for kind, names in (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates)):
+            for name in names:
+                if name in taken and taken[name] != f"a {kind}":
+                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
+        time = dynamicsymbols._t
+        aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
+        for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
+            aliases[str(q)] = name
+            aliases[str(sp.Derivative(q, time))] = rate
+        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases)
+
+    # -- geometry -------------------------------------------------------------------------
+
+    def _frame(self, frame: ReferenceFrame, place: str) -> int:
+        """Return the number of a frame, reading it and its ancestors when first met."""
+        path = self.frames.path(frame)
+        if path is None:
+            self.faults.append(
+                f"{place}: frame {frame.name!r} is not oriented, directly or through others, in {self.scene.frame.name!r}"
+            )
+            return 0
+        number = 0
+        for node in path:
+            known = self.frames.number(node)
+            if known not in self.frame_models:
+                matrix = node._dcm_dict[self.frames.parent[node]]
+                where = f"orientation of frame {node.name!r}"
+                rows = [self._components(matrix[i, :], where) for i in range(3)]
+                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
+            number = known
+        return number
+
+    def _point(self, point: Point, place: str) -> int:
+        """Return the number of a point, reading it and its ancestors when first met."""
+        path = self.points.path(point)
+        if path is None:
+            self.faults.append(
+                f"{place}: point {point.name!r} is not located, directly or through others, from {self.scene.origin.name!r}"
+            )
+            return 0
+        number = 0
+        for node in path:
+            known = self.points.number(node)
+            if known not in self.point_models:
+                vector = node._pos_dict[self.points.parent[node]]
+                pieces = self._vector(vector, f"position of point {node.name!r}")
+                self.point_models[known] = PointModel(node.name, number, pieces)
+            number = known
+        return number
+
+    def _components(self, column: Any, place: str, *, unknowns: bool = False) -> Components:
+        x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)
+        return x, y, z
+
+    def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
+        if vector == 0:
+            return ()
+        if not isinstance(vector, Vector):
+            self.faults.append(f"{place}: {vector!r} is not a vector")
+            return ()
+        return tuple(
+            Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))
+            for matrix, frame in vector.args
+        )
+
+    # -- contents -------------------------------------------------------------------------
+
+    def _body(self, body: Any) -> BodyModel | None:
+        if not isinstance(body, RigidBody | Particle):
+            self.faults.append(f"{body!r} is not a RigidBody or Particle")
+            return None
+        place = f"body {body.name!r}"
+        if isinstance(body, Particle):
+            mass = self.expressions.read(body.mass, f"mass of {place}")
+            return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
+        frame = self._frame(body.frame, place)
+        matrix = body.central_inertia.to_matrix(body.frame)
+        rows = [self._components(matrix[i, :], f"inertia of {place}") for i in range(3)]
+        if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
+            self.faults.append(f"{place}: the inertia matrix is not symmetric")
+        mass = self.expressions.read(body.mass, f"mass of {place}")
+        return BodyModel(
+            body.name, frame, self._point(body.masscenter, place), mass, (rows[0], rows[1], rows[2])
+        )
+
+    def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
+        if not isinstance(joint, Joint):
+            self.faults.append(f"{joint!r} is not a Joint")
+            return None
+        place = f"joint {joint.name!r}"
+        if joint.body not in bodies:
+            self.faults.append(
+                f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}"
+            )
+            return None
+        return Action(
+            joint.name,
+            "screw",
+            list(bodies).index(joint.body),
+            self._point(joint.at, place),
+            self._vector(joint.force, f"force of {place}", unknowns=True),
+            self._vector(joint.torque, f"torque of {place}", unknowns=True),
+        )
+
+    def _load(self, load: Any, number: int) -> Action | None:
+        place = f"load {number + 1}"
+        pair = tuple(load) if isinstance(load, Sequence) and len(load) == 2 else (None, None)
+        if isinstance(pair[0], Point):
+            where = f"force at {pair[0].name!r}"
+            return Action(where, "force", None, self._point(pair[0], where), self._vector(pair[1], where), ())
+        if isinstance(pair[0], ReferenceFrame):
+            where = f"torque on {pair[0].name!r}"
+            return Action(
+                where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where)
+            )
+        self.faults.append(f"{place}: {load!r} is neither (point, force) nor (frame, torque)")
+        return None
+
+    def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
+        label = f"holonomic constraint {number + 1}"
+        node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
+        if node.deps & self._mask("rates"):
+            self.faults.append(
+                f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint"
+            )
+        elif not node.deps & self._mask("coordinates") and not self.expressions.faults:
+            self.faults.append(
+                f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing"
+            )
+        return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+
+    def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
+        label = f"nonholonomic constraint {number + 1}"
+        node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
+        rates = self._mask("rates")
+        if not node.deps & rates and not self.expressions.faults:
+            self.faults.append(
+                f"{label} ({_short(constraint)}) contains no rate; add a constraint on positions with"
+                " add_holonomic_constraints"
+            )
+        for q in self.coordinates:
+            rate = self.graph.input(rate_name(q.func.__name__))
+            slope = tangents(self.graph, [node], {rate: self.graph.one})[0]
+            if self.graph.freed_of(slope, self._rates()) is None:
+                self.faults.append(
+                    f"{label} ({_short(constraint)}) is not affine in the rate of {q.func.__name__};"
+                    " only constraints of the form sum a_i(q, t) q_dot_i + b(q, t) = 0 can be compiled"
+                )
+                break
+        return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+
+    def _rates(self) -> list[Node]:
+        return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
+
+    def _mask(self, kind: str) -> int:
+        names = [q.func.__name__ for q in self.coordinates]
+        return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
+
+
+@final
+class _Tree:
+    """Frames or points as a tree, searched breadth first along SymPy's neighbour tables."""
+
+    def __init__(self, root: Any, table: str) -> None:
+        self.parent: dict[Any, Any] = {root: None}
+        self._numbers: dict[int, int] = {id(root): 0}
+        queue = [root]
+        for node in queue:
+            for neighbour in getattr(node, table):
+                if neighbour not in self.parent:
+                    self.parent[neighbour] = node
+                    queue.append(neighbour)
+
+    def path(self, node: Any) -> list[Any] | None:
+        """Return the nodes from below the root to `node`, or None where it is not connected."""
+        if node not in self.parent:
+            return None
+        path = []
+        while self.parent[node] is not None:
+            path.append(node)
+            node = self.parent[node]
+        return path[::-1]
+
+    def number(self, node: Any) -> int:
+        """Return the number of a node, given out as nodes are met."""
+        return self._numbers.setdefault(id(node), len(self._numbers))
+
+
+def _short(expression: Any, width: int = 80) -> str:
+    """Return an expression as one short line."""
+    text = str(expression).replace("(t)", "")
+    return text if len(text) <= width else text[: width - 3] + "..."

@@ -1,0 +1,154 @@
+"""The scene: bodies, coordinates, constraints, loads and joints, in SymPy's vocabulary.
+
+A `Scene` only takes down what it is told. It is checked as a whole, and all its faults are
+reported at once, when it is read for compilation (`dalembert.scene.reading`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from sympy import Expr, Symbol, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import Vector
+
+from ..errors import SceneError
+
+__all__ = ["Joint", "Scene", "Unknown", "unknowns"]
+
+
+class Unknown(Symbol):  # type: ignore[misc]
+    """A component of a reaction that the equations of motion are to determine."""
+
+    __slots__ = ()
+
+
+def unknowns(names: str) -> Any:
+    """Return reaction components to be solved for, as ``sympy.symbols`` returns symbols.
+
+    Parameters
+    ----------
+    names : str
+        Names separated by spaces or commas.
+
+    Returns
+    -------
+    Unknown or tuple of Unknown
+        One symbol for one name, a tuple for several.
+    """
+    return symbols(names, cls=Unknown, real=True)
+
+
+@final
+@dataclass(frozen=True)
+class Joint:
+    """A contact of a body with the fixed frame: an action screw with unknown components.
+
+    The power of the screw is taken with the body's own velocity field at `at`
+    (v_G + omega x (at - G)), so the point may travel over the body.
+
+    Parameters
+    ----------
+    name : str
+        Name of the joint, for messages.
+    body : str
+        Name of the body that the action is exerted on.
+    at : Point
+        Reduction point of the screw.
+    force, torque : Vector
+        Resultant [N] and moment about `at` [N m]; their unknowns are made by `unknowns`.
+    """
+
+    name: str
+    body: str
+    at: Point
+    force: Vector = Vector(0)
+    torque: Vector = Vector(0)
+
+
+@final
+class Scene:
+    """A constrained mechanical scene, written with ``sympy.physics.mechanics``.
+
+    The velocities of points and frames follow from positions and orientations and need not be
+    set. Every plain symbol that the scene uses is a parameter; every function of time must be
+    one of the coordinates.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scene, for messages and generated files.
+    frame : ReferenceFrame
+        The Newtonian referential.
+    origin : Point
+        A point fixed in it.
+    coordinates : sequence of dynamicsymbols
+        The coordinates q, in the order of every array of the compiled model. They need not be
+        independent: the kinetic energy is formed as if they were (assumption 13.1.2).
+
+    Raises
+    ------
+    SceneError
+        Only for arguments that are not what the signature says; everything else is checked as a whole
+        by `dalembert.compile_model`.
+    """
+
+    def __init__(
+        self, name: str, *, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]
+    ) -> None:
+        faults = []
+        if not isinstance(frame, ReferenceFrame):
+            faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
+        if not isinstance(origin, Point):
+            faults.append(f"origin must be a Point, not {origin!r}")
+        if faults:
+            raise SceneError(str(name), faults)
+        self.name = str(name)
+        self.frame = frame
+        self.origin = origin
+        self.coordinates: tuple[Expr, ...] = tuple(coordinates)
+        self.bodies: tuple[RigidBody | Particle, ...] = ()
+        self.joints: tuple[Joint, ...] = ()
+        self.loads: tuple[Any, ...] = ()
+        self.holonomic_constraints: tuple[Expr, ...] = ()
+        self.nonholonomic_constraints: tuple[Expr, ...] = ()
+        self.gravity: Vector | None = None
+
+    def copy(self) -> Scene:
+        """Return an independent scene with the same contents."""
+        twin = Scene(self.name, frame=self.frame, origin=self.origin, coordinates=self.coordinates)
+        twin.__dict__.update(self.__dict__)
+        return twin
+
+    def add_bodies(self, *bodies: RigidBody | Particle) -> None:
+        """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located."""
+        self.bodies += bodies
+
+    def add_joints(self, *joints: Joint) -> None:
+        """Add joints with unknown reactions."""
+        self.joints += joints
+
+    def add_loads(self, *loads: Any) -> None:
+        """Add given actions: ``Force``/``Torque`` of SymPy, or pairs (point, force) and (frame, torque)."""
+        self.loads += loads
+
+    def add_holonomic_constraints(self, *constraints: Expr) -> None:
+        """Add expressions in coordinates and time that vanish."""
+        self.holonomic_constraints += constraints
+
+    def add_nonholonomic_constraints(self, *constraints: Expr) -> None:
+        """Add expressions, affine in the rates, that vanish."""
+        self.nonholonomic_constraints += constraints
+
+    def apply_uniform_gravity(self, acceleration: Vector) -> None:
+        """Let a uniform field of the given acceleration [m/s^2], such as ``-g*N.z``, act on every body."""
+        self.gravity = acceleration
+
+    def body_names(self) -> Iterable[str]:
+        """Return the names of the bodies, in order."""
+        return (str(body.name) for body in self.bodies)
+
+    def __repr__(self) -> str:
+        return f"<Scene {self.name!r}: {len(self.bodies)} bodies, {len(self.coordinates)} coordinates>"

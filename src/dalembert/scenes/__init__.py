@@ -1,0 +1,15 @@
+"""Ready scenes: the worked examples of section 13.4, each written as a user would write it."""
+
+from collections.abc import Callable
+
+from dalembert.scene import Scene
+from dalembert.scenes.chaplygin_sleigh import chaplygin_sleigh
+from dalembert.scenes.rolling_sphere import rolling_sphere
+
+#: Every ready scene by the name of its builder; tests are parametrised over it.
+ALL: dict[str, Callable[[], Scene]] = {
+    "chaplygin_sleigh": chaplygin_sleigh,
+    "rolling_sphere": rolling_sphere,
+}
+
+__all__ = ["ALL", "chaplygin_sleigh", "rolling_sphere"]

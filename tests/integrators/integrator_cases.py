@@ -1,0 +1,107 @@
+"""Problems with known solutions, as kernels for every backend."""
+
+import math
+from functools import cache
+
+import numpy as np
+
+from dalembert.integrators.problem import IntegrationProblem, Kernels, Solution
+from dalembert.integrators.scipy import solvers
+from dalembert.integrators.tableaus import TABLEAUS
+
+NO_CONSTANTS = np.zeros(0)
+NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)
+METHODS = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(
+    f"scipy-{name}" for name in solvers.METHODS
+)
+PROJECTABLE = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(
+    f"scipy-{name}" for name in solvers.PROJECTABLE
+)
+
+
+def mixed(t, y, c, out):
+    """y0 = exp(sin t), y1 = 1/(1 + t), and a rotation of (y2, y3)."""
+    out[0] = y[0] * math.cos(t)
+    out[1] = -y[1] * y[1]
+    out[2] = y[3]
+    out[3] = -y[2]
+
+
+MIXED_START = np.array([1.0, 1.0, 0.0, 1.0])
+
+
+def mixed_solution(t):
+    t = np.asarray(t)
+    return np.stack([np.exp(np.sin(t)), 1.0 / (1.0 + t), np.sin(t), np.cos(t)], axis=-1)
+
+
+def blow_up(t, y, c, out):
+    """y = 1/(1 - t)."""
+    out[0] = y[0] * y[0]
+
+
+def square_root(t, y, c, out):
+    """Becomes NaN after t = 1."""
+    out[0] = math.nan if t > 1.0 else 1.0
+
+
+def not_a_number(t, y, c, out):
+    out[0] = math.nan
+
+
+def pendulum(t, y, c, out):
+    """A unit mass on a unit circle, gravity c[0], with the multiplier solved for from the accelerations."""
+    tension = (y[2] * y[2] + y[3] * y[3] - c[0] * y[1]) / (y[0] * y[0] + y[1] * y[1])
+    out[0] = y[2]
+    out[1] = y[3]
+    out[2] = -tension * y[0]
+    out[3] = -tension * y[1] - c[0]
+
+
+def pendulum_position(t, y, c, out):
+    square = y[0] * y[0] + y[1] * y[1]
+    factor = -0.5 * (square - 1.0) / square
+    out[0] = factor * y[0]
+    out[1] = factor * y[1]
+    out[2] = 0.0
+    out[3] = 0.0
+
+
+def pendulum_velocity(t, y, c, out):
+    factor = -(y[0] * y[2] + y[1] * y[3]) / (y[0] * y[0] + y[1] * y[1])
+    out[0] = 0.0
+    out[1] = 0.0
+    out[2] = factor * y[0]
+    out[3] = factor * y[1]
+
+
+PENDULUM_START = np.array([1.0, 0.0, 0.0, 0.0])
+PENDULUM_CONSTANTS = np.array([9.81])
+
+
+def pendulum_violation(y):
+    position = np.abs(y[:, 0] ** 2 + y[:, 1] ** 2 - 1.0)
+    velocity = np.abs(y[:, 0] * y[:, 2] + y[:, 1] * y[:, 3])
+    return max(position.max(), velocity.max())
+
+
+@cache
+def jitted(function):
+    from numba import njit
+
+    from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+
+    return njit(KERNEL_SIGNATURE, error_model="numpy")(function)
+
+
+def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, **options) -> Solution:
+    """Integrate with ``backend-method``."""
+    backend, name = method.split("-")
+    problem = IntegrationProblem(y0=np.asarray(y0, dtype=float), constants=constants, **options)
+    functions = (rhs, *projections)
+    if backend == "scipy":
+        return solvers.integrate(Kernels(*functions), name, problem)
+    from dalembert.integrators.numba.explicit import integrate
+
+    tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)
+    return integrate(Kernels(*(f and jitted(f) for f in functions)), tableau, problem)

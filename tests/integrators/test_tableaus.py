@@ -1,0 +1,77 @@
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import DOP853 as SCIPY_DOP853
+
+from dalembert.integrators.rooted_trees import density, node_count, trees_of_order
+from dalembert.integrators.tableaus import DOP853, TABLEAUS, TSIT5
+
+tableaus = pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda tableau: tableau.name)
+
+
+def test_rooted_trees_are_all_there():
+    assert [len(trees_of_order(order)) for order in range(1, 8)] == [1, 1, 2, 4, 9, 20, 48]
+    assert all(node_count(tree) == 5 for tree in trees_of_order(5))
+    assert sorted(density(tree) for tree in trees_of_order(4)) == [4, 8, 12, 24]
+
+
+def test_names_are_unique():
+    assert len({tableau.name for tableau in TABLEAUS}) == len(TABLEAUS)
+
+
+@tableaus
+def test_data_are_immutable_and_cited(tableau):
+    assert tableau.source
+    with pytest.raises(ValueError, match="read-only"):
+        tableau.A[1, 0] = 0.0
+
+
+@tableaus
+@pytest.mark.parametrize("name", ["c", "A", "error", "P"])
+def test_any_wrong_coefficient_is_refused(tableau, name):
+    array = getattr(tableau, name)
+    for index in zip(*np.nonzero(array), strict=True):
+        wrong = array.copy()
+        wrong[index] += 1e-9
+        with pytest.raises(ValueError, match=f"tableau '{tableau.name}' is wrong"):
+            dataclasses.replace(tableau, **{name: wrong})
+
+
+@tableaus
+def test_dense_output_joins_smoothly(tableau):
+    powers = np.arange(1, tableau.degree + 1)
+    last_slope = np.zeros(tableau.n_total)
+    last_slope[tableau.end] = 1.0
+    np.testing.assert_allclose(tableau.P[:, 0], np.eye(tableau.n_total)[0], atol=1e-14)
+    np.testing.assert_allclose(tableau.P @ powers, last_slope, atol=2e-12)
+
+
+def test_only_tsit5_needs_the_end_for_its_error():
+    assert TSIT5.fsal and not DOP853.fsal
+
+
+def test_dop853_is_scipys():
+    np.testing.assert_array_equal(DOP853.A[:12, :12], SCIPY_DOP853.A)
+    np.testing.assert_array_equal(DOP853.A[13:], SCIPY_DOP853.A_EXTRA)
+    np.testing.assert_array_equal(DOP853.b[:12], SCIPY_DOP853.B)
+    np.testing.assert_array_equal(DOP853.error[:, :13], [SCIPY_DOP853.E5, SCIPY_DOP853.E3])
+
+
+def test_import_is_fast_and_needs_no_backend():
+    code = (
+        "import numpy, time, sys; import dalembert.errors; before = set(sys.modules);"
+        "start = time.perf_counter();"
+        "import dalembert.integrators.tableaus, dalembert.integrators.problem;"
+        "print(time.perf_counter() - start, {'numba', 'scipy', 'jax', 'sympy'} & (set(sys.modules) - before))"
+    )
+    runs = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split(
+            None, 1
+        )
+        for _ in range(3)
+    ]
+    assert runs[0][1].strip() == "set()"
+    assert min(float(seconds) for seconds, _ in runs) < 0.03
