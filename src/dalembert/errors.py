@@ -36,9 +36,7 @@ class SceneError(DalembertError, ValueError):
     def __init__(self, scene: str, faults: Sequence[str]) -> None:
         self.faults = tuple(faults)
         count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
-        super().__init__(
-            f"scene {scene!r} has {count}:\n" + "\n".join(f"  - {fault}" for fault in self.faults)
-        )
+        super().__init__(f"scene {scene!r} has {count}:\n" + "\n".join(f"  - {fault}" for fault in self.faults))
 
     def __reduce__(self) -> tuple[type[Exception], tuple[str]]:
         return (DalembertError, (str(self),))

@@ -11,12 +11,8 @@ from dalembert.integrators.tableaus import TABLEAUS
 
 NO_CONSTANTS = np.zeros(0)
 NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)
-METHODS = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(
-    f"scipy-{name}" for name in solvers.METHODS
-)
-PROJECTABLE = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(
-    f"scipy-{name}" for name in solvers.PROJECTABLE
-)
+METHODS = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(f"scipy-{name}" for name in solvers.METHODS)
+PROJECTABLE = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(f"scipy-{name}" for name in solvers.PROJECTABLE)
 
 
 def mixed(t, y, c, out):

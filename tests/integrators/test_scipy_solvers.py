@@ -17,9 +17,7 @@ def test_stepping_is_solve_ivp(method):
         return out
 
     times = np.linspace(0.0, 5.0, 17)
-    reference = solve_ivp(
-        rhs, (0.0, 5.0), MIXED_START, SCIPY_NAMES[method], rtol=1e-7, atol=1e-9, dense_output=True
-    )
+    reference = solve_ivp(rhs, (0.0, 5.0), MIXED_START, SCIPY_NAMES[method], rtol=1e-7, atol=1e-9, dense_output=True)
     run = solve(f"scipy-{method}", mixed, MIXED_START, t0=0.0, t1=5.0, rtol=1e-7, atol=1e-9, dense=True)
     np.testing.assert_array_equal(run.t, reference.t)
     np.testing.assert_array_equal(run.y, reference.y.T)

@@ -68,9 +68,7 @@ def test_import_is_fast_and_needs_no_backend():
         "print(time.perf_counter() - start, {'numba', 'scipy', 'jax', 'sympy'} & (set(sys.modules) - before))"
     )
     runs = [
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split(
-            None, 1
-        )
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split(None, 1)
         for _ in range(3)
     ]
     assert runs[0][1].strip() == "set()"

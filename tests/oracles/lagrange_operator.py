@@ -60,9 +60,7 @@ class LagrangeEquations:
         """Return J at the states `q` of shape (..., n_q), in an array of shape (..., n_lam, n_q)."""
         return self._evaluate(self.J, q, np.zeros_like(q), p)
 
-    def accelerations(
-        self, q: np.ndarray, qdot: np.ndarray, p: Mapping[str, float]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def accelerations(self, q: np.ndarray, qdot: np.ndarray, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Solve the saddle-point system at one state (n_q,) for qddot and the reactions J^T lam."""
         M, J = self.mass_matrix(q, p), self.constraint_jacobian(q, p)
         gamma = -self._evaluate(self.J_dot, q, qdot, p) @ qdot

@@ -143,9 +143,7 @@ def test_sleigh_closed_form_solves_the_reduced_equations(m, b, I_C, v, omega):
     with mp.workdps(50):
         m, b, I_C, h = mp.mpf(m), mp.mpf(b), mp.mpf(I_C), mp.mpf("1e-12")
         for t in (mp.mpf("-0.7"), mp.mpf("1.9")):
-            here, before, after = (
-                sleigh_state(s, m, b, I_C, 0.1, -0.2, 0.3, v, omega) for s in (t, t - h, t + h)
-            )
+            here, before, after = (sleigh_state(s, m, b, I_C, 0.1, -0.2, 0.3, v, omega) for s in (t, t - h, t + h))
             expected = {
                 "x": here.v * mp.cos(here.theta),
                 "y": here.v * mp.sin(here.theta),

@@ -19,9 +19,7 @@ def compiled(formulation):
 
 
 def simulate(case, formulation, method, rtol, atol):
-    traj = compiled(formulation).simulate(
-        (0, END), case.initial, case.parameters, method=method, rtol=rtol, atol=atol
-    )
+    traj = compiled(formulation).simulate((0, END), case.initial, case.parameters, method=method, rtol=rtol, atol=atol)
     assert traj.success, traj.message
     assert traj.t[-1] == END
     return traj
@@ -48,8 +46,6 @@ def test_final_state_is_exact_to_1e_10(case, formulation, method):
 def test_error_decreases_with_the_tolerance(case, formulation, method):
     """Over eight decades of tolerance the error falls at every second decade, by five decades at least."""
     tolerances = 10.0 ** np.arange(-4, -13, -2)
-    errors = np.array(
-        [final_error(simulate(case, formulation, method, rtol, rtol / 100), case) for rtol in tolerances]
-    )
+    errors = np.array([final_error(simulate(case, formulation, method, rtol, rtol / 100), case) for rtol in tolerances])
     assert (errors[1:] < errors[:-1]).all(), errors
     assert errors[-1] < 1e-5 * errors[0], errors

@@ -25,9 +25,7 @@ def simulate(case, formulation):
     return traj
 
 
-@pytest.fixture(
-    params=[(c, f) for c in SPHERE_CASES for f in FORMULATIONS], ids=lambda p: f"{p[0].name}-{p[1]}"
-)
+@pytest.fixture(params=[(c, f) for c in SPHERE_CASES for f in FORMULATIONS], ids=lambda p: f"{p[0].name}-{p[1]}")
 def run(request):
     """Return case and trajectory."""
     case, formulation = request.param

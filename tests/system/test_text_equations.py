@@ -55,9 +55,7 @@ def largest(array):
     return np.abs(array).reshape(len(array), -1).max(axis=1)
 
 
-@pytest.fixture(
-    params=[(scene, i) for scene in TEXT for i in range(4)], ids=lambda case: f"{case[0]}-{case[1]}"
-)
+@pytest.fixture(params=[(scene, i) for scene in TEXT for i in range(4)], ids=lambda case: f"{case[0]}-{case[1]}")
 def problem(request):
     """Return scene, text equations, q, qdot, parameters."""
     scene, i = request.param
@@ -85,9 +83,7 @@ def test_forcing_is_what_the_lagrange_operator_leaves(problem, backend):
 def test_constraint_jacobian_is_that_of_the_printed_constraints(problem, backend):
     scene, equations, q, _, p = problem
     expected = equations.constraint_jacobian(q, p)
-    assert_close(
-        np.asarray(compiled(scene, backend).constraint_jacobian(0.0, q, p)), expected, largest(expected)
-    )
+    assert_close(np.asarray(compiled(scene, backend).constraint_jacobian(0.0, q, p)), expected, largest(expected))
 
 
 @pytest.mark.parametrize("scene", TEXT)
@@ -97,6 +93,4 @@ def test_one_state_gives_one_matrix(scene):
     model = compiled(scene, "numpy")
     np.testing.assert_allclose(model.mass_matrix(q, p), equations.mass_matrix(q, p), atol=1e-12)
     np.testing.assert_allclose(model.forcing(0.0, q, qdot, p), equations.forcing(q, qdot, p), atol=1e-12)
-    np.testing.assert_allclose(
-        model.constraint_jacobian(0.0, q, p), equations.constraint_jacobian(q, p), atol=1e-12
-    )
+    np.testing.assert_allclose(model.constraint_jacobian(0.0, q, p), equations.constraint_jacobian(q, p), atol=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,8 @@ class Engine(ABC):
 class Backend(ABC):
     """A way to print, load and integrate. Adding one is one module, one template folder, one registry line."""
 
-    name: str
-    methods: Mapping[str, str]
+    name: ClassVar[str]
+    methods: ClassVar[Mapping[str, str]]
     """Integration methods by name, each with one line of description; the first is what "auto" takes."""
 
     @abstractmethod

@@ -217,9 +217,7 @@ def _tolerance_faults(problem: IntegrationProblem) -> list[str]:
 def _step_faults(problem: IntegrationProblem) -> list[str]:
     faults = []
     if problem.first_step is not None and not 0.0 < problem.first_step < np.inf:
-        faults.append(
-            f"first_step must be positive and finite (also backward in time), not {problem.first_step!r}"
-        )
+        faults.append(f"first_step must be positive and finite (also backward in time), not {problem.first_step!r}")
     if not problem.max_step > 0.0:
         faults.append(f"max_step must be positive, not {problem.max_step!r}")
     if problem.max_steps < 1:

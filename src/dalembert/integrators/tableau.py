@@ -134,9 +134,7 @@ def _tree_faults(tableau: Tableau) -> Iterator[str]:
             target = 1.0 / density(tree)
             if _differ(tableau.b @ weights, target, tableau.A):
                 yield f"order condition of the tree {tree} fails for b"
-            if order <= tableau.dense_order and _differ(
-                weights @ tableau.P, target * (powers == order), tableau.P
-            ):
+            if order <= tableau.dense_order and _differ(weights @ tableau.P, target * (powers == order), tableau.P):
                 yield f"order condition of the tree {tree} fails for P"
             for row, row_order in zip(tableau.error, tableau.error_orders, strict=True):
                 if order <= row_order and _differ(row @ weights, 0.0, tableau.A):

@@ -37,8 +37,7 @@ def lower(system: ReducedSystem) -> Program:
     scene = common | {node: ("y", i) for i, node in enumerate((*equations.q, *equations.qdot))}
     rows = equations.constraints
     residuals = [
-        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift
-        for row in rows
+        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift for row in rows
     ]
     definitions = dict(zip(system.inputs, system.initial, strict=True))
     back = {a: b for a, b in definitions.items() if a is not b}
@@ -76,9 +75,7 @@ def lower(system: ReducedSystem) -> Program:
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
     )
-    return Program(
-        equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes
-    )
+    return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
 
 
 def lower_kernel(

@@ -91,12 +91,7 @@ def group_products(kernel: Kernel) -> Kernel:
     for line in kernel.body:  # products inside larger products are rebuilt there
         for arg in line.args:
             child = lines.get(arg) if isinstance(arg, str) else None
-            if (
-                child is not None
-                and line.op in ("mul", "div")
-                and child.op in ("mul", "div")
-                and uses[arg] == 1
-            ):
+            if child is not None and line.op in ("mul", "div") and child.op in ("mul", "div") and uses[arg] == 1:
                 if line.target not in fixed and child.target not in fixed:
                     inner.add(child.target)
     for line in kernel.body:
@@ -132,7 +127,7 @@ def group_products(kernel: Kernel) -> Kernel:
 
 def share_reciprocals(kernel: Kernel) -> Kernel:
     """Divide once by each divisor that is used several times, and multiply by the reciprocal."""
-    divisors = Counter(
+    divisors: Counter[Operand] = Counter(
         line.args[1] for line in kernel.body if line.op == "div" and isinstance(line.args[1], str)
     )
     namer = _namer(kernel)
@@ -174,9 +169,7 @@ def hoist_parameters(kernels: Sequence[Kernel], parameters: Sequence[str]) -> Ho
     done = []
     for kernel in kernels:
         fixed = _parameter_values(kernel)
-        meaning: dict[str, str] = {
-            load.target: names[load.index or 0] for load in kernel.loads if load.array == "p"
-        }
+        meaning: dict[str, str] = {load.target: names[load.index or 0] for load in kernel.loads if load.array == "p"}
         for line in kernel.body:
             if line.target in fixed:
                 args = tuple(meaning[a] if isinstance(a, str) else a for a in line.args)

@@ -145,8 +145,6 @@ def describe_counts(kernel: Kernel) -> str:
     """Return the operation count of a kernel as text: ``8 flops, 1 sin, 1 cos``."""
     counts = count_operations(kernel)
     named = [
-        f"{counts[name]} {name}"
-        for name, op in OPERATIONS.items()
-        if not op.flops and name != "neg" and counts[name]
+        f"{counts[name]} {name}" for name, op in OPERATIONS.items() if not op.flops and name != "neg" and counts[name]
     ]
     return ", ".join([f"{counts['flops']} flops", *named])

@@ -9,9 +9,7 @@ from .graph import Graph, Node
 __all__ = ["drop_independent"]
 
 
-def drop_independent(
-    graph: Graph, nodes: Sequence[Node], inputs: Sequence[Node], limit: int = 3000
-) -> list[Node]:
+def drop_independent(graph: Graph, nodes: Sequence[Node], inputs: Sequence[Node], limit: int = 3000) -> list[Node]:
     """Return `nodes`, each freed of those `inputs` that it does not depend on in value.
 
     A node such as (m b sin(a)) sin(a) u + (m b cos(a)) cos(a) u becomes m b u. Nodes whose expressions

@@ -59,9 +59,7 @@ def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:
         for place, entry in enumerate(column):
             freed = graph.freed_of(entry, unknowns)
             if freed is None:
-                faults.append(
-                    f"the unknown {name!r} enters an action nonlinearly; reactions must be linear components"
-                )
+                faults.append(f"the unknown {name!r} enters an action nonlinearly; reactions must be linear components")
                 break
             column[place] = freed
     if faults:

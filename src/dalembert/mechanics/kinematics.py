@@ -216,9 +216,7 @@ class Kinematics:
         rate = [self._tangent(row, seeds) for row in c]
         w = [[vec.dot(c[i], rate[j]) for j in range(3)] for i in range(3)]
         pairs = ((2, 1), (0, 2), (1, 0))
-        x, y, z = (
-            w[i][j] if w[i][j] is -w[j][i] else (w[i][j] - w[j][i]) * self.graph.node(0.5) for i, j in pairs
-        )
+        x, y, z = (w[i][j] if w[i][j] is -w[j][i] else (w[i][j] - w[j][i]) * self.graph.node(0.5) for i, j in pairs)
         return x, y, z
 
     def position(self, pose: Pose) -> Components:

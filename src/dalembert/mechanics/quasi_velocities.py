@@ -34,9 +34,7 @@ def velocity_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
         if group is not None and not taken & set(group.coordinates):
             groups.append(group)
             taken |= set(group.coordinates)
-    frames = sorted(
-        {pose.frame for pose in kinematics.poses}, key=lambda frame: len(kinematics.ancestry(frame))
-    )
+    frames = sorted({pose.frame for pose in kinematics.poses}, key=lambda frame: len(kinematics.ancestry(frame)))
     for frame in frames:
         rotation = _rotation(kinematics, frame)
         if rotation is not None and not taken & set(rotation.coordinates):
@@ -53,9 +51,7 @@ def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
     for i, motion in enumerate(motions):
         if any(x.number is None for x in motion.direction):
             return None
-        if any(
-            not _equals(vec.dot(motion.direction, other.direction), i == j) for j, other in enumerate(motions)
-        ):
+        if any(not _equals(vec.dot(motion.direction, other.direction), i == j) for j, other in enumerate(motions)):
             return None
     choices = []
     for frame in range(len(kinematics.model.frames)):
@@ -67,9 +63,7 @@ def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
         if len(used) == len(motions):
             name = kinematics.model.frames[frame].name
             choices.append(
-                VelocityChoice(
-                    tuple(f"v_{name}_{_AXES[a]}" for a in used), tuple(tuple(rows[a]) for a in used)
-                )
+                VelocityChoice(tuple(f"v_{name}_{_AXES[a]}" for a in used), tuple(tuple(rows[a]) for a in used))
             )
     return VelocityGroup(tuple(motion.coordinate for motion in motions), tuple(choices))
 

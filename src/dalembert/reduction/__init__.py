@@ -16,9 +16,7 @@ FORMULATIONS: dict[str, Formulation] = {f.name: f for f in (Minimal(), Projected
 """Every formulation by name; "auto" chooses among the first two."""
 
 
-def reduce(
-    equations: EquationsOfMotion, formulation: str = "auto", requested: Sequence[str] = ()
-) -> ReducedSystem:
+def reduce(equations: EquationsOfMotion, formulation: str = "auto", requested: Sequence[str] = ()) -> ReducedSystem:
     """Return the equations of motion in the given formulation.
 
     Parameters
@@ -48,6 +46,4 @@ def reduce(
         reduced = FORMULATIONS["projected"].reduce(equations, requested)
         why = str(reason).split(": ", 1)[1].split(". Use")[0]
         notes = (*reduced.notes, f"chosen because 'minimal' cannot serve: {why}")
-        return ReducedSystem(
-            **{**{f: getattr(reduced, f) for f in reduced.__dataclass_fields__}, "notes": notes}
-        )
+        return ReducedSystem(**{**{f: getattr(reduced, f) for f in reduced.__dataclass_fields__}, "notes": notes})

@@ -43,9 +43,7 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
     forcing = flat[size * size :]
     flow = {equations.q[i]: p.rates[i] for i in p.kept} | {equations.time: graph.one}
     bias = tangents(graph, p.rates, flow)
-    basis = (
-        transpose([tangents(graph, p.rates, {speed: graph.one}) for speed in p.speeds]) if p.speeds else []
-    )
+    basis = transpose([tangents(graph, p.rates, {speed: graph.one}) for speed in p.speeds]) if p.speeds else []
     if not p.speeds:
         accelerations = tuple(bias)
         speed_rates: list[Node] = []

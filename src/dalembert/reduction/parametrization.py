@@ -57,9 +57,7 @@ class Parametrization:
     notes: tuple[str, ...]
 
 
-def parametrizations(
-    equations: EquationsOfMotion, cost: Callable[[Parametrization], float]
-) -> Parametrization:
+def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrization], float]) -> Parametrization:
     """Return the cheapest regular parametrization, by `cost`.
 
     Raises
@@ -134,18 +132,14 @@ def _refuse_dependent(
     """Raise for a constraint that, once the others are used, has no variable left."""
     if any(equations.graph.freed_of(residual, [x]) is None for x in variables):
         return
-    verdict = (
-        "follows from the other constraints" if residual.is_zero else "contradicts the other constraints"
-    )
+    verdict = "follows from the other constraints" if residual.is_zero else "contradicts the other constraints"
     raise ConstraintError(
         f"scene {equations.name!r}: {row.label} {verdict}, whatever the state."
         " Remove it, or correct the one that it repeats"
     )
 
 
-def _pivot(
-    equations: EquationsOfMotion, residual: Node, candidates: Sequence[int]
-) -> tuple[int, Node] | None:
+def _pivot(equations: EquationsOfMotion, residual: Node, candidates: Sequence[int]) -> tuple[int, Node] | None:
     """Return the coordinate to solve a holonomic constraint for, and its coefficient; numbers before parameters."""
     graph = equations.graph
     best: tuple[int, Node] | None = None
@@ -180,13 +174,9 @@ def _parametrize(
         rows = [graph.substitute(row, at_kept) for row in pick.rows]
         inputs = [graph.input(f"speed {name}") for name in pick.names]
         rates = _solve(graph, rows, inputs)
-        for i, name, speed, row, rate in zip(
-            group.coordinates, pick.names, inputs, pick.rows, rates, strict=True
-        ):
+        for i, name, speed, row, rate in zip(group.coordinates, pick.names, inputs, pick.rows, rates, strict=True):
             names[i], speeds[i] = name, speed
-            definitions[i] = graph.sum(
-                a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True)
-            )
+            definitions[i] = graph.sum(a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True))
             turned[equations.qdot[i]] = rate
     solved = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
     independent = [i for i in kept if i not in solved]
@@ -235,9 +225,7 @@ def _solve_nonholonomic(
                 best = (i, slope)
         if best is None:
             _refuse_dependent(equations, row, velocity, tuple(speeds.values()))
-            raise NoRegularBasis(
-                f"{row.label} gives no velocity without a division by a function of the configuration"
-            )
+            raise NoRegularBasis(f"{row.label} gives no velocity without a division by a function of the configuration")
         number, slope = best
         rest = graph.substitute([velocity], {speeds[number]: graph.zero})[0]
         value = -rest / slope
@@ -263,9 +251,7 @@ def _solve(graph: Graph, rows: Sequence[Sequence[Node]], values: Sequence[Node])
         others = [k for k in size if k != i]
         if len(rows) == 3 and all(rows[k][j].is_zero for k in others):
             left = [c for c in size if c != j]
-            part = _cofactors(
-                graph, [[rows[k][c] for c in left] for k in others], [values[k] for k in others]
-            )
+            part = _cofactors(graph, [[rows[k][c] for c in left] for k in others], [values[k] for k in others])
             last = values[i] - graph.sum(rows[i][c] * x for c, x in zip(left, part, strict=True))
             part.insert(j, last * rows[i][j])
             return part
@@ -290,6 +276,5 @@ def _cofactors(graph: Graph, rows: Sequence[Sequence[Node]], values: Sequence[No
     if determinant.is_zero:
         raise NoRegularBasis("three rotations that do not turn a frame freely")
     return [
-        graph.sum(entry / determinant * value for entry, value in zip(row, values, strict=True))
-        for row in cofactors
+        graph.sum(entry / determinant * value for entry, value in zip(row, values, strict=True)) for row in cofactors
     ]

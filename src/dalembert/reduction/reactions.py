@@ -30,7 +30,7 @@ class Requested:
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
     """Return the names of the reaction components that no equation determines."""
-    independent, free = _independent_columns(equations.graph, equations.reactions)
+    _, free = _independent_columns(equations.graph, equations.reactions)
     return tuple(equations.symbols.unknowns[i] for i in sorted(free))
 
 
@@ -70,9 +70,7 @@ def requested_outputs(
             nodes[name] = graph.input(name)
         else:
             known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
-            raise UnknownNameError(
-                unknown_name("output", name, known) + " A SymPy expression of them serves too."
-            )
+            raise UnknownNameError(unknown_name("output", name, known) + " A SymPy expression of them serves too.")
     needed = _needed_unknowns(equations, nodes)
     lost = [name for name in needed if name in undetermined]
     if lost:
@@ -111,12 +109,8 @@ def _independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[i
             independent.append(number)
         except SingularMatrix:
             base = trial[:-1]
-            weights = factorize(graph, matmul(graph, base, transpose(base))).solve(
-                matvec(graph, base, column)
-            )
-            free |= {number} | {
-                i for i, weight in zip(independent, weights, strict=True) if not weight.is_zero
-            }
+            weights = factorize(graph, matmul(graph, base, transpose(base))).solve(matvec(graph, base, column))
+            free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not weight.is_zero}
     return independent, free
 
 

@@ -62,10 +62,7 @@ def _saddle(equations: EquationsOfMotion) -> _Saddle:
         mass = factorize(graph, matrix)
     except SingularMatrix:
         size = range(len(names))
-        matrix = [
-            [matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in size]
-            for i in size
-        ]
+        matrix = [[matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in size] for i in size]
         forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in size]
         mass = factorize_inertia(graph, matrix, names, equations.name)
     halves = tuple(mass.half_solve(row.jacobian) for row in rows)
@@ -77,9 +74,7 @@ def _accelerations(equations: EquationsOfMotion, saddle: _Saddle) -> list[Node]:
     if not saddle.rows:
         return saddle.mass.finish(free)
     schur = saddle.schur(len(saddle.rows), equations.name)
-    demand = [
-        row.bias - saddle.mass.inner(half, free) for row, half in zip(saddle.rows, saddle.halves, strict=True)
-    ]
+    demand = [row.bias - saddle.mass.inner(half, free) for row, half in zip(saddle.rows, saddle.halves, strict=True)]
     return saddle.combine(free, schur.solve(demand))
 
 
@@ -90,8 +85,7 @@ def _projection(equations: EquationsOfMotion, saddle: _Saddle) -> Projection | N
         return None
     nothing = [graph.zero] * len(equations.q)
     velocity = [
-        -(graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift)
-        for row in rows
+        -(graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift) for row in rows
     ]
     rates = saddle.combine(nothing, saddle.schur(len(rows), equations.name).solve(velocity))
     holonomic = [-row.position for row in rows if row.position is not None]

@@ -24,9 +24,7 @@ def plot(trajectory: Trajectory, names: Sequence[str]) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise MissingExtraError(
-            'matplotlib is needed; install it with: pip install "dalembert[plot]"'
-        ) from None
+        raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
     smooth = trajectory
     if trajectory.can_evaluate and len(trajectory.t) > 1:
         count = min(20_000, _POINTS_PER_STEP * len(trajectory.t))

@@ -112,14 +112,15 @@ class Trajectory:
                 return self._outputs[:, layout.outputs.index(output)]
         if name in _ENERGIES:
             kinetic, potential = self._energies.T
-            return {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}[
-                name
-            ]
+            energies: dict[str, FloatArray] = {
+                "energy": kinetic + potential,
+                "kinetic_energy": kinetic,
+                "potential_energy": potential,
+            }
+            return energies[name]
         hint = ""
         if name in layout.unknowns:
-            hint = (
-                f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
-            )
+            hint = f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
         raise UnknownNameError(unknown_name("output", str(key), dict.fromkeys(self.names)) + hint)
 
     def _on_scene(self, kernel: str) -> FloatArray:
@@ -138,7 +139,7 @@ class Trajectory:
 
     @cached_property
     def constraint_violation(self) -> FloatArray:
-        """What each constraint leaves, (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
+        """What constraints leave, (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
         holonomic = self._program.layout.holonomic
         return np.hstack([self._on_scene("position_residual"), self.velocity_violation[:, holonomic:]])
 
@@ -162,9 +163,7 @@ class Trajectory:
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if self._dense is None:
-            raise OptionError(
-                "this run kept no dense output; simulate with dense=True to evaluate between its times"
-            )
+            raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
         y = self._dense(times)
         for kernel in ("project_position", "project_velocity"):
             if kernel in self._program:
@@ -187,9 +186,7 @@ class Trajectory:
         try:
             import xarray
         except ImportError:
-            raise MissingExtraError(
-                'xarray is needed; install it with: pip install "dalembert[xarray]"'
-            ) from None
+            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
         layout = self._program.layout
         names = (*layout.coordinates, *layout.rates, *layout.outputs, "energy")
         return xarray.Dataset(

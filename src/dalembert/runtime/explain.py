@@ -69,15 +69,18 @@ def _formulations(stages: Stages) -> dict[str, str]:
     """Return the operation count of the right-hand side in every formulation that can serve the scene."""
     from ..errors import ConstraintError, FormulationError
     from ..ir.lower import lower
+    from ..mechanics.derive import derive
     from ..reduction import FORMULATIONS, reduce
+    from ..scene.reading import read
 
     counts: dict[str, str] = {}
+    fresh = derive(read(stages.scene))
     for name in FORMULATIONS:
         if name == stages.program.formulation:
             counts[name] = describe_counts(stages.program.kernel("rhs"))
             continue
         try:
-            other = lower(reduce(stages.equations, name))
+            other = lower(reduce(fresh, name))
         except (FormulationError, ConstraintError):
             counts[name] = "cannot serve"
             continue

@@ -18,9 +18,7 @@ TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent; what is left is projected away."""
 
 
-def resolve(
-    kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]
-) -> dict[str, float]:
+def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]) -> dict[str, float]:
     """Return a mapping of names to floats from one of names or symbols to numbers.
 
     Raises
@@ -88,9 +86,7 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     except (ValueError, ZeroDivisionError, OverflowError):
         c = np.array([np.nan])
     if not np.all(np.isfinite(c)):
-        given = ", ".join(
-            f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=True)
-        )
+        given = ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=True))
         raise ValueInputError(
             f"an expression of the parameters is not finite at {given}: a mass, a length or a moment of inertia"
             " that the scene divides by is zero"
@@ -150,9 +146,7 @@ def _solve_positions(program: Program, t: float, x: FloatArray, c: FloatArray, m
     if not undetermined:
         residual = _run(program, "position_residual", t, x, c)
         x[missing] -= np.linalg.lstsq(rows[:, missing], residual, rcond=None)[0]
-        if not np.allclose(
-            _jacobian(program, t, x, c)[: layout.holonomic, missing], rows[:, missing], rtol=1e-9
-        ):
+        if not np.allclose(_jacobian(program, t, x, c)[: layout.holonomic, missing], rows[:, missing], rtol=1e-9):
             undetermined = names
     if undetermined:
         raise InitialStateError(

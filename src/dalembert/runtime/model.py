@@ -152,17 +152,14 @@ class CompiledModel:
             compile_seconds=sum(self.stages.seconds.values()),
             run_seconds=time.perf_counter() - begin,
         )
-        return Trajectory(
-            self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense
-        )
+        return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
 
     def _method(self, method: str) -> str:
         if method == "auto":
             return self.methods[0]
         if method not in self._methods:
             raise OptionError(
-                unknown_name("method", str(method), ["auto", *self._methods])
-                + f" (of the backend {self.backend!r})"
+                unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
             )
         return method
 

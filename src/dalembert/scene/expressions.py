@@ -115,9 +115,7 @@ class ExpressionReader:
     def _symbol(self, e: Any) -> Node:
         from .scene import Unknown  # the class is only told apart here
 
-        table, other = (
-            (self.unknowns, self.parameters) if isinstance(e, Unknown) else (self.parameters, self.unknowns)
-        )
+        table, other = (self.unknowns, self.parameters) if isinstance(e, Unknown) else (self.parameters, self.unknowns)
         if isinstance(e, Unknown) and not self._allow_unknowns:
             return self.fault(f"the unknown {e.name} may only be used in the force or torque of a joint")
         held = table.setdefault(e.name, e)
@@ -185,9 +183,7 @@ class ExpressionReader:
             for value, condition in reversed(e.args):
                 result = g.call("select", self._condition(condition), self._read(value), result)
             return result
-        supported = sorted(
-            [f.__name__ for f in _FUNCTIONS] + ["Min", "Max", "Piecewise", "cot", "sec", "csc"]
-        )
+        supported = sorted([f.__name__ for f in _FUNCTIONS] + ["Min", "Max", "Piecewise", "cot", "sec", "csc"])
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported)}")
 
     def _condition(self, e: Any) -> Node:

@@ -160,7 +160,8 @@ class _SceneReader:
         path = self.frames.path(frame)
         if path is None:
             self.faults.append(
-                f"{place}: frame {frame.name!r} is not oriented, directly or through others, in {self.scene.frame.name!r}"
+                f"{place}: frame {frame.name!r} is not oriented in {self.scene.frame.name!r}, neither directly nor"
+                " through others"
             )
             return 0
         number = 0
@@ -179,7 +180,8 @@ class _SceneReader:
         path = self.points.path(point)
         if path is None:
             self.faults.append(
-                f"{place}: point {point.name!r} is not located, directly or through others, from {self.scene.origin.name!r}"
+                f"{place}: point {point.name!r} is not located from {self.scene.origin.name!r}, neither directly nor"
+                " through others"
             )
             return 0
         number = 0
@@ -223,9 +225,7 @@ class _SceneReader:
         if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
             self.faults.append(f"{place}: the inertia matrix is not symmetric")
         mass = self.expressions.read(body.mass, f"mass of {place}")
-        return BodyModel(
-            body.name, frame, self._point(body.masscenter, place), mass, (rows[0], rows[1], rows[2])
-        )
+        return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, (rows[0], rows[1], rows[2]))
 
     def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
         if not isinstance(joint, Joint):
@@ -233,9 +233,7 @@ class _SceneReader:
             return None
         place = f"joint {joint.name!r}"
         if joint.body not in bodies:
-            self.faults.append(
-                f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}"
-            )
+            self.faults.append(f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}")
             return None
         return Action(
             joint.name,
@@ -254,9 +252,7 @@ class _SceneReader:
             return Action(where, "force", None, self._point(pair[0], where), self._vector(pair[1], where), ())
         if isinstance(pair[0], ReferenceFrame):
             where = f"torque on {pair[0].name!r}"
-            return Action(
-                where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where)
-            )
+            return Action(where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where))
         self.faults.append(f"{place}: {load!r} is neither (point, force) nor (frame, torque)")
         return None
 
@@ -264,13 +260,9 @@ class _SceneReader:
         label = f"holonomic constraint {number + 1}"
         node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
         if node.deps & self._mask("rates"):
-            self.faults.append(
-                f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint"
-            )
+            self.faults.append(f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint")
         elif not node.deps & self._mask("coordinates") and not self.expressions.faults:
-            self.faults.append(
-                f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing"
-            )
+            self.faults.append(f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing")
         return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:

@@ -64,8 +64,8 @@ class Joint:
     name: str
     body: str
     at: Point
-    force: Vector = Vector(0)
-    torque: Vector = Vector(0)
+    force: Vector | int = 0
+    torque: Vector | int = 0
 
 
 @final
@@ -95,9 +95,7 @@ class Scene:
         by `dalembert.compile_model`.
     """
 
-    def __init__(
-        self, name: str, *, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]
-    ) -> None:
+    def __init__(self, name: str, *, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
         faults = []
         if not isinstance(frame, ReferenceFrame):
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")

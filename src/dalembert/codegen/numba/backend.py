@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from types import ModuleType
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import llvmlite
 import numba
@@ -59,8 +60,8 @@ class NumbaEngine(Engine):
         from ...integrators.numba.explicit import integrate
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        present = [self._compiled(name) if name in self._sizes else None for name in _NEEDED]
-        return integrate(Kernels(*present), tableau, problem)
+        projections = [self._compiled(name) if name in self._sizes else None for name in _NEEDED[1:]]
+        return integrate(Kernels(self._compiled("rhs"), *projections), tableau, problem)
 
 
 @final
@@ -68,7 +69,7 @@ class NumbaBackend(Backend):
     """The default backend."""
 
     name = "numba"
-    methods = {
+    methods: ClassVar[Mapping[str, str]] = {
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
     }
@@ -77,9 +78,7 @@ class NumbaBackend(Backend):
         """See `Backend.render`."""
         source = render_source("numba.py.j2", program, PYTHON, OPTIONS.format(cache))
         versions = f"{__version__} {sys.version_info[:3]} {numba.__version__} {llvmlite.__version__}"
-        return RenderedModule(
-            self.name, program, source, digest_of(self.name, versions, integrator_digest(), source)
-        )
+        return RenderedModule(self.name, program, source, digest_of(self.name, versions, integrator_digest(), source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`."""

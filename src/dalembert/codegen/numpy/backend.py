@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, final
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class NumpyBackend(Backend):
     """Reference backend: slow, simple, and what every other backend is tested against."""
 
     name = "numpy"
-    methods = {
+    methods: ClassVar[Mapping[str, str]] = {
         "dop853": "explicit Runge-Kutta of order 8 (SciPy)",
         "rk45": "explicit Runge-Kutta of order 5 (SciPy)",
         "radau": "implicit Runge-Kutta of order 5, for stiff scenes (SciPy)",

@@ -7,7 +7,7 @@ load it from numba's disk cache.
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -111,9 +111,7 @@ def integrate(kernels: Kernels, tableau: Tableau, problem: IntegrationProblem) -
     Solution
         Numerical failure is its status, never an exception.
     """
-    addresses = Addresses(
-        *map(kernel_address, (kernels.rhs, kernels.project_position, kernels.project_velocity))
-    )
+    addresses = Addresses(*map(kernel_address, (kernels.rhs, kernels.project_position, kernels.project_velocity)))
     settings = Settings(
         float(problem.t0),
         float(problem.t1),
@@ -128,7 +126,7 @@ def integrate(kernels: Kernels, tableau: Tableau, problem: IntegrationProblem) -
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
     y0 = np.array(problem.y0, dtype=np.float64)
     constants = np.array(problem.constants, dtype=np.float64)
-    record = _compiled_loop()(addresses, pack(tableau), settings, y0, constants, t_eval)
+    record = Record(*_compiled_loop()(addresses, pack(tableau), settings, y0, constants, t_eval))
     return _solution(record, problem)
 
 
@@ -149,9 +147,7 @@ def _dense_output(record: Record, problem: IntegrationProblem) -> PiecewisePolyn
     """Collect the polynomials of the accepted steps, or a constant where there was none."""
     n = len(problem.y0)
     if record.steps == 0:
-        return PiecewisePolynomial(
-            np.full(2, float(problem.t0)), np.array(problem.y0, dtype=float).reshape(1, 1, n)
-        )
+        return PiecewisePolynomial(np.full(2, float(problem.t0)), np.array(problem.y0, dtype=float).reshape(1, 1, n))
     pieces = record.pieces[: record.steps]
     knots = np.concatenate([[problem.t0], pieces[:, 0]])
     return PiecewisePolynomial(knots, pieces[:, 1:].copy().reshape(record.steps, -1, n))
@@ -176,9 +172,7 @@ def _settle(
         return _STEP_TOO_SMALL, 0
     evaluations = 0
     projected = kernels.position != 0 or kernels.velocity != 0
-    if projected and not project(
-        kernels.position, kernels.velocity, t_new, work, y_new, constants, settings.atol, n
-    ):
+    if projected and not project(kernels.position, kernels.velocity, t_new, work, y_new, constants, settings.atol, n):
         return _PROJECTION_FAILED, 0
     if projected or not tableau.fsal:
         call_kernel(kernels.rhs, t_new, work, y_new, constants, tableau.first + tableau.end, n)
@@ -218,12 +212,12 @@ def _sample(
 
 
 @cache
-def _compiled_loop() -> Callable[..., Record]:
+def _compiled_loop() -> Callable[..., tuple[Any, ...]]:
     """Compile the loop, or load it from the disk cache."""
     return _entry_point(integrator_digest())
 
 
-def _entry_point(digest: str) -> Callable[..., Record]:
+def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
     """Compile the loop under a cache key that holds ``digest``, for numba hashes what closure cells hold."""
 
     def adaptive_loop(
@@ -233,11 +227,12 @@ def _entry_point(digest: str) -> Callable[..., Record]:
         y0: FloatArray,
         constants: FloatArray,
         t_eval: FloatArray,
-    ) -> Record:
+    ) -> tuple[int, int, int, int, int, FloatArray, FloatArray]:
         digest  # noqa: B018
         n, t, t1 = y0.size, settings.t0, settings.t1
         span, direction = abs(t1 - t), 1.0 if t1 >= t else -1.0
         work = np.zeros((tableau.first + tableau.total, (n + LANES - 1) // LANES * LANES))
+        # Numbers that have been through np.intp are not literals, for which numba would compile helpers once more.
         y, y_new = int(np.intp(0)), int(np.intp(1))
         for m in range(n):
             work[y, m] = y0[m]
@@ -320,6 +315,6 @@ def _entry_point(digest: str) -> Callable[..., Record]:
             y, y_new = y_new, y
             for m in range(n):
                 work[tableau.first, m] = work[tableau.first + tableau.end, m]
-        return Record(status, steps, rejected, evaluations, recorded, rows, pieces)
+        return status, steps, rejected, evaluations, recorded, rows, pieces
 
     return compiled_and_cached(adaptive_loop, (ADDRESSES, PACKED_TABLEAU, SETTINGS, VECTOR, VECTOR, VECTOR))

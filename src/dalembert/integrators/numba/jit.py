@@ -91,9 +91,7 @@ def call_kernel(
         function_type = context.call_conv.get_function_type(types.void, KERNEL_SIGNATURE.args)
         pointer = builder.inttoptr(address, ir.PointerType(function_type))
         arguments = (t, row(y_row), constants, row(out_row))
-        status, _ = context.call_conv.call_function(
-            builder, pointer, types.void, KERNEL_SIGNATURE.args, arguments
-        )
+        status, _ = context.call_conv.call_function(builder, pointer, types.void, KERNEL_SIGNATURE.args, arguments)
         with cgutils.if_unlikely(builder, status.is_error):
             context.call_conv.return_status_propagate(builder, status)
         return context.get_dummy_value()

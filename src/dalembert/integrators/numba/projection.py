@@ -12,9 +12,7 @@ _LINEAR = 1e-4
 
 
 @compiled
-def correct(
-    kernel: int, t: float, work: FloatArray, y: int, constants: FloatArray, n: int
-) -> tuple[float, float]:
+def correct(kernel: int, t: float, work: FloatArray, y: int, constants: FloatArray, n: int) -> tuple[float, float]:
     """Add one correction to ``work[y]``; return its largest entry and the largest entry that it changed."""
     call_kernel(kernel, t, work, y, constants, DELTA, n)
     size = magnitude = 0.0

@@ -12,7 +12,7 @@ from dalembert.integrators.numba.jit import call_kernel, compiled
 from dalembert.integrators.numba.packing import POINT, PackedTableau
 from dalembert.integrators.tableau import FloatArray
 
-LANES = 4
+LANES = 8
 _SECOND_ERROR_WEIGHT = 0.01
 
 
@@ -31,24 +31,41 @@ def evaluate_stages(
 ) -> None:
     """Evaluate the stages ``numbers[0]`` to ``numbers[1] - 1`` of a step from ``work[y]``.
 
-    The state of stage ``end`` is kept in ``work[y_new]``; it is evaluated only if the error estimate needs
-    it.
+    Sums are written out for ``LANES`` components at a time, which keeps them in registers, and indices are
+    unsigned, which spares numba's test for negative ones. The state of stage ``end`` is kept in
+    ``work[y_new]``; it is evaluated only if the error estimate needs it.
     """
     for i in range(numbers[0], numbers[1]):
         out = y_new if i == tableau.end else POINT
         first, last = tableau.starts[i], tableau.starts[i + 1]
-        for m in range(0, work.shape[1], LANES):
-            s0 = s1 = s2 = s3 = 0.0
+        for block in range(work.shape[1] // LANES):
+            m0 = np.uintp(LANES * block)
+            m1 = m0 + np.uintp(1)
+            m2 = m0 + np.uintp(2)
+            m3 = m0 + np.uintp(3)
+            m4 = m0 + np.uintp(4)
+            m5 = m0 + np.uintp(5)
+            m6 = m0 + np.uintp(6)
+            m7 = m0 + np.uintp(7)
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
             for entry in range(first, last):
                 weight, stage = tableau.weights[entry], tableau.stages[entry]
-                s0 += weight * work[stage, m]
-                s1 += weight * work[stage, m + 1]
-                s2 += weight * work[stage, m + 2]
-                s3 += weight * work[stage, m + 3]
-            work[out, m] = work[y, m] + h * s0
-            work[out, m + 1] = work[y, m + 1] + h * s1
-            work[out, m + 2] = work[y, m + 2] + h * s2
-            work[out, m + 3] = work[y, m + 3] + h * s3
+                s0 += weight * work[stage, m0]
+                s1 += weight * work[stage, m1]
+                s2 += weight * work[stage, m2]
+                s3 += weight * work[stage, m3]
+                s4 += weight * work[stage, m4]
+                s5 += weight * work[stage, m5]
+                s6 += weight * work[stage, m6]
+                s7 += weight * work[stage, m7]
+            work[out, m0] = work[y, m0] + h * s0
+            work[out, m1] = work[y, m1] + h * s1
+            work[out, m2] = work[y, m2] + h * s2
+            work[out, m3] = work[y, m3] + h * s3
+            work[out, m4] = work[y, m4] + h * s4
+            work[out, m5] = work[y, m5] + h * s5
+            work[out, m6] = work[y, m6] + h * s6
+            work[out, m7] = work[y, m7] + h * s7
         if i != tableau.end or tableau.fsal:
             call_kernel(rhs, t + tableau.nodes[i] * h, work, out, constants, tableau.first + i, n)
 
@@ -61,7 +78,8 @@ def error_norm(
     row = tableau.total
     first, second, last = tableau.starts[row], tableau.starts[row + 1], tableau.starts[row + 2]
     total = total_second = 0.0
-    for m in range(work.shape[1]):
+    for component in range(n):
+        m = np.uintp(component)
         estimate = estimate_second = 0.0
         for entry in range(first, second):
             estimate += tableau.weights[entry] * work[tableau.stages[entry], m]
@@ -155,9 +173,7 @@ def dense_polynomial(
 
 
 @compiled
-def evaluate_polynomial(
-    pieces: FloatArray, piece: int, degree: int, theta: float, work: FloatArray, n: int
-) -> None:
+def evaluate_polynomial(pieces: FloatArray, piece: int, degree: int, theta: float, work: FloatArray, n: int) -> None:
     """Evaluate a polynomial that ``dense_polynomial`` wrote, by Horner's scheme, into ``work[POINT]``."""
     for m in range(n):
         value = pieces[piece, 1 + degree * n + m]

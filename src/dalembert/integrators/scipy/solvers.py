@@ -56,8 +56,7 @@ def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Sol
         raise OptionError(f"unknown method {method!r}; SciPy's are {', '.join(METHODS)}")
     if kernels.projected and method not in PROJECTABLE:
         raise OptionError(
-            f"{method} continues from past steps, which projection invalidates; use one of "
-            f"{', '.join(PROJECTABLE)}"
+            f"{method} continues from past steps, which projection invalidates; use one of {', '.join(PROJECTABLE)}"
         )
     with np.errstate(all="ignore"):
         return _Run(kernels, method, problem).solution()
