@@ -7,9 +7,12 @@ import re
 from collections.abc import Iterable
 from typing import final
 
-__all__ = ["RATE_SUFFIX", "Namer", "rate_name"]
+__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "rate_name"]
 
 RATE_SUFFIX = "_dot"
+
+GENERATED = frozenset({"abs", "c", "float", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"})
+"""Identifiers that generated code uses itself."""
 
 
 def rate_name(coordinate: str) -> str:
@@ -31,7 +34,7 @@ class Namer:
     """
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
-        self._taken = set(reserved) | set(keyword.kwlist)
+        self._taken = set(reserved) | set(keyword.kwlist) | GENERATED
 
     def __call__(self, wish: str) -> str:
         """Return an identifier close to `wish` that nothing else has."""

@@ -12,7 +12,7 @@ from typing import final
 
 from ..ir.program import Assignment, Kernel, Load, Operand
 
-__all__ = ["JAX", "PRINTERS", "PYTHON", "Printer"]
+__all__ = ["JAX", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
 
 
 @final
@@ -82,7 +82,10 @@ PYTHON = Printer(
         "select": "({1} if {0} != 0.0 else {2})",
     },
 )
-"""Scalar Python with the ``math`` module; numba compiles the same text."""
+"""Scalar Python with the ``math`` module, as numba compiles it."""
+
+NUMPY = Printer("numpy", {**PYTHON.formats, "div": "math.divide({}, {})", "floor": "math.floor({})"})
+"""Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""
 
 _JNP_NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power"}
 
@@ -108,4 +111,4 @@ JAX = Printer(
 )
 """Traced JAX."""
 
-PRINTERS = (PYTHON, JAX)
+PRINTERS = (PYTHON, NUMPY, JAX)

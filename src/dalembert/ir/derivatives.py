@@ -16,9 +16,9 @@ def _piecewise_zero(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node
 
 
 def _extremum(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
-    a, b = node.args if node.op == "min" else node.args[::-1]
-    da, db = tangent if node.op == "min" else tangent[::-1]
-    return graph.call("select", graph.call("less_equal", a, b), da, db)
+    a, b = node.args
+    low, high = tangent if node.op == "min" else tangent[::-1]
+    return graph.call("select", graph.call("less_equal", a, b), low, high)
 
 
 def _power(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:

@@ -373,15 +373,20 @@ class Graph:
 
     def substitute(self, outputs: Sequence[Node], values: Mapping[Node, Node]) -> list[Node]:
         """Return `outputs` with inputs replaced; everything that depends on them is rebuilt and so re-identified."""
-        changed = 0
-        for source in values:
+        changed, allowed = 0, 0
+        for source, target in values.items():
             changed |= source.deps
+            allowed |= target.deps
+        forbidden = changed & ~allowed if allowed else 0
         new: dict[int, Node] = {source.index: target for source, target in values.items()}
         for node in self.topological(outputs):
             if node.index in new:
                 continue
             if node.deps & changed:
-                new[node.index] = self.call(node.op, *(new[arg.index] for arg in node.args))
+                made = self.call(node.op, *(new[arg.index] for arg in node.args))
+                if made.deps & forbidden:  # its value does not depend on the input, but its cheapest form named it
+                    self.freed_of(made, list(values))
+                new[node.index] = made
             else:
                 new[node.index] = node
         return [new[output.index] for output in outputs]

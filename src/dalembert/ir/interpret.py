@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .ops import OPERATIONS
+from .ops import ALL_OPERATIONS
 from .program import Kernel
 
 __all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows"]
@@ -48,7 +48,7 @@ def interpret(
 
     for line in kernel.body:
         operands: Sequence[Any] = [value(arg) for arg in line.args]
-        function = OPERATIONS[line.op].evaluate if operations is None else operations[line.op]
+        function = ALL_OPERATIONS[line.op].evaluate if operations is None else operations[line.op]
         values[line.target] = function(*operands)
     return [value(output) for output in kernel.outputs]
 

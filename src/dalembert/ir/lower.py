@@ -88,7 +88,7 @@ def lower_kernel(
     ExpressionError
         When a node depends on an input that is not given, or a constant is not finite.
     """
-    namer = Namer([*ARGUMENTS, "c", "out"])
+    namer = Namer()
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
     body: list[Assignment] = []

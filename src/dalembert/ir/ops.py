@@ -12,7 +12,9 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["OPERATIONS", "Operation"]
+from . import ieee
+
+__all__ = ["ALL_OPERATIONS", "OPERATIONS", "STEP_OPERATIONS", "Operation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +43,6 @@ class Operation:
     evaluate: Callable[..., float]
 
 
-def _divide(a: float, b: float) -> float:
-    try:
-        return a / b
-    except ZeroDivisionError:
-        return math.nan if a == 0.0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
-
-
 def _sign(a: float) -> float:
     return float((a > 0.0) - (a < 0.0))
 
@@ -58,25 +53,25 @@ OPERATIONS: dict[str, Operation] = {
         Operation("add", 2, 1.0, 1, operator.add),
         Operation("sub", 2, 1.0, 1, operator.sub),
         Operation("mul", 2, 1.0, 1, operator.mul),
-        Operation("div", 2, 4.0, 1, _divide),
+        Operation("div", 2, 4.0, 1, ieee.divide),
         Operation("neg", 1, 0.5, 0, operator.neg),
-        Operation("sqrt", 1, 5.0, 1, math.sqrt),
-        Operation("pow", 2, 30.0, 0, math.pow),
-        Operation("sin", 1, 15.0, 0, math.sin),
-        Operation("cos", 1, 15.0, 0, math.cos),
-        Operation("tan", 1, 35.0, 0, math.tan),
-        Operation("asin", 1, 25.0, 0, math.asin),
-        Operation("acos", 1, 25.0, 0, math.acos),
-        Operation("atan", 1, 25.0, 0, math.atan),
-        Operation("atan2", 2, 30.0, 0, math.atan2),
-        Operation("exp", 1, 15.0, 0, math.exp),
-        Operation("log", 1, 15.0, 0, math.log),
-        Operation("sinh", 1, 25.0, 0, math.sinh),
-        Operation("cosh", 1, 25.0, 0, math.cosh),
-        Operation("tanh", 1, 25.0, 0, math.tanh),
+        Operation("sqrt", 1, 5.0, 1, ieee.sqrt),
+        Operation("pow", 2, 30.0, 0, ieee.pow),
+        Operation("sin", 1, 15.0, 0, ieee.sin),
+        Operation("cos", 1, 15.0, 0, ieee.cos),
+        Operation("tan", 1, 35.0, 0, ieee.tan),
+        Operation("asin", 1, 25.0, 0, ieee.asin),
+        Operation("acos", 1, 25.0, 0, ieee.acos),
+        Operation("atan", 1, 25.0, 0, ieee.atan),
+        Operation("atan2", 2, 30.0, 0, ieee.atan2),
+        Operation("exp", 1, 15.0, 0, ieee.exp),
+        Operation("log", 1, 15.0, 0, ieee.log),
+        Operation("sinh", 1, 25.0, 0, ieee.sinh),
+        Operation("cosh", 1, 25.0, 0, ieee.cosh),
+        Operation("tanh", 1, 25.0, 0, ieee.tanh),
         Operation("abs", 1, 1.0, 0, abs),
         Operation("sign", 1, 2.0, 0, _sign),
-        Operation("floor", 1, 2.0, 0, math.floor),
+        Operation("floor", 1, 2.0, 0, ieee.floor),
         Operation("min", 2, 1.0, 1, min),
         Operation("max", 2, 1.0, 1, max),
         Operation("less", 2, 1.0, 0, lambda a, b: float(a < b)),
@@ -84,4 +79,18 @@ OPERATIONS: dict[str, Operation] = {
         Operation("select", 3, 1.0, 0, lambda c, a, b: a if c != 0.0 else b),
     )
 }
-"""Every operation by name. Comparisons give 1.0 or 0.0; ``select(c, a, b)`` is ``a`` where c is not 0."""
+"""Every operation of the graph. Comparisons give 1.0 or 0.0; ``select(c, a, b)`` is ``a`` where c is not 0."""
+
+STEP_OPERATIONS: dict[str, Operation] = {
+    operation.name: operation
+    for operation in (
+        Operation("fma", 3, 1.0, 2, lambda a, b, c: a * b + c),
+        Operation("rough_log2", 1, 6.0, 0, lambda a: math.log2(a) if a > 0.0 else -math.inf),
+        Operation("rough_exp2", 1, 6.0, 0, lambda a: 2.0**a if a < 1024.0 else math.inf),
+    )
+}
+"""What steps of integrators need besides. ``fma(a, b, c)`` is a*b + c, rounded once where the target can; the rough
+functions hold four digits, enough to choose a step."""
+
+ALL_OPERATIONS: dict[str, Operation] = OPERATIONS | STEP_OPERATIONS
+"""Everything that a kernel may contain."""

@@ -112,7 +112,7 @@ def group_products(kernel: Kernel) -> Kernel:
                 name = namer("k")
                 body.append(Assignment(name, "div", (factor, chain("mul", below))))
                 factor = name
-            free.insert(0, factor)
+            free.append(factor)  # last, so that equal factors meet in squares first
         target = line.target
         if not free:
             free = [1.0]
@@ -159,7 +159,7 @@ def hoist_parameters(kernels: Sequence[Kernel], parameters: Sequence[str]) -> Ho
 
     The first entries of c are the parameters themselves; equal expressions of different kernels share an entry.
     """
-    namer = Namer(["p", "c", "out", "t", "y"])
+    namer = Namer()
     names = [namer(name) for name in parameters]
     loads = tuple(Load(name, "p", i) for i, name in enumerate(names))
     outputs: list[Operand] = list(names)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import final
 
-from .ops import OPERATIONS
+from .ops import ALL_OPERATIONS
 
 __all__ = [
     "Assignment",
@@ -135,7 +135,7 @@ def count_operations(kernel: Kernel) -> Counter[str]:
     """Return how often each operation occurs, with all floating-point ones under "flops"."""
     counts: Counter[str] = Counter()
     for line in kernel.body:
-        operation = OPERATIONS[line.op]
+        operation = ALL_OPERATIONS[line.op]
         counts[line.op] += 1
         counts["flops"] += operation.flops
     return counts
@@ -145,6 +145,8 @@ def describe_counts(kernel: Kernel) -> str:
     """Return the operation count of a kernel as text: ``8 flops, 1 sin, 1 cos``."""
     counts = count_operations(kernel)
     named = [
-        f"{counts[name]} {name}" for name, op in OPERATIONS.items() if not op.flops and name != "neg" and counts[name]
+        f"{counts[name]} {name}"
+        for name, op in ALL_OPERATIONS.items()
+        if not op.flops and name != "neg" and counts[name]
     ]
     return ", ".join([f"{counts['flops']} flops", *named])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .ops import OPERATIONS
+from .ops import ALL_OPERATIONS
 from .program import Kernel
 
 __all__ = ["MalformedKernel", "verify"]
@@ -47,7 +47,7 @@ def verify(kernel: Kernel) -> Kernel:
             fail(f"{load.target} is loaded from {load.array}, which is no argument")
         define(load.target)
     for line in kernel.body:
-        operation = OPERATIONS.get(line.op)
+        operation = ALL_OPERATIONS.get(line.op)
         if operation is None:
             fail(f"{line.target} uses the unknown operation {line.op}")
         elif operation.arity != len(line.args):

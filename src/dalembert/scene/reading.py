@@ -14,6 +14,7 @@ from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
+from . import changes
 from .expressions import ExpressionReader
 from .model import (
     Action,
@@ -28,6 +29,7 @@ from .model import (
     SymbolTable,
 )
 from .scene import Joint, Scene
+from .tree import Tree
 
 __all__ = ["read"]
 
@@ -63,8 +65,9 @@ class _SceneReader:
         self.faults: list[str] = []
         self.coordinates = self._coordinates()
         self.expressions = ExpressionReader(self.graph, self._leaves())
-        self.frames = _Tree(scene.frame, "_dcm_dict")
-        self.points = _Tree(scene.origin, "_pos_dict")
+        self._impose()
+        self.frames = Tree(scene.frame, "_dcm_dict")
+        self.points = Tree(scene.origin, "_pos_dict")
         self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
         self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
 
@@ -81,7 +84,9 @@ class _SceneReader:
         actions += [self._load(load, place) for place, load in enumerate(scene.loads)]
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
         potential = self.graph.sum(
-            self.expressions.read(getattr(body, "potential_energy", 0), f"potential energy of {body.name}")
+            self.expressions.read(
+                getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}"
+            )
             for body in scene.bodies
         )
         holonomic = [self._holonomic(c, i) for i, c in enumerate(scene.holonomic_constraints)]
@@ -135,6 +140,15 @@ class _SceneReader:
             leaves[sp.Derivative(q, time)] = self.graph.input(rate_name(q.func.__name__))
         return leaves
 
+    def _impose(self) -> None:
+        """Let imposed coordinates and their rates be read as what they equal."""
+        time, leaves = dynamicsymbols._t, self.expressions.leaves
+        flow = {leaves[q]: leaves[sp.Derivative(q, time)] for q in self.coordinates} | {leaves[time]: self.graph.one}
+        values = [(q, self.expressions.read(e, f"imposed coordinate {q}")) for q, e in self.scene.imposed]
+        for q, node in values:
+            leaves[q] = node
+            leaves[sp.Derivative(q, time)] = tangents(self.graph, [node], flow)[0]
+
     def _symbols(self) -> SymbolTable:
         coordinates = tuple(q.func.__name__ for q in self.coordinates)
         rates = tuple(rate_name(name) for name in coordinates)
@@ -168,7 +182,8 @@ class _SceneReader:
         for node in path:
             known = self.frames.number(node)
             if known not in self.frame_models:
-                matrix = node._dcm_dict[self.frames.parent[node]]
+                parent = self.frames.parent[node]
+                matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
@@ -188,7 +203,7 @@ class _SceneReader:
         for node in path:
             known = self.points.number(node)
             if known not in self.point_models:
-                vector = node._pos_dict[self.points.parent[node]]
+                vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
                 pieces = self._vector(vector, f"position of point {node.name!r}")
                 self.point_models[known] = PointModel(node.name, number, pieces)
             number = known
@@ -203,6 +218,9 @@ class _SceneReader:
             return ()
         if not isinstance(vector, Vector):
             self.faults.append(f"{place}: {vector!r} is not a vector")
+            return ()
+        if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
+            self.faults.append(f"{place}: {vector!r} has components that are not numbers")
             return ()
         return tuple(
             Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))
@@ -258,18 +276,20 @@ class _SceneReader:
 
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"holonomic constraint {number + 1}"
+        before = len(self.expressions.faults)
         node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
         if node.deps & self._mask("rates"):
             self.faults.append(f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint")
-        elif not node.deps & self._mask("coordinates") and not self.expressions.faults:
+        elif not node.deps & self._mask("coordinates") and len(self.expressions.faults) == before:
             self.faults.append(f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing")
         return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"nonholonomic constraint {number + 1}"
+        before = len(self.expressions.faults)
         node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
         rates = self._mask("rates")
-        if not node.deps & rates and not self.expressions.faults:
+        if not node.deps & rates and len(self.expressions.faults) == before:
             self.faults.append(
                 f"{label} ({_short(constraint)}) contains no rate; add a constraint on positions with"
                 " add_holonomic_constraints"
@@ -291,35 +311,6 @@ class _SceneReader:
     def _mask(self, kind: str) -> int:
         names = [q.func.__name__ for q in self.coordinates]
         return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
-
-
-@final
-class _Tree:
-    """Frames or points as a tree, searched breadth first along SymPy's neighbour tables."""
-
-    def __init__(self, root: Any, table: str) -> None:
-        self.parent: dict[Any, Any] = {root: None}
-        self._numbers: dict[int, int] = {id(root): 0}
-        queue = [root]
-        for node in queue:
-            for neighbour in getattr(node, table):
-                if neighbour not in self.parent:
-                    self.parent[neighbour] = node
-                    queue.append(neighbour)
-
-    def path(self, node: Any) -> list[Any] | None:
-        """Return the nodes from below the root to `node`, or None where it is not connected."""
-        if node not in self.parent:
-            return None
-        path = []
-        while self.parent[node] is not None:
-            path.append(node)
-            node = self.parent[node]
-        return path[::-1]
-
-    def number(self, node: Any) -> int:
-        """Return the number of a node, given out as nodes are met."""
-        return self._numbers.setdefault(id(node), len(self._numbers))
 
 
 def _short(expression: Any, width: int = 80) -> str:

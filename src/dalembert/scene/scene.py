@@ -15,6 +15,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import SceneError
+from . import changes
 
 __all__ = ["Joint", "Scene", "Unknown", "unknowns"]
 
@@ -113,6 +114,8 @@ class Scene:
         self.holonomic_constraints: tuple[Expr, ...] = ()
         self.nonholonomic_constraints: tuple[Expr, ...] = ()
         self.gravity: Vector | None = None
+        self.releases: tuple[changes.Release, ...] = ()
+        self.imposed: tuple[tuple[Expr, Expr], ...] = ()
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""
@@ -144,9 +147,68 @@ class Scene:
         """Let a uniform field of the given acceleration [m/s^2], such as ``-g*N.z``, act on every body."""
         self.gravity = acceleration
 
+    def release(self, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
+        """Return a scene in which a coordinate that the parametrization had used up is given back.
+
+        This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
+        the reaction that the parametrization hides. The motion stays as it is.
+
+        Parameters
+        ----------
+        coordinate : dynamicsymbol
+            The coordinate; the scene must not have it yet.
+        target : Point or ReferenceFrame
+            The point to move, and with it all that is located from it; or the frame to turn, and with it all
+            that is oriented from it.
+        direction : Vector
+            Unit vector: `coordinate` takes the place of the component of the position of `target` along it, or is
+            the angle of a further rotation about it.
+
+        Returns
+        -------
+        Scene
+            With the coordinate, and the holonomic constraint that sets it to its former value.
+
+        Raises
+        ------
+        SceneError
+            When the coordinate exists, the target is fixed, or the direction is not a unit vector.
+
+        Examples
+        --------
+        The normal force under the rolling sphere, of which G is the centre::
+
+            scene.release(z, G, N.z)        # adds z, and the constraint z - r
+        """
+        return changes.release(self, coordinate, target, direction)
+
+    def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
+        """Return a scene without a coordinate that a holonomic constraint gives: "compatible" equations.
+
+        Parameters
+        ----------
+        coordinate : dynamicsymbol
+            The coordinate to eliminate.
+        expression : Expr, optional
+            What it equals, in the other coordinates and time. Without it, a holonomic constraint that is affine in
+            the coordinate is solved for it.
+
+        Returns
+        -------
+        Scene
+            Without the coordinate and without the constraints that this fulfils. Reactions that only held those
+            constraints have no power left and become undetermined.
+
+        Raises
+        ------
+        SceneError
+            When no constraint gives the coordinate in closed form, or `expression` contradicts one.
+        """
+        return changes.impose(self, coordinate, expression)
+
     def body_names(self) -> Iterable[str]:
         """Return the names of the bodies, in order."""
-        return (str(body.name) for body in self.bodies)
+        return (str(getattr(body, "name", body)) for body in self.bodies)
 
     def __repr__(self) -> str:
         return f"<Scene {self.name!r}: {len(self.bodies)} bodies, {len(self.coordinates)} coordinates>"

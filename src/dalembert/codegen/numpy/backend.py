@@ -12,24 +12,19 @@ from ...integrators.problem import IntegrationProblem, Kernels, Solution
 from ...ir.program import Program
 from ...runtime.cache import load_in_memory
 from ..base import Backend, Engine, FloatArray, RenderedModule
-from ..printers import PYTHON
+from ..printers import NUMPY
 from ..rendering import digest_of, render_source
 
 __all__ = ["NumpyBackend"]
-
-_FAILURES = (ValueError, ZeroDivisionError, OverflowError)
 
 
 def _filling(
     kernel: Callable[..., tuple[float, ...]],
 ) -> Callable[[float, FloatArray, FloatArray, FloatArray], None]:
-    """Return a kernel that writes into an array; where Python raises for a value, it writes NaN."""
+    """Return a kernel that writes into an array."""
 
     def fill(t: float, y: FloatArray, c: FloatArray, out: FloatArray) -> None:
-        try:
-            out[:] = kernel(t, y.tolist(), c.tolist())
-        except _FAILURES:
-            out[:] = np.nan
+        out[:] = kernel(t, y.tolist(), c.tolist())
 
     return fill
 
@@ -74,7 +69,7 @@ class NumpyBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render_source("numpy.py.j2", program, PYTHON)
+        source = render_source("numpy.py.j2", program, NUMPY)
         return RenderedModule(self.name, program, source, digest_of(self.name, __version__, source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:

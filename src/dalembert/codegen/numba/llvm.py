@@ -1,0 +1,190 @@
+"""[Kernel] -> [machine code]: kernels printed as LLVM assembly for any number of lanes, and compiled by llvmlite.
+
+A kernel becomes ``void name(ptr, ..., ptr out)``, one pointer an argument; element i of an array is
+a pack of `lanes` doubles at offset i * lanes. Straight-line code needs none of LLVM's optimisation
+passes, only its code generator, so compilation is a few tens of milliseconds where numba's front end
+needs seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, final
+
+import llvmlite.binding as llvm
+
+from ...ir.program import Assignment, Kernel, Operand
+from . import vector_functions as functions
+
+__all__ = ["Compiled", "assembly", "compile_object", "load_object", "native_lanes", "target_name"]
+
+_LIBRARY = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "pow")
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+
+
+@cache
+def _features() -> str:
+    return str(llvm.get_host_cpu_features().flatten())
+
+
+@cache
+def native_lanes() -> int:
+    """Return how many doubles this machine's vector registers hold: 8, 4 or 2."""
+    features = llvm.get_host_cpu_features()
+    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
+
+
+def target_name() -> str:
+    """Return what compiled code depends on: LLVM, the processor and its features."""
+    return f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
+
+
+def _fma_name(lanes: int) -> str:
+    features = llvm.get_host_cpu_features()
+    fused = features.get("fma", False) or features.get("neon", False)
+    return f"llvm.{'fma' if fused else 'fmuladd'}.{'f64' if lanes == 1 else f'v{lanes}f64'}"
+
+
+@final
+class _Printer:
+    """Prints the body of one kernel for one number of lanes."""
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.v = functions.vector(lanes)
+        self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
+        self.flag = functions.vector(lanes, "i1")
+        self.fma = _fma_name(lanes)
+        self.lines: list[str] = []
+        self._pairs: dict[Operand, str] = {}
+
+    def operand(self, operand: Operand) -> str:
+        return f"%{operand}" if isinstance(operand, str) else functions.constant(operand, self.lanes)
+
+    def load(self, target: str, array: str, index: int) -> None:
+        offset = index * self.lanes
+        self.lines.append(f"%{target}.at = getelementptr double, ptr %{array}, i64 {offset}")
+        self.lines.append(f"%{target} = load {self.v}, ptr %{target}.at, align 8")
+
+    def store(self, operand: Operand, index: int) -> None:
+        self.lines.append(f"%out.{index} = getelementptr double, ptr %out, i64 {index * self.lanes}")
+        self.lines.append(f"store {self.v} {self.operand(operand)}, ptr %out.{index}, align 8")
+
+    def line(self, line: Assignment) -> None:
+        v, target, args = self.v, line.target, [self.operand(arg) for arg in line.args]
+        typed = ", ".join(f"{v} {arg}" for arg in args)
+        match line.op:
+            case "add" | "sub" | "mul" | "div":
+                self._set(target, f"{_ARITHMETIC[line.op]} {v} {args[0]}, {args[1]}")
+            case "neg":
+                self._set(target, f"fneg {v} {args[0]}")
+            case "fma":
+                self._set(target, f"call {v} @{self.fma}({typed})")
+            case "sqrt" | "floor":
+                self._set(target, f"call {v} @llvm.{line.op}.{self.suffix}({typed})")
+            case "abs":
+                self._set(target, f"call {v} @llvm.fabs.{self.suffix}({typed})")
+            case "rough_log2" | "rough_exp2":
+                self._set(target, f"call {v} @{line.op}({typed})")
+            case "sin" | "cos":
+                self._sincos(line)
+            case "min" | "max":
+                self._choose(target, "olt" if line.op == "min" else "ogt", args[0], args[1], args[0], args[1])
+            case "less" | "less_equal":
+                one, none = (functions.constant(x, self.lanes) for x in (1.0, 0.0))
+                self._choose(target, "olt" if line.op == "less" else "ole", args[0], args[1], one, none)
+            case "select":
+                self._choose(target, "une", args[0], functions.constant(0.0, self.lanes), args[1], args[2])
+            case "sign":
+                zero, one, minus = (functions.constant(x, self.lanes) for x in (0.0, 1.0, -1.0))
+                self._choose(f"{target}.up", "ogt", args[0], zero, one, zero)
+                self._choose(target, "olt", args[0], zero, minus, f"%{target}.up")
+            case _:
+                self.lines += functions.lanewise(line.op, self.lanes, target, args)
+
+    def _set(self, target: str, expression: str) -> None:
+        self.lines.append(f"%{target} = {expression}")
+
+    def _choose(self, target: str, test: str, a: str, b: str, yes: str, no: str) -> None:
+        self._set(f"{target}.test", f"fcmp {test} {self.v} {a}, {b}")
+        self._set(target, f"select {self.flag} %{target}.test, {self.v} {yes}, {self.v} {no}")
+
+    def _sincos(self, line: Assignment) -> None:
+        """Compute sine and cosine of one argument together."""
+        argument = line.args[0]
+        pair = self._pairs.get(argument)
+        if pair is None:
+            pair = self._pairs[argument] = f"{line.target}.pair"
+            self._set(pair, f"call {{{self.v}, {self.v}}} @sincos({self.v} {self.operand(argument)})")
+        self._set(line.target, f"extractvalue {{{self.v}, {self.v}}} %{pair}, {0 if line.op == 'sin' else 1}")
+
+
+def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int) -> str:
+    """Return a module of LLVM assembly with each kernel under the name given."""
+    fma = _fma_name(lanes)
+    v, suffix = functions.vector(lanes), "f64" if lanes == 1 else f"v{lanes}f64"
+    parts = [
+        f"declare double @{name}({', '.join(['double'] * (2 if name in ('atan2', 'pow') else 1))})" for name in _LIBRARY
+    ]
+    parts += [f"declare {v} @llvm.{name}.{suffix}({v})" for name in ("fabs", "sqrt", "floor")]
+    parts.append(f"declare {v} @{fma}({v}, {v}, {v})")
+    parts += [functions.sincos(lanes, fma), functions.rough_log2(lanes, fma), functions.rough_exp2(lanes, fma)]
+    for name, kernel in kernels:
+        printer = _Printer(lanes)
+        for load in kernel.loads:
+            printer.load(load.target, load.array, load.index or 0)
+        for line in kernel.body:
+            printer.line(line)
+        for index, operand in enumerate(kernel.outputs):
+            printer.store(operand, index)
+        arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*kernel.arguments, "out"))
+        body = "\n".join(f"  {line}" for line in printer.lines)
+        parts.append(f"define void @{name}({arguments}) nounwind {{\n{body}\n  ret void\n}}")
+    return "\n\n".join(parts)
+
+
+@cache
+def _machine(level: int) -> Any:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_default_triple()
+    return target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=_features(), opt=level, jit=True, reloc="default", codemodel="jitdefault"
+    )
+
+
+def compile_object(source: str, level: int = 2) -> bytes:
+    """Return the object code of a module of LLVM assembly, for this machine."""
+    machine = _machine(level)
+    module = llvm.parse_assembly(source)
+    module.triple = llvm.get_process_triple()
+    module.data_layout = str(machine.target_data)
+    module.verify()
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=1))
+    passes = builder.getModulePassManager()
+    passes.run(module, builder)
+    return bytes(machine.emit_object(module))
+
+
+@final
+class Compiled:
+    """Loaded object code; addresses are good as long as it lives."""
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+
+    def address(self, name: str) -> int:
+        """Return the address of a function."""
+        return int(self._engine.get_function_address(name))
+
+
+def load_object(code: bytes) -> Compiled:
+    """Return object code made by `compile_object`, ready to be called."""
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=_features(), opt=2, jit=True, reloc="default", codemodel="jitdefault"
+    )
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return Compiled(engine)

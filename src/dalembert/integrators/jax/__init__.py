@@ -1,0 +1,1 @@
+"""Integration by diffrax, for kernels that JAX traces."""

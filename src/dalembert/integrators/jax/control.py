@@ -1,0 +1,121 @@
+"""Step size control for diffrax: its own PI controller, which here also ends hopeless and over-long runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, final
+
+import diffrax
+import jax.numpy as jnp
+
+__all__ = ["Control", "Controller", "smallest_step"]
+
+# K. Gustafsson, ACM Transactions on Mathematical Software 17 (1991) 533-554, as the compiled loops have them: the
+# factor of the next step is error**(-0.85/order) * previous_error**(0.2/order).
+_PROPORTIONAL = 0.2
+_INTEGRAL = 0.65
+_SMALLEST_SCALE = 1e-150
+_EPSILON = 2.220446049250313e-16
+
+
+def smallest_step(t: Any, span: Any) -> Any:
+    """Step size below which time no longer advances reliably."""
+    return 16.0 * _EPSILON * jnp.maximum(jnp.abs(t), _EPSILON * span)
+
+
+@final
+class Control(NamedTuple):
+    """What the controller remembers from step to step.
+
+    Attributes
+    ----------
+    memory
+        State of diffrax's controller.
+    size
+        Size of the next step.
+    attempts
+        Attempts that are left.
+    finite
+        Whether the last attempt gave finite numbers.
+    """
+
+    memory: Any
+    size: Any
+    attempts: Any
+    finite: Any
+
+
+@final
+class Controller(diffrax.AbstractAdaptiveStepSizeController):
+    """diffrax's PI controller, with three more reasons to reject or to stop.
+
+    A step that leaves the finite numbers is rejected; a step that is rejected although it cannot be made smaller
+    ends the run with ``RESULTS.dt_min_reached``; a run whose attempts are used up ends with
+    ``RESULTS.max_steps_reached``. The bounds are traced, so that other bounds compile nothing.
+
+    Parameters
+    ----------
+    rtol, atol
+        Tolerances.
+    max_step
+        Largest step size.
+    span
+        Length of the time span.
+    """
+
+    rtol: Any
+    atol: Any
+    max_step: Any
+    span: Any
+    norm: Callable[[Any], Any]
+    inner: Any
+
+    def __init__(self, rtol: Any, atol: Any, max_step: Any, span: Any) -> None:
+        self.rtol = rtol
+        self.atol = jnp.maximum(atol, _SMALLEST_SCALE)
+        self.max_step = max_step
+        self.span = span
+        self.inner = diffrax.PIDController(
+            rtol=self.rtol, atol=self.atol, pcoeff=_PROPORTIONAL, icoeff=_INTEGRAL, dtmax=max_step
+        )
+        self.norm = self.inner.norm
+
+    def wrap(self, direction: Any) -> Controller:
+        """See diffrax; nothing here depends on the direction of time."""
+        return self
+
+    def init(
+        self, terms: Any, t0: Any, t1: Any, y0: Any, dt0: Any, args: Any, func: Any, error_order: Any
+    ) -> tuple[Any, Control]:
+        """See diffrax; a `dt0` of 0 has the first step chosen. The number of attempts is for the caller to set."""
+        chosen, memory = self.inner.init(terms, t0, t1, y0, None, args, func, error_order)
+        size = jnp.where(dt0 > 0.0, dt0, chosen - t0)
+        size = jnp.where(jnp.isfinite(size), size, 1e-6 * self.span)
+        size = jnp.clip(size, smallest_step(t0, self.span), jnp.minimum(self.span, self.max_step))
+        return t0 + size, Control(memory, size, jnp.array(0), jnp.array(True))
+
+    def adapt_step_size(
+        self,
+        t0: Any,
+        t1: Any,
+        y0: Any,
+        y1_candidate: Any,
+        args: Any,
+        y_error: Any,
+        error_order: Any,
+        controller_state: Control,
+    ) -> tuple[Any, Any, Any, Any, Control, Any]:
+        """See diffrax."""
+        finite = jnp.all(jnp.isfinite(y1_candidate)) & jnp.all(jnp.isfinite(y_error))
+        candidate, error = jnp.where(finite, y1_candidate, y0), jnp.where(finite, y_error, jnp.inf)
+        kept, begin, end, jump, memory, result = self.inner.adapt_step_size(
+            t0, t1, y0, candidate, args, error, error_order, controller_state.memory
+        )
+        smallest = smallest_step(begin, self.span)
+        hopeless = ~kept & (end - begin < smallest)
+        size = jnp.maximum(end - begin, smallest)
+        attempts = controller_state.attempts - 1
+        results = diffrax.RESULTS
+        result = results.where(attempts <= 0, results.max_steps_reached, result)
+        result = results.where(hopeless, results.dt_min_reached, result)
+        return kept, begin, begin + size, jump, Control(memory, size, attempts, finite), result

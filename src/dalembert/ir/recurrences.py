@@ -1,0 +1,170 @@
+"""[Kernel] -> [Recurrences]: what the Taylor coefficients of every value of a right-hand side follow from.
+
+Arithmetic has recurrences of its own: a product is a convolution, a quotient and a root each solve
+one (Moore; Jorba and Zou, Experimental Mathematics 14, 2005). Every other function f is integrated:
+where f' = sum of factor * inner', coefficient k of f is sum of (1/k) sum_j j inner_j factor_(k-j). The
+factors are written with arithmetic and with f itself, and are expanded along with the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+from .program import Assignment, Kernel, Operand
+
+__all__ = ["Integrated", "Recurrences", "recurrences"]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Integrated:
+    """``value`` by its operation at order 0; above, the integral of the sum of sign * factor * inner'."""
+
+    value: Assignment
+    terms: tuple[tuple[float, Operand, str], ...]
+
+
+@final
+@dataclass(frozen=True)
+class Recurrences:
+    """The values of a kernel in the order in which each of their coefficients is computed.
+
+    Attributes
+    ----------
+    items : tuple of Assignment or Integrated
+    varying : frozenset of str
+        Values that change along the motion; all others have one coefficient.
+    states, rates : tuple
+        Names of the components of the state, and the value that is the rate of each.
+    """
+
+    kernel: Kernel
+    items: tuple[Assignment | Integrated, ...]
+    varying: frozenset[str]
+    states: tuple[str, ...]
+    rates: tuple[Operand, ...]
+
+
+def recurrences(kernel: Kernel) -> Recurrences:
+    """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``."""
+    loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
+    states = tuple(loaded.get(i, f"y_{i}_") for i in range(len(kernel.outputs)))
+    varying = set(states) | {load.target for load in kernel.loads if load.array == "t"}
+    items: list[Assignment | Integrated] = []
+    known = {(line.op, line.args): line.target for line in kernel.body}
+    done: set[str] = set()
+    for line in kernel.body:
+        if not any(arg in varying for arg in line.args):
+            items.append(line)
+            continue
+        new = _expanded(line, known, done)
+        items += new
+        varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
+    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs)
+
+
+Items = list[Assignment | Integrated]
+
+
+def _expanded(line: Assignment, known: dict[tuple[str, tuple[Operand, ...]], str], done: set[str]) -> Items:
+    if line.target in done:
+        return []
+    if line.op in _PARTNER:
+        other_op, own_sign, other_sign = _PARTNER[line.op]
+        other = known.get((other_op, line.args), f"{line.target}_partner")
+        done.add(other)
+        own = Integrated(line, ((own_sign, line.args[0], other),))
+        return [own, Integrated(Assignment(other, other_op, line.args), ((other_sign, line.args[0], line.target),))]
+    rule = _RULES.get(line.op)
+    return [line] if rule is None else rule(line)
+
+
+_PARTNER = {
+    "sin": ("cos", 1.0, -1.0),
+    "cos": ("sin", -1.0, 1.0),
+    "sinh": ("cosh", 1.0, 1.0),
+    "cosh": ("sinh", 1.0, 1.0),
+}
+"""Functions that are each other's slopes: the partner, the sign of the own slope, the sign of the partner's."""
+
+
+def _exp(line: Assignment) -> Items:
+    return [Integrated(line, ((1.0, line.args[0], line.target),))]
+
+
+def _tangent(line: Assignment) -> Items:
+    square, slope = f"{line.target}_square", f"{line.target}_slope"
+    return [
+        Integrated(line, ((1.0, line.args[0], slope),)),
+        Assignment(square, "mul", (line.target, line.target)),
+        Assignment(slope, "add" if line.op == "tan" else "sub", (1.0, square)),
+    ]
+
+
+def _inverse_tangent(line: Assignment) -> Items:
+    x, name = line.args[0], line.target
+    return [
+        Assignment(f"{name}_square", "mul", (x, x)),
+        Assignment(f"{name}_sum", "add", (1.0, f"{name}_square")),
+        Assignment(f"{name}_slope", "div", (1.0, f"{name}_sum")),
+        Integrated(line, ((1.0, x, f"{name}_slope"),)),
+    ]
+
+
+def _inverse_sine(line: Assignment) -> Items:
+    x, name = line.args[0], line.target
+    return [
+        Assignment(f"{name}_square", "mul", (x, x)),
+        Assignment(f"{name}_rest", "sub", (1.0, f"{name}_square")),
+        Assignment(f"{name}_root", "sqrt", (f"{name}_rest",)),
+        Assignment(f"{name}_slope", "div", (1.0, f"{name}_root")),
+        Integrated(line, ((1.0 if line.op == "asin" else -1.0, x, f"{name}_slope"),)),
+    ]
+
+
+def _two_argument_tangent(line: Assignment) -> Items:
+    (y, x), name = line.args, line.target
+    return [
+        Assignment(f"{name}_yy", "mul", (y, y)),
+        Assignment(f"{name}_xx", "mul", (x, x)),
+        Assignment(f"{name}_sum", "add", (f"{name}_xx", f"{name}_yy")),
+        Assignment(f"{name}_along_y", "div", (x, f"{name}_sum")),
+        Assignment(f"{name}_along_x", "div", (y, f"{name}_sum")),
+        Integrated(line, ((1.0, y, f"{name}_along_y"), (-1.0, x, f"{name}_along_x"))),
+    ]
+
+
+def _logarithm(line: Assignment) -> Items:
+    slope = f"{line.target}_slope"
+    return [Assignment(slope, "div", (1.0, line.args[0])), Integrated(line, ((1.0, line.args[0], slope),))]
+
+
+def _power(line: Assignment) -> Items:
+    """a**b has slope b a**b / a along a and a**b log(a) along b."""
+    (a, b), name = line.args, line.target
+    quotient, along_a = f"{name}_quotient", f"{name}_along_a"
+    after: Items = [Assignment(quotient, "div", (name, a)), Assignment(along_a, "mul", (b, quotient))]
+    if not isinstance(b, str):
+        return [Integrated(line, ((1.0, a, along_a),)), *after]
+    logarithm, along_b = f"{name}_log", f"{name}_along_b"
+    return [
+        *_logarithm(Assignment(logarithm, "log", (a,))),
+        Integrated(line, ((1.0, a, along_a), (1.0, b, along_b))),
+        *after,
+        Assignment(along_b, "mul", (name, logarithm)),
+    ]
+
+
+_RULES: dict[str, Callable[[Assignment], Items]] = {
+    "exp": _exp,
+    "tan": _tangent,
+    "tanh": _tangent,
+    "atan": _inverse_tangent,
+    "asin": _inverse_sine,
+    "acos": _inverse_sine,
+    "atan2": _two_argument_tangent,
+    "log": _logarithm,
+    "pow": _power,
+}

@@ -1,0 +1,199 @@
+"""Coordinates given back to a scene, and coordinates taken away from it.
+
+SymPy's points and frames are shared between scenes and are not touched: a scene holds what was
+changed as data, and whoever reads the scene applies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics.mechanics import Point, ReferenceFrame
+from sympy.physics.vector import Vector, dynamicsymbols
+
+from ..errors import SceneError, list_names
+from .identity import vanishes
+from .tree import Tree
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+__all__ = ["Release", "impose", "moved", "release", "substituted", "turned"]
+
+
+@final
+@dataclass(frozen=True)
+class Release:
+    """A coordinate given back: along `direction`, the place of `target` is `coordinate` and no longer `value`."""
+
+    coordinate: Any
+    target: Point | ReferenceFrame
+    direction: Vector
+    value: Any
+
+
+# -- applied by those who read a scene ----------------------------------------------------------
+
+
+def moved(scene: Scene, point: Point, position: Any) -> Any:
+    """Return the position of `point` from its parent with the coordinates that were given back."""
+    for item in scene.releases:
+        if item.target is point:
+            position = position + (item.coordinate - item.value) * item.direction
+    return position
+
+
+def turned(scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame, matrix: Any) -> Any:
+    """Return the matrix from components on `parent` to those on `frame` with the rotations given back."""
+    for item in scene.releases:
+        if item.target is frame:
+            matrix = matrix * _rotation(item.direction.to_matrix(parent), item.coordinate).T
+    return matrix
+
+
+def _rotation(axis: Any, angle: Any) -> Any:
+    """Return Rodrigues' matrix, which turns components about a unit vector."""
+    x, y, z = axis
+    cross = sp.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return sp.cos(angle) * sp.eye(3) + sp.sin(angle) * cross + (1 - sp.cos(angle)) * axis * axis.T
+
+
+def substituted(expression: Any, imposed: Sequence[tuple[Any, Any]]) -> Any:
+    """Return an expression with imposed coordinates, and their rates, in terms of the others."""
+    expression = sp.sympify(expression)
+    for coordinate, value in imposed:
+        if expression.has(coordinate):
+            expression = expression.subs(coordinate, value).doit()
+    return expression
+
+
+# -- release ------------------------------------------------------------------------------------
+
+
+def release(scene: Scene, coordinate: Any, target: Any, direction: Any) -> Scene:
+    """See `Scene.release`."""
+    faults = _release_faults(scene, coordinate, target, direction)
+    if faults:
+        raise SceneError(scene.name, faults)
+    value = _component(scene, target, direction) if isinstance(target, Point) else sp.S.Zero
+    twin = scene.copy()
+    twin.coordinates += (coordinate,)
+    twin.releases += (Release(coordinate, target, direction, value),)
+    twin.holonomic_constraints += (coordinate - value,)
+    return twin
+
+
+def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) -> list[str]:
+    faults = []
+    time = dynamicsymbols._t
+    if not (isinstance(coordinate, AppliedUndef) and coordinate.args == (time,)):
+        faults.append(f"the coordinate to release must be made with dynamicsymbols, not {coordinate!r}")
+    elif coordinate in scene.coordinates:
+        faults.append(
+            f"{coordinate.func.__name__!r} is a coordinate of the scene already, so that nothing hides its reaction;"
+            " release a coordinate that the scene does not have"
+        )
+    if not isinstance(target, Point | ReferenceFrame):
+        faults.append(f"release takes a Point to move or a ReferenceFrame to turn, not {target!r}")
+    else:
+        kind, root = ("point", scene.origin) if isinstance(target, Point) else ("frame", scene.frame)
+        tree = Tree(root, "_pos_dict" if kind == "point" else "_dcm_dict")
+        if target is root or tree.path(target) is None:
+            faults.append(
+                f"the {kind} {target.name!r} is not one that can move; release one that hangs on {root.name!r}"
+            )
+    if not isinstance(direction, Vector):
+        faults.append(f"the direction of a release must be a unit vector such as N.z, not {direction!r}")
+    elif not vanishes(direction.dot(direction) - 1):
+        faults.append(f"the direction of a release must be a unit vector; the length of {direction} is not 1")
+    return faults
+
+
+def _component(scene: Scene, point: Point, direction: Vector) -> Any:
+    """Return the component of the position of `point` along `direction`."""
+    tree = Tree(scene.origin, "_pos_dict")
+    total: Any = Vector(0)
+    for node in tree.path(point) or []:
+        total = total + moved(scene, node, node._pos_dict[tree.parent[node]])
+    return sp.trigsimp(sp.expand(total.dot(direction)))
+
+
+# -- impose -------------------------------------------------------------------------------------
+
+
+def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
+    """See `Scene.impose`."""
+    if coordinate not in scene.coordinates:
+        known = list_names(str(q.func.__name__) for q in scene.coordinates)
+        raise SceneError(scene.name, [f"{coordinate} is no coordinate of the scene, so it cannot be imposed ({known})"])
+    value = _solved(scene, coordinate) if expression is None else sp.sympify(expression)
+    faults = _value_faults(scene, coordinate, value)
+    if faults:
+        raise SceneError(scene.name, faults)
+    twin = scene.copy()
+    twin.coordinates = tuple(q for q in scene.coordinates if q != coordinate)
+    twin.imposed = (*((q, substituted(e, [(coordinate, value)])) for q, e in scene.imposed), (coordinate, value))
+    kept = []
+    for constraint in scene.holonomic_constraints:
+        rest = substituted(constraint, twin.imposed)
+        if vanishes(rest):
+            continue
+        if not rest.has(*twin.coordinates):
+            faults.append(
+                f"{_name(coordinate)} = {value} contradicts the constraint {constraint} = 0; correct one of them"
+            )
+        kept.append(constraint)
+    twin.holonomic_constraints = tuple(kept)
+    twin.nonholonomic_constraints = tuple(
+        c for c in scene.nonholonomic_constraints if not vanishes(substituted(c, twin.imposed))
+    )
+    if faults:
+        raise SceneError(scene.name, faults)
+    return twin
+
+
+def _solved(scene: Scene, coordinate: Any) -> Any:
+    """Return the coordinate from the first holonomic constraint that is affine in it."""
+    holding = []
+    for constraint in scene.holonomic_constraints:
+        rest = substituted(constraint, scene.imposed)
+        if not rest.has(coordinate):
+            continue
+        holding.append(constraint)
+        slope = sp.diff(rest, coordinate)
+        if not slope.has(coordinate) and not vanishes(slope):
+            return sp.trigsimp(sp.expand(-rest.subs(coordinate, 0) / slope))
+    name = _name(coordinate)
+    if holding:
+        why = (
+            f"no holonomic constraint gives {name} in closed form ({', '.join(f'{c} = 0' for c in holding)} is not affine"
+            f" in it): give the branch yourself, impose({name}, expression), or impose another of its coordinates"
+        )
+    else:
+        why = f"no holonomic constraint contains {name}; give its value, impose({name}, expression)"
+        if any(sp.sympify(c).has(coordinate) for c in scene.nonholonomic_constraints):
+            why += ". A nonholonomic constraint cannot be used to eliminate a coordinate (section 13.6 of the text)"
+    raise SceneError(scene.name, [why])
+
+
+def _value_faults(scene: Scene, coordinate: Any, value: Any) -> list[str]:
+    faults = []
+    others = [q for q in scene.coordinates if q != coordinate]
+    if value.has(coordinate):
+        faults.append(f"{_name(coordinate)} is imposed as {value}, which contains it; solve for it first")
+    if value.has(sp.Derivative):
+        faults.append(
+            f"{_name(coordinate)} is imposed as {value}, which contains rates; only coordinates and time may occur"
+        )
+    strange = sorted(str(f) for f in value.atoms(AppliedUndef) if f not in others and f != coordinate)
+    if strange:
+        faults.append(f"{_name(coordinate)} is imposed as {value}: {list_names(strange)} is no coordinate of the scene")
+    return faults
+
+
+def _name(coordinate: Any) -> str:
+    return str(coordinate.func.__name__)

@@ -1,0 +1,113 @@
+"""Action screws and power coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point
+from sympy.physics.vector import Vector
+
+from ..errors import SceneError
+from ..scene import Joint
+from .geometry import Geometry
+from .screw import Screw
+
+__all__ = ["Actions", "centre"]
+
+
+def centre(body: Any) -> Point:
+    """Return the mass centre of a body or particle."""
+    return body.point if isinstance(body, Particle) else body.masscenter
+
+
+class Actions:
+    """The actions on the bodies of a scene, and their power in the virtual motion of each coordinate.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    coordinates : sequence of dynamicsymbols
+    """
+
+    def __init__(self, geometry: Geometry, coordinates: Sequence[Any]) -> None:
+        self.geometry = geometry
+        self.scene = geometry.scene
+        self.coordinates = tuple(coordinates)
+        self.bodies = {str(body.name): body for body in self.scene.bodies}
+
+    def kinematic_screw(self, body: Any, point: Point | None = None) -> Screw:
+        """Return the kinematic screw of a body at its mass centre, or of its velocity field at `point`."""
+        omega = Vector(0) if isinstance(body, Particle) else self.geometry.angular_velocity(body.frame)
+        screw = Screw(omega, self.geometry.velocity(centre(body)), centre(body), self.geometry)
+        return screw if point is None else screw.at(point)
+
+    def partial_kinematic_screw(self, body: Any, coordinate: Any, point: Point | None = None) -> Screw:
+        """Return the part of the kinematic screw that multiplies the rate of `coordinate` (13.4.2)."""
+        screw = self.kinematic_screw(body)
+        rate = coordinate.diff(self.geometry.time)
+        partial = Screw(
+            self.geometry.map(screw.resultant, lambda e: e.diff(rate)),
+            self.geometry.map(screw.moment, lambda e: e.diff(rate)),
+            screw.point,
+            self.geometry,
+        )
+        return partial if point is None else partial.at(point)
+
+    def action_screw(self, joint: Joint) -> Screw:
+        """Return the action screw of a joint at its reduction point."""
+        return Screw(self.geometry.vector(joint.force), self.geometry.vector(joint.torque), joint.at, self.geometry)
+
+    def joint_power(self, joint: Joint, coordinate: Any) -> sp.Expr:
+        """Return the power coefficient of a joint: its action screw times the partial kinematic screw."""
+        return self.action_screw(joint).product(self.partial_kinematic_screw(self.bodies[joint.body], coordinate))
+
+    def load_power(self, load: Any, coordinate: Any) -> sp.Expr:
+        """Return the power coefficient of a SymPy load, a force at a point or a torque on a frame."""
+        place, vector = load
+        rate = coordinate.diff(self.geometry.time)
+        moving = self.geometry.velocity(place) if isinstance(place, Point) else self.geometry.angular_velocity(place)
+        return self.geometry.dot(self.geometry.vector(vector), self.geometry.map(moving, lambda e: e.diff(rate)))
+
+    def gravity_power(self, coordinate: Any) -> sp.Expr:
+        """Return the power coefficient of gravity on all bodies."""
+        if self.scene.gravity is None:
+            return sp.S.Zero
+        rate, total = coordinate.diff(self.geometry.time), sp.S.Zero
+        g = self.geometry.vector(self.scene.gravity)
+        for body in self.scene.bodies:
+            partial = self.geometry.map(self.geometry.velocity(centre(body)), lambda e: e.diff(rate))
+            total += self.geometry.put(body.mass) * self.geometry.dot(g, partial)
+        return total
+
+    def gravity_potential(self) -> sp.Expr:
+        """Return the potential energy of gravity."""
+        if self.scene.gravity is None:
+            return sp.S.Zero
+        g, total = self.geometry.vector(self.scene.gravity), sp.S.Zero
+        for body in self.scene.bodies:
+            total -= self.geometry.put(body.mass) * self.geometry.dot(g, self.geometry.position(centre(body)))
+        return total
+
+    def given_power(self, coordinate: Any) -> sp.Expr:
+        """Return the power coefficient of gravity and all loads."""
+        return self.gravity_power(coordinate) + sum(
+            (self.load_power(load, coordinate) for load in self.scene.loads), sp.S.Zero
+        )
+
+    def joint(self, name: Any) -> Joint:
+        """Return a joint by its name."""
+        for joint in self.scene.joints:
+            if joint is name or joint.name == name:
+                return joint
+        known = ", ".join(joint.name for joint in self.scene.joints) or "none"
+        raise SceneError(self.scene.name, [f"there is no joint {str(name)!r}; known: {known}"])
+
+    def body(self, name: Any) -> Any:
+        """Return a body by its name."""
+        for body in self.scene.bodies:
+            if body is name or body.name == name:
+                return body
+        known = ", ".join(self.bodies) or "none"
+        raise SceneError(self.scene.name, [f"there is no body {str(name)!r}; known: {known}"])

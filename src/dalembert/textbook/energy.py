@@ -1,0 +1,106 @@
+"""Kinetic energy, and the operator of Lagrange."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import sympy as sp
+from sympy.physics.mechanics import Particle
+from sympy.physics.vector import dynamicsymbols
+
+from ..errors import SceneError
+from ..scene.identity import vanishes
+from .geometry import Geometry
+from .printing import text
+
+if TYPE_CHECKING:
+    from .states import States
+
+__all__ = ["check_kinetic_energy", "kinetic_energy", "lagrange_operator", "readable"]
+
+READABLE = 400
+"""Operations up to which an expression is expanded and simplified for reading."""
+
+
+def readable(expression: Any, limit: int = READABLE) -> Any:
+    """Return an expression expanded and simplified by trigonometric identities, where it is small enough."""
+    expression = sp.sympify(expression)
+    if expression.count_ops() > limit:
+        return expression
+    expanded = sp.expand(expression)
+    if not expanded.has(sp.sin, sp.cos, sp.tan, sp.cot):
+        return expanded
+    return min((expanded, sp.trigsimp(expanded)), key=lambda e: (e.count_ops(), str(e)))
+
+
+def kinetic_energy(geometry: Geometry, body: Any) -> sp.Expr:
+    """Return m v_G^2 / 2 + omega . I_G . omega / 2 of a body, all rates taken as independent (13.1.2)."""
+    put = geometry.put
+    if isinstance(body, Particle):
+        v = geometry.velocity(body.point)
+        return put(body.mass) * geometry.dot(v, v) / 2
+    v = geometry.velocity(body.masscenter)
+    omega = geometry.components(geometry.angular_velocity(body.frame), body.frame)
+    inertia = body.central_inertia.to_matrix(body.frame).applyfunc(put)
+    return put(body.mass) * geometry.dot(v, v) / 2 + (omega.T * inertia * omega)[0] / 2
+
+
+def lagrange_operator(kinetic: Any, coordinate: Any) -> sp.Expr:
+    """Return (d/dt d/dq_dot - d/dq) T, the left-hand side of a Lagrange equation (13.4.4).
+
+    Parameters
+    ----------
+    kinetic : Expr
+        Kinetic energy, formed with all constraints ignored (assumption 13.1.2). With any other expression the
+        result is a wrong equation (remark 13.4.8).
+    coordinate : dynamicsymbol
+        The coordinate q.
+    """
+    time = dynamicsymbols._t
+    kinetic = sp.sympify(kinetic)
+    return kinetic.diff(coordinate.diff(time)).diff(time) - kinetic.diff(coordinate)
+
+
+def check_kinetic_energy(
+    scene: str, given: Any, derived: Any, constraints: Sequence[Any], coordinates: Sequence[Any], states: States
+) -> None:
+    """Refuse a kinetic energy that is not T with all coordinates and rates independent (remark 13.4.8).
+
+    Raises
+    ------
+    SceneError
+        With the reason: it was simplified with a constraint, or it is the energy of something else.
+    """
+    strange = sorted(str(f) for f in sp.sympify(given).atoms(sp.core.function.AppliedUndef) if f not in coordinates)
+    difference = given - derived
+    if strange:
+        raise SceneError(
+            scene, [f"the kinetic energy contains {', '.join(strange)}, which is no coordinate of the scene"]
+        )
+    if vanishes(difference):
+        return
+    shown = text(readable(difference))
+    used = [text(c.equation) for c in constraints if _multiple(difference, c.expression)]
+    if states.vanishes_on_constraints(difference):
+        named = " and ".join(used or [text(c.equation) for c in constraints])
+        raise SceneError(
+            scene,
+            [
+                "the kinetic energy given is right only where the constraints hold: it was simplified with"
+                f" {named} before differentiation. Its value is correct, but its derivatives are not, because coordinates and"
+                " rates must be independent variables in it (assumption 13.1.2, remark 13.4.8), and the Lagrange"
+                f" equations that would follow are wrong. It lacks {text(readable(-difference))}. Leave the constraint"
+                " out of the kinetic energy, or let dalembert derive it"
+            ],
+        )
+    raise SceneError(
+        scene,
+        [f"the kinetic energy given is not that of the scene: it exceeds it by {shown}. Correct it, or leave it out"],
+    )
+
+
+def _multiple(difference: Any, constraint: Any) -> bool:
+    """Return whether `constraint` divides `difference`, for the message."""
+    quotient = sp.cancel(sp.together(difference / constraint)) if difference.count_ops() < READABLE else sp.nan
+    return bool(sp.denom(quotient).is_number or not sp.denom(quotient).has(sp.Derivative))

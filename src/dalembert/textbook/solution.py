@@ -1,0 +1,158 @@
+"""Unknowns eliminated: accelerations, reactions and multipliers in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, final
+
+import numpy as np
+import sympy as sp
+
+from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
+from .energy import readable
+from .linear import null_space, row_echelon, solve
+from .numeric import PlainSystem, States, rank, undetermined
+
+__all__ = ["Reactions", "Solution"]
+
+
+@final
+class Solution:
+    """The motion that Lagrange equations, constraints and ideal joints determine.
+
+    Reactions have no power in the virtual motions S that the constraints leave free. The projection of the
+    Lagrange equations on S is free of them (section 13.6: Maggi's equations); with the constraints
+    differentiated it gives the accelerations, and the Lagrange equations then give the reactions.
+    """
+
+    def __init__(self, system: PlainSystem, states: States, unknowns: Sequence[Any]) -> None:
+        self.system, self.states, self.unknowns = system, states, tuple(unknowns)
+        scene = system.scene
+        self.mass = system.mass.applyfunc(scene).applyfunc(readable)
+        self.forcing = (system.given - system.bias).applyfunc(scene).applyfunc(readable)
+        self.power = system.power.applyfunc(scene)
+        self.jacobian = system.jacobian.applyfunc(scene)
+        self.gamma = system.gamma.applyfunc(scene).applyfunc(readable)
+        self.rows = self._independent_rows()
+
+    def _independent_rows(self) -> list[int]:
+        """Return constraints that are independent at a random state."""
+        if not self.jacobian.shape[0] or not self.states.states:
+            return list(range(self.jacobian.shape[0]))
+        s = self.states.states[0]
+        jacobian = self.system.evaluate(s.t, s.q, s.v, s.p)[3]
+        rows: list[int] = []
+        for i in range(len(jacobian)):
+            if rank(jacobian[[*rows, i]]) > len(rows):
+                rows.append(i)
+        return rows
+
+    def free(self) -> list[Any]:
+        """Return the virtual motions that the constraints leave free, as columns of q_dot."""
+        size = len(self.system.q)
+        if not self.rows:
+            return [sp.eye(size)[:, i] for i in range(size)]
+        return null_space(self.jacobian.extract(self.rows, list(range(size))))
+
+    def accelerations(self) -> list[Any]:
+        """Return q_ddot in terms of q, q_dot and t."""
+        size = len(self.system.q)
+        rows = [self.jacobian.row(i) for i in self.rows]
+        right = [self.gamma[i] for i in self.rows]
+        for direction in self.free():
+            rows.append((direction.T * self.mass).applyfunc(readable))
+            right.append(readable((direction.T * self.forcing)[0]))
+        try:
+            found = solve(sp.Matrix(rows) if rows else sp.zeros(size, size), right)
+        except ZeroDivisionError:
+            raise ConstraintError(
+                "the equations do not determine the accelerations: a coordinate moves no inertia in a direction that"
+                " the constraints leave free. Give the bodies it moves mass or inertia, or drop the coordinate"
+            ) from None
+        return [readable(e) for e in found]
+
+    def residual(self, accelerations: Sequence[Any]) -> list[Any]:
+        """Return M q_ddot - forcing, which the reactions must balance."""
+        return list(self.mass * sp.Matrix(list(accelerations)) - self.forcing)
+
+    def multipliers(self, accelerations: Sequence[Any]) -> list[Any]:
+        """Return the multiplier of every constraint in terms of q, q_dot and t."""
+        if len(self.rows) < self.jacobian.shape[0]:
+            raise ConstraintError("the multipliers of constraints that depend on each other are not determined")
+        return self._solve(self.jacobian.T, accelerations)
+
+    def undetermined(self) -> list[int]:
+        """Return the unknowns that no equation fixes, each tested at random states."""
+        lost = np.ones(len(self.unknowns), dtype=bool)
+        for s in self.states.states[:4]:
+            lost &= undetermined(self.system.evaluate(s.t, s.q, s.v, s.p)[2])
+        return [i for i, free in enumerate(lost) if free]
+
+    def powerless(self) -> list[int]:
+        """Return the unknowns that have no power on any coordinate: they appear in no equation."""
+        columns = range(len(self.unknowns))
+        return [i for i in columns if all(readable(e) == 0 for e in self.power[:, i])]
+
+    def carries(self) -> bool:
+        """Return whether the joints can exert the reactions of the constraints."""
+        for s in self.states.states[:4]:
+            mass, forcing, power, _, _ = self.system.evaluate(s.t, s.q, s.v, s.p)
+            demand = mass @ s.a - forcing
+            x = np.linalg.lstsq(power, demand, rcond=None)[0] if power.size else np.zeros(power.shape[1])
+            if np.abs(power @ x - demand).max(initial=0) > 1e-8 * max(1.0, np.abs(forcing).max(initial=0)):
+                return False
+        return True
+
+    def reactions(self, accelerations: Sequence[Any]) -> dict[Any, Any]:
+        """Return the determined unknowns in terms of q, q_dot and t."""
+        lost = self.undetermined()
+        columns = [i for i in range(len(self.unknowns)) if i not in self.powerless()]
+        if not columns:
+            return {}
+        s = self.states.states[0]
+        power = self.system.evaluate(s.t, s.q, s.v, s.p)[2]
+        independent: list[int] = []
+        for i in columns:
+            if rank(power[:, [*independent, i]]) > len(independent):
+                independent.append(i)
+        matrix = self.power.extract(list(range(self.power.shape[0])), independent)
+        found = self._solve(matrix, accelerations)
+        return {self.unknowns[i]: e for i, e in zip(independent, found, strict=True) if i not in lost}
+
+    def _solve(self, matrix: Any, accelerations: Sequence[Any]) -> list[Any]:
+        """Solve matrix x = residual for independent columns, from rows with simple pivots."""
+        _, rows = row_echelon(matrix.T)
+        chosen = sorted(rows)
+        residual = self.residual(accelerations)
+        square = matrix.extract(chosen, list(range(matrix.shape[1])))
+        return [readable(e) for e in solve(square, [residual[i] for i in chosen])]
+
+
+@final
+class Reactions(Mapping[Any, Any]):
+    """Unknown -> expression in coordinates, rates and time; keys are the unknowns or their names."""
+
+    def __init__(self, found: Mapping[Any, Any], missing: Mapping[str, str], remedy: str) -> None:
+        self._found = dict(found)
+        self._names = {str(symbol): symbol for symbol in found}
+        self._missing, self._remedy = dict(missing), remedy
+
+    def __getitem__(self, key: Any) -> Any:
+        name = str(key)
+        if name in self._names:
+            return self._found[self._names[name]]
+        if name in self._missing:
+            raise ConstraintError(f"the unknown {name!r} {self._missing[name]}. {self._remedy}")
+        raise UnknownNameError(unknown_name("unknown", name, [*self._names, *self._missing]))
+
+    def __contains__(self, key: object) -> bool:
+        return str(key) in self._names
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __repr__(self) -> str:
+        return f"<Reactions {list_names(self._names)}; undetermined: {list_names(self._missing)}>"
