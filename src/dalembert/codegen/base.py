@@ -50,6 +50,9 @@ class Engine(ABC):
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
 
+    def prepare(self, problem: IntegrationProblem, method: str) -> None:  # noqa: B027
+        """Compile what `integrate` will need for such a problem, where that is still to be done."""
+
     @abstractmethod
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""

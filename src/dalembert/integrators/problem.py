@@ -20,6 +20,8 @@ Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 class Kernels:
     """The generated functions an integrator calls, all with the signature ``(t, y, constants, out)``.
 
+    Integrators compiled by numba also take the addresses of compiled ones.
+
     Attributes
     ----------
     rhs
@@ -28,14 +30,14 @@ class Kernels:
         Write one mass-orthogonal Newton correction (n_y,) into ``out``; absent where nothing is projected.
     """
 
-    rhs: Kernel
-    project_position: Kernel | None = None
-    project_velocity: Kernel | None = None
+    rhs: Kernel | int
+    project_position: Kernel | int | None = None
+    project_velocity: Kernel | int | None = None
 
     @property
     def projected(self) -> bool:
         """Whether accepted steps are projected back onto constraints."""
-        return self.project_position is not None or self.project_velocity is not None
+        return bool(self.project_position or self.project_velocity)
 
 
 @final

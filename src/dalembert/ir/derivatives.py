@@ -3,33 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from .graph import Graph, Node
 
 __all__ = ["RULES", "jacobian", "tangents"]
 
-Rule = Callable[[Graph, Node, tuple[Node, ...]], Node]
+
+class Form(NamedTuple):
+    """A node and its form when it was met; making its derivative may give the node a cheaper form."""
+
+    node: Node
+    op: str
+    args: tuple[Node, ...]
 
 
-def _piecewise_zero(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+Rule = Callable[[Graph, Form, tuple[Node, ...]], Node]
+
+
+def _piecewise_zero(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     return graph.zero
 
 
-def _extremum(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+def _extremum(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     a, b = node.args
     low, high = tangent if node.op == "min" else tangent[::-1]
     return graph.call("select", graph.call("less_equal", a, b), low, high)
 
 
-def _power(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+def _power(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     base, exponent = node.args
     result = exponent * graph.call("pow", base, exponent - 1) * tangent[0]
     if not tangent[1].is_zero:
-        result = result + node * graph.call("log", base) * tangent[1]
+        result = result + node.node * graph.call("log", base) * tangent[1]
     return result
 
 
-def _atan2(graph: Graph, node: Node, tangent: tuple[Node, ...]) -> Node:
+def _atan2(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     y, x = node.args
     return (x * tangent[0] - y * tangent[1]) / (x * x + y * y)
 
@@ -38,22 +48,22 @@ RULES: dict[str, Rule] = {
     "add": lambda g, n, d: d[0] + d[1],
     "sub": lambda g, n, d: d[0] - d[1],
     "mul": lambda g, n, d: d[0] * n.args[1] + n.args[0] * d[1],
-    "div": lambda g, n, d: (d[0] - n * d[1]) / n.args[1],
+    "div": lambda g, n, d: (d[0] - n.node * d[1]) / n.args[1],
     "neg": lambda g, n, d: -d[0],
-    "sqrt": lambda g, n, d: d[0] / (2 * n),
+    "sqrt": lambda g, n, d: d[0] / (2 * n.node),
     "pow": _power,
     "sin": lambda g, n, d: g.cos(n.args[0]) * d[0],
     "cos": lambda g, n, d: -(g.sin(n.args[0]) * d[0]),
-    "tan": lambda g, n, d: (1 + n * n) * d[0],
+    "tan": lambda g, n, d: (1 + n.node * n.node) * d[0],
     "asin": lambda g, n, d: d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
     "acos": lambda g, n, d: -d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
     "atan": lambda g, n, d: d[0] / (1 + n.args[0] * n.args[0]),
     "atan2": _atan2,
-    "exp": lambda g, n, d: n * d[0],
+    "exp": lambda g, n, d: n.node * d[0],
     "log": lambda g, n, d: d[0] / n.args[0],
     "sinh": lambda g, n, d: g.call("cosh", n.args[0]) * d[0],
     "cosh": lambda g, n, d: g.call("sinh", n.args[0]) * d[0],
-    "tanh": lambda g, n, d: (1 - n * n) * d[0],
+    "tanh": lambda g, n, d: (1 - n.node * n.node) * d[0],
     "abs": lambda g, n, d: g.call("sign", n.args[0]) * d[0],
     "sign": _piecewise_zero,
     "floor": _piecewise_zero,
@@ -90,15 +100,15 @@ def tangents(graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node]) 
     for source in seeds:
         varying |= source.deps
     tangent: dict[int, Node] = {source.index: rate for source, rate in seeds.items()}
-    # new nodes are made while walking, so the order is taken down first
-    for node in list(graph.topological(outputs)):
-        if node.index in tangent:
-            continue
-        rates = tuple(tangent[arg.index] for arg in node.args)
+
+    def differentiate(node: Node) -> Node:
+        form = Form(node, node.op, node.args)
+        rates = tuple(tangent[arg.index] for arg in form.args)
         if not node.deps & varying or all(rate.is_zero for rate in rates):
-            tangent[node.index] = graph.zero
-        else:
-            tangent[node.index] = RULES[node.op](graph, node, rates)
+            return graph.zero
+        return RULES[form.op](graph, form, rates)
+
+    graph.visit(outputs, tangent, differentiate)
     return [tangent[output.index] for output in outputs]
 
 

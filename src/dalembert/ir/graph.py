@@ -10,7 +10,7 @@ costs less than the node, so the graph stays acyclic.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import final
 
@@ -371,6 +371,25 @@ class Graph:
                     stack.append((node, True))
                     stack.extend((arg, False) for arg in reversed(node.args) if arg.index not in seen)
 
+    @staticmethod
+    def visit(outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node]) -> None:
+        """Set ``done[node.index] = action(node)`` for `outputs` and all they depend on, operands first.
+
+        Nodes in `done` are taken as they are. The action may make nodes, and so give known nodes cheaper forms.
+        """
+        stack = list(outputs)
+        while stack:
+            node = stack[-1]
+            if node.index in done:
+                stack.pop()
+                continue
+            pending = [arg for arg in node.args if arg.index not in done]
+            if pending:
+                stack.extend(reversed(pending))
+            else:
+                done[node.index] = action(node)
+                stack.pop()
+
     def substitute(self, outputs: Sequence[Node], values: Mapping[Node, Node]) -> list[Node]:
         """Return `outputs` with inputs replaced; everything that depends on them is rebuilt and so re-identified."""
         changed, allowed = 0, 0
@@ -379,16 +398,16 @@ class Graph:
             allowed |= target.deps
         forbidden = changed & ~allowed if allowed else 0
         new: dict[int, Node] = {source.index: target for source, target in values.items()}
-        for node in self.topological(outputs):
-            if node.index in new:
-                continue
-            if node.deps & changed:
-                made = self.call(node.op, *(new[arg.index] for arg in node.args))
-                if made.deps & forbidden:  # its value does not depend on the input, but its cheapest form named it
-                    self.freed_of(made, list(values))
-                new[node.index] = made
-            else:
-                new[node.index] = node
+
+        def rebuild(node: Node) -> Node:
+            if not node.deps & changed:
+                return node
+            made = self.call(node.op, *(new[arg.index] for arg in node.args))
+            if made.deps & forbidden:  # its value does not depend on the input, but its cheapest form named it
+                self.freed_of(made, list(values))
+            return made
+
+        self.visit(outputs, new, rebuild)
         return [new[output.index] for output in outputs]
 
     def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:

@@ -1,9 +1,15 @@
-"""The numba backend: generated Python compiled to machine code, integrated by our own loops."""
+"""The numba backend: kernels as machine code, integrated by loops that numba compiles.
+
+The generated module is Python that numba compiles when one of its kernels is called by name. What
+integrators call many times is printed from the same program as LLVM assembly instead
+(`dalembert.codegen.numba.llvm`), which compiles some thirty times faster and works on lanes.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, final
 
@@ -17,29 +23,28 @@ from ...integrators.digest import integrator_digest
 from ...integrators.problem import IntegrationProblem, Kernels, Solution
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
+from ...ir.taylor import order_for
 from ...runtime.cache import load_from_disk, load_in_memory
 from ..base import Backend, Engine, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
+from .steps import StepLibrary
 
 __all__ = ["NumbaBackend"]
 
 _VECTOR = types.float64[::1]
 SIGNATURE = types.void(types.float64, _VECTOR, _VECTOR, _VECTOR)
 OPTIONS = 'cache={}, nogil=True, error_model="numpy", fastmath={{"contract"}}'
-_NEEDED = ("rhs", "project_position", "project_velocity")
 
 
 @final
 class NumbaEngine(Engine):
-    """Kernels of a module compiled by numba; those that integrators call are compiled when loaded, others when used."""
+    """Kernels of one module, and the integrators that run them."""
 
-    def __init__(self, program: Program, module: ModuleType) -> None:
+    def __init__(self, program: Program, module: ModuleType, folder: Path | None) -> None:
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._module = module
-        for name in _NEEDED:
-            if name in program:
-                self._compiled(name)
+        self.steps = StepLibrary(program, folder)
 
     def _compiled(self, name: str) -> Any:
         kernel = getattr(self._module, name)
@@ -55,13 +60,34 @@ class NumbaEngine(Engine):
             function(t[i], y[i], c, out[i])
         return out
 
+    def prepare(self, problem: IntegrationProblem, method: str) -> None:
+        """See `Engine.prepare`."""
+        if method == "taylor":
+            self._taylor(problem)
+        else:
+            self._kernels()
+
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        from ...integrators.numba.explicit import integrate
+        if method == "taylor":
+            from ...integrators.numba import series
+
+            return series.integrate(self._taylor(problem), problem)
+        from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        projections = [self._compiled(name) if name in self._sizes else None for name in _NEEDED[1:]]
-        return integrate(Kernels(self._compiled("rhs"), *projections), tableau, problem)
+        return explicit.integrate(self._kernels(), tableau, problem)
+
+    def _kernels(self) -> Kernels:
+        names = ("rhs", "project_position", "project_velocity")
+        return Kernels(*(self.steps.numba_kernel(name) for name in names))
+
+    def _taylor(self, problem: IntegrationProblem) -> Any:
+        from ...integrators.numba.series import StepCode, smallest_tolerance
+
+        order = order_for(smallest_tolerance(problem))
+        projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
+        return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
 
 
 @final
@@ -70,6 +96,7 @@ class NumbaBackend(Backend):
 
     name = "numba"
     methods: ClassVar[Mapping[str, str]] = {
+        "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
     }
@@ -84,7 +111,10 @@ class NumbaBackend(Backend):
         """See `Backend.load`."""
         program = rendered.program
         if not cache:
-            return NumbaEngine(program, load_in_memory(rendered.digest, rendered.source))
-        return load_from_disk(
-            program.name, rendered.digest, rendered.source, lambda module: NumbaEngine(program, module)
-        )
+            return NumbaEngine(program, load_in_memory(rendered.digest, rendered.source), None)
+
+        def engine(module: ModuleType) -> NumbaEngine:
+            assert module.__file__ is not None
+            return NumbaEngine(program, module, Path(module.__file__).parent)
+
+        return load_from_disk(program.name, rendered.digest, rendered.source, engine)

@@ -121,12 +121,15 @@ class _Printer:
 
 
 def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int) -> str:
-    """Return a module of LLVM assembly with each kernel under the name given."""
+    """Return a module of LLVM assembly with each kernel under the name given.
+
+    For one lane, ``NAME_numba`` beside it is the same function under numba's calling convention for
+    ``void(float64, float64[::1], float64[::1], float64[::1])``.
+    """
     fma = _fma_name(lanes)
     v, suffix = functions.vector(lanes), "f64" if lanes == 1 else f"v{lanes}f64"
-    parts = [
-        f"declare double @{name}({', '.join(['double'] * (2 if name in ('atan2', 'pow') else 1))})" for name in _LIBRARY
-    ]
+    doubles = {name: ", ".join(["double"] * (2 if name in ("atan2", "pow") else 1)) for name in _LIBRARY}
+    parts = [f"declare double @{name}({arguments})" for name, arguments in doubles.items()]
     parts += [f"declare {v} @llvm.{name}.{suffix}({v})" for name in ("fabs", "sqrt", "floor")]
     parts.append(f"declare {v} @{fma}({v}, {v}, {v})")
     parts += [functions.sincos(lanes, fma), functions.rough_log2(lanes, fma), functions.rough_exp2(lanes, fma)]
@@ -141,7 +144,30 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int) -> str:
         arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*kernel.arguments, "out"))
         body = "\n".join(f"  {line}" for line in printer.lines)
         parts.append(f"define void @{name}({arguments}) nounwind {{\n{body}\n  ret void\n}}")
+        if lanes == 1 and kernel.arguments == ("t", "y", "c"):
+            parts.append(_under_numba(name))
     return "\n\n".join(parts)
+
+
+def _under_numba(name: str) -> str:
+    """Return a function that numba code can call: status and exception first, seven words an array."""
+
+    def array(argument: str) -> str:
+        return f"ptr %{argument}.m, ptr %{argument}.p, i64 %{argument}.n, i64 %{argument}.i, ptr %{argument}, " + (
+            f"i64 %{argument}.d, i64 %{argument}.s"
+        )
+
+    arguments = ", ".join(["ptr %result", "ptr %exception", "double %t", array("y"), array("c"), array("out")])
+    lines = [
+        f"define i32 @{name}_numba({arguments}) nounwind {{",
+        "  %clock = alloca double",
+        "  store double %t, ptr %clock",
+        f"  call void @{name}(ptr %clock, ptr %y, ptr %c, ptr %out)",
+        "  store ptr null, ptr %result",
+        "  ret i32 0",
+        "}",
+    ]
+    return "\n".join(lines)
 
 
 @cache

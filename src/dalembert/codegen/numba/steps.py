@@ -1,0 +1,111 @@
+"""Steps of integrators as machine code, made when first needed and kept beside the generated module."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+from ...errors import CacheWarning
+from ...ir.program import Kernel, Program
+from ...ir.recurrences import Recurrences, recurrences
+from ...ir.taylor import STEP_ARGUMENTS, step_kernel
+from .llvm import Compiled, assembly, compile_object, load_object, target_name
+
+__all__ = ["StepLibrary"]
+
+Make = Callable[[], Kernel]
+
+
+@final
+class StepLibrary:
+    """Compiled steps of one program.
+
+    Parameters
+    ----------
+    program : Program
+        Whose right-hand side is integrated.
+    folder : Path or None
+        Where object code is kept; None keeps nothing.
+    """
+
+    def __init__(self, program: Program, folder: Path | None) -> None:
+        self._program, self._folder = program, folder
+        self._recurrences: Recurrences | None = None
+        self._loaded: dict[tuple[str, int], Compiled] = {}
+
+    def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
+        """Return the address of a Taylor step; with `dense`, one that also writes its series."""
+        name = f"taylor{order}{'_series' if dense else ''}"
+        return self._address(name, lanes, lambda: step_kernel(self._known_recurrences(), order, dense=dense))
+
+    def kernel(self, name: str, lanes: int = 1) -> int:
+        """Return the address of a kernel of the program as it stands, 0 where it has none."""
+        if name not in self._program:
+            return 0
+        kernel = self._program.kernel(name)
+        return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
+
+    def numba_kernel(self, name: str) -> int:
+        """Return the address of a kernel under numba's calling convention, 0 where the program has none."""
+        if name not in self._program:
+            return 0
+        return self._address(f"{name}_plain", 1, lambda: self._program.kernel(name), suffix="_numba")
+
+    def _known_recurrences(self) -> Recurrences:
+        if self._recurrences is None:
+            self._recurrences = recurrences(self._program.kernel("rhs"))
+        return self._recurrences
+
+    def _address(self, name: str, lanes: int, make: Make, suffix: str = "") -> int:
+        key = (name, lanes)
+        if key not in self._loaded:
+            self._loaded[key] = load_object(self._object(name, lanes, make))
+        return self._loaded[key].address(name + suffix)
+
+    def _object(self, name: str, lanes: int, make: Make) -> bytes:
+        """Return object code from the folder, where it is there and whole, else compile it."""
+        if self._folder is None:
+            return compile_object(_text(name, make(), lanes))
+        key = hashlib.sha256(target_name().encode()).hexdigest()[:16]
+        path = self._folder / f"{name}_{lanes}_{key}.o"
+        held = _read(path)
+        if held is not None:
+            return held
+        code = compile_object(_text(name, make(), lanes))
+        _write(path, code)
+        return code
+
+
+def _text(name: str, kernel: Kernel, lanes: int) -> str:
+    return assembly([(name, kernel)], lanes)
+
+
+def _read(path: Path) -> bytes | None:
+    """Return what `_write` wrote, or None where the file is missing or damaged."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    digest, code = data[:32], data[32:]
+    if hashlib.sha256(code).digest() == digest:
+        return code
+    warnings.warn(f"the cached code {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
+    return None
+
+
+def _write(path: Path, code: bytes) -> None:
+    """Write code with its digest, by an atomic rename; a folder that cannot be written keeps nothing."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(code).digest() + code)
+        os.replace(temporary, path)
+    except OSError:
+        return

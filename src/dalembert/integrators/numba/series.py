@@ -1,0 +1,140 @@
+"""The Taylor method for one trajectory: marches in blocks of steps, and keeps or samples their series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
+from ..status import Status
+from .march import RUNNING, marching_loop
+
+__all__ = ["StepCode", "integrate", "smallest_tolerance"]
+
+_FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
+
+
+@final
+@dataclass(frozen=True)
+class StepCode:
+    """Addresses of compiled code: a Taylor step of some order that also writes its series, and the projections."""
+
+    order: int
+    step: int
+    position: int = 0
+    velocity: int = 0
+
+
+def smallest_tolerance(problem: IntegrationProblem) -> float:
+    """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
+    return min(max(problem.rtol or problem.atol, 1e-18), 0.5)
+
+
+def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
+    """Integrate a problem with a Taylor step.
+
+    Returns
+    -------
+    Solution
+        Numerical failure is its status, never an exception. Each step is one evaluation of the series.
+    """
+    n = len(problem.y0)
+    loop = marching_loop()
+    tolerance = smallest_tolerance(problem)
+    direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+    span = np.array([problem.t0, problem.t1, problem.max_step])
+    settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
+    y = np.array(problem.y0, dtype=float).reshape(1, n)
+    c = np.array(problem.constants, dtype=float).reshape(1, -1)
+    record = _Record(problem, code.order, bool(code.position or code.velocity))
+    status, size = RUNNING, _FIRST_BLOCK
+    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
+        status = int(Status.NON_FINITE)
+    while status == RUNNING:
+        limit = min(size, problem.max_steps - record.steps)
+        if limit == 0:
+            status = int(Status.MAX_STEPS)
+            break
+        rows, times = np.empty((limit, n + 1 + n * (code.order + 1))), np.empty(limit)
+        start = float(span[0])
+        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit)
+        record.add(start, times[:count], y[0], rows[:count])
+        if count:
+            y = rows[count - 1, :n].copy().reshape(1, n)
+        size = min(2 * size, _LARGEST_BLOCK)
+    return record.solution(Status(status))
+
+
+@final
+class _Record:
+    """What a run keeps: its steps or the states at the times asked for, and the series if they are wanted."""
+
+    def __init__(self, problem: IntegrationProblem, order: int, projected: bool) -> None:
+        self.problem, self.order, self.projected = problem, order, projected
+        self.steps = 0
+        self.knots = [np.array([problem.t0])]
+        self.series: list[FloatArray] = []
+        self.times: list[FloatArray] = []
+        self.states: list[FloatArray] = []
+        if problem.t_eval is None:
+            self._keep(np.array([problem.t0]), np.asarray(problem.y0, dtype=float).reshape(1, -1))
+        else:
+            first = problem.t_eval[problem.t_eval == problem.t0]
+            self._keep(first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)))
+
+    def _keep(self, times: FloatArray, states: FloatArray) -> None:
+        self.times.append(times)
+        self.states.append(states)
+
+    def add(self, start: float, times: FloatArray, y: FloatArray, rows: FloatArray) -> None:
+        """Take in a block of steps that started at time `start` from state y (n,)."""
+        count, n = len(times), len(y)
+        if count == 0:
+            return
+        self.steps += count
+        ends = rows[:, :n]
+        wanted = self.problem.t_eval
+        if wanted is None:
+            self._keep(times.copy(), ends.copy())
+        if self.problem.dense or wanted is not None:
+            knots = np.concatenate([[start], times])
+            series = self._series(knots, ends, rows[:, n + 1 :].reshape(count, n, self.order + 1))
+            if wanted is not None:
+                low, high = min(start, times[-1]), max(start, times[-1])
+                inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
+                self._keep(inside, PiecewisePolynomial(knots, series)(inside))
+            if self.problem.dense:
+                self.knots.append(times.copy())
+                self.series.append(series)
+
+    def _series(self, knots: FloatArray, ends: FloatArray, raw: FloatArray) -> FloatArray:
+        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots."""
+        h = np.diff(knots)
+        powers = h[:, np.newaxis] ** np.arange(self.order + 1)
+        series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
+        gap = ends - series.sum(axis=1)
+        series[:, 2] += 3.0 * gap
+        series[:, 3] -= 2.0 * gap
+        return series
+
+    def solution(self, status: Status) -> Solution:
+        """Return the solution of a run that ended with `status`."""
+        n = len(self.problem.y0)
+        dense = None
+        if self.problem.dense:
+            if self.series:
+                dense = PiecewisePolynomial(np.concatenate(self.knots), np.concatenate(self.series))
+            else:
+                constant = np.array(self.problem.y0, dtype=float).reshape(1, 1, n)
+                dense = PiecewisePolynomial(np.full(2, float(self.problem.t0)), constant)
+        return Solution(
+            status=status,
+            t=np.concatenate(self.times),
+            y=np.concatenate(self.states),
+            steps=self.steps,
+            rejected=0,
+            evaluations=self.steps,
+            dense=dense,
+        )
