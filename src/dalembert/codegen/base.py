@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..integrators.problem import IntegrationProblem
 from ..ir.program import Program
 
 if TYPE_CHECKING:
-    from ..integrators.problem import IntegrationProblem, Solution
+    from ..integrators.problem import Solution
 
-__all__ = ["Backend", "Engine", "FloatArray", "RenderedModule"]
+__all__ = ["Backend", "BlockResult", "CaseBlock", "Engine", "FloatArray", "RenderedModule"]
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +44,31 @@ class RenderedModule:
     digest: str
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class CaseBlock:
+    """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings."""
+
+    y: FloatArray
+    c: FloatArray
+    spans: FloatArray
+    t_eval: FloatArray
+    rtol: float
+    atol: float
+    max_step: float
+    max_steps: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """Final states (k, n_y), ends (k, 3) = final time, status and steps, and samples (k, n_t, n_y)."""
+
+    y: FloatArray
+    ends: FloatArray
+    samples: FloatArray
+
+
 class Engine(ABC):
     """A loaded module: kernels that can be called, and the integrators that call them."""
 
@@ -56,6 +82,33 @@ class Engine(ABC):
     @abstractmethod
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
+
+    parallel: ClassVar[bool] = False
+    """Whether `integrate_block` releases the interpreter, so that threads help."""
+
+    def integrate_block(self, block: CaseBlock, method: str) -> BlockResult:
+        """Return the results of many cases; here one after the other, as `integrate` does each."""
+        k, n = block.y.shape
+        result = BlockResult(np.empty((k, n)), np.empty((k, 3)), np.full((k, len(block.t_eval), n), np.nan))
+        for i in range(k):
+            problem = IntegrationProblem(
+                t0=float(block.spans[i, 0]),
+                t1=float(block.spans[i, 1]),
+                y0=block.y[i],
+                constants=block.c[i],
+                rtol=block.rtol,
+                atol=block.atol,
+                t_eval=np.append(block.t_eval, block.spans[i, 1]),
+                max_step=block.max_step,
+                max_steps=block.max_steps,
+            )
+            solution = self.integrate(problem, method)
+            result.y[i] = solution.y[-1] if len(solution.y) else block.y[i]
+            end = solution.t[-1] if len(solution.t) else block.spans[i, 0]
+            result.ends[i] = end, solution.status, solution.steps
+            count = min(len(solution.y), len(block.t_eval))
+            result.samples[i, :count] = solution.y[:count]
+        return result
 
 
 class Backend(ABC):

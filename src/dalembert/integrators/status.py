@@ -11,6 +11,8 @@ class Status(enum.IntEnum):
     STEP_TOO_SMALL = 2
     NON_FINITE = 3
     PROJECTION_FAILED = 4
+    INITIAL_STATE = 5
+    INTERRUPTED = 6
 
     @property
     def message(self) -> str:
@@ -37,4 +39,9 @@ _MESSAGES = {
         "The state could not be projected back onto the constraints: the constraint Jacobian has probably "
         "lost rank (a singular configuration); check the constraints there, or tighten rtol and atol."
     ),
+    Status.INITIAL_STATE: (
+        "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to be told "
+        "which constraint, or leave out values that the constraints fix."
+    ),
+    Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
 }

@@ -88,9 +88,9 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
 def interpret_rows(
     kernel: Kernel, t: NDArray[np.float64], y: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
+    """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,) or (k, n_c)."""
     with np.errstate(all="ignore"):
-        columns = interpret(kernel, {"t": t, "y": y.T, "c": c}, ARRAY_OPERATIONS)
+        columns = interpret(kernel, {"t": t, "y": y.T, "c": c.T}, ARRAY_OPERATIONS)
     out = np.empty((len(t), len(columns)))
     for i, column in enumerate(columns):
         out[:, i] = column

@@ -19,7 +19,7 @@ __all__ = ["SETTINGS", "STEP_ARGUMENTS", "order_for", "series_kernel", "step_ker
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
-"""What the argument s holds: the scale floor is atol / rtol, below which a state counts as that large."""
+"""What the argument s holds. The scale floor is atol / rtol, below which a state counts as that large."""
 
 Series = list[Operand]
 
@@ -220,8 +220,8 @@ def _loads(recurrences: Recurrences) -> tuple[Load, ...]:
 def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     """Return one Taylor step as a kernel of the arguments `STEP_ARGUMENTS`.
 
-    Its outputs are the new state (n_y), the size of the step, and, where `dense`, the coefficients of orders 0
-    to `order` of each component in turn, in powers of the signed time.
+    Its outputs are the new state (n_y), the size of the step, a zero that is NaN where the new state is not finite,
+    and, where `dense`, the coefficients of orders 0 to `order` of each component in turn, in powers of the signed time.
     """
     expansion = _Expansion(recurrences)
     for k in range(order):
@@ -238,7 +238,10 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
         for k in range(order - 1, -1, -1):
             total = lines.fma(weights[k], _at(rate, k), total)
         new.append(lines.add(state, total))
-    outputs = [*new, size, *([a for values in series for a in values] if dense else [])]
+    check: Operand = 0.0
+    for value in new:
+        check = lines.op("fma", value, 0.0, check)
+    outputs = [*new, size, check, *([a for values in series for a in values] if dense else [])]
     settings = tuple(Load(name, "s", i) for i, name in enumerate((largest, direction, floor)))
     kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])

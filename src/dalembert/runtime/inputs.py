@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codegen.base import FloatArray
 from ..errors import InitialStateError, UnknownNameError, ValueInputError, list_names, unknown_name
-from ..ir.interpret import interpret
+from ..ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
 from ..ir.program import Layout, Program
 
-__all__ = ["consistent_state", "constants", "initial_state", "parameter_vector"]
+__all__ = ["constants", "initial_rows", "initial_state", "parameter_vector", "prepare_rows", "resolve", "start"]
 
 TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent; what is left is projected away."""
@@ -73,6 +75,16 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
     return np.array([values[name] for name in layout.parameters], dtype=float)
 
 
+def prepare_rows(program: Program, p: FloatArray) -> FloatArray:
+    """Return the constants (k, n_c) of parameters p (k, n_p); what is not finite is left so."""
+    with np.errstate(all="ignore"):
+        columns = interpret(program.kernel("prepare"), {"p": p.T}, ARRAY_OPERATIONS)
+    c = np.empty((len(p), len(columns)))
+    for i, column in enumerate(columns):
+        c[:, i] = column
+    return c
+
+
 def constants(program: Program, p: FloatArray) -> FloatArray:
     """Return the constants c (n_c,) of parameters p (n_p,).
 
@@ -81,10 +93,7 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     ValueInputError
         When an expression of the parameters is not finite at these values.
     """
-    try:
-        c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
-    except (ValueError, ZeroDivisionError, OverflowError):
-        c = np.array([np.nan])
+    c = prepare_rows(program, p.reshape(1, -1))[0]
     if not np.all(np.isfinite(c)):
         given = ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=True))
         raise ValueInputError(
@@ -94,19 +103,42 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     return c
 
 
-def _run(program: Program, kernel: str, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
-    if kernel not in program:
-        return np.empty(0)
-    try:
-        values = interpret(program.kernel(kernel), {"t": t, "y": y.tolist(), "c": c.tolist()})
-    except (ValueError, ZeroDivisionError, OverflowError):
-        return np.full(len(program.kernel(kernel).outputs), np.nan)
-    return np.array(values, dtype=float)
+@final
+@dataclass(frozen=True)
+class Initial:
+    """(q, q_dot) (k, 2 n_q) of k cases; `fault` tells for each whether it contradicts the constraints."""
+
+    x: FloatArray
+    fault: NDArray[np.bool_]
 
 
-def _jacobian(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
-    size = len(program.layout.coordinates)
-    return _run(program, "constraint_jacobian", t, x, c).reshape(-1, size)
+@final
+class _Constraints:
+    """The constraints of a program at one time, for many cases."""
+
+    def __init__(self, program: Program, t: FloatArray, c: FloatArray) -> None:
+        self.program, self.t, self.c = program, t, c
+        self.size = len(program.layout.coordinates)
+
+    def residual(self, kind: str, x: FloatArray) -> FloatArray:
+        name = f"{kind}_residual"
+        if name not in self.program:
+            return np.empty((len(x), 0))
+        return interpret_rows(self.program.kernel(name), self.t, x, self.c)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        if "constraint_jacobian" not in self.program:
+            return np.empty((len(x), 0, self.size))
+        flat = interpret_rows(self.program.kernel("constraint_jacobian"), self.t, x, self.c)
+        return flat.reshape(len(x), -1, self.size)
+
+    def excess(self, kind: str, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what each constraint leaves and what it may leave."""
+        residual = self.residual(kind, x)
+        rows = np.abs(self.jacobian(x)[:, : residual.shape[1]])
+        values = x[:, : self.size] if kind == "position" else x[:, self.size :]
+        scale = np.einsum("kij,kj->ki", rows, np.abs(values)) + (1.0 if kind == "position" else 0.0)
+        return residual, TOLERANCE * np.maximum(scale, 1e-4)
 
 
 def initial_state(program: Program, t: float, initial: Mapping[Any, Any], c: FloatArray) -> FloatArray:
@@ -123,30 +155,50 @@ def initial_state(program: Program, t: float, initial: Mapping[Any, Any], c: Flo
     """
     layout = program.layout
     values = resolve("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
-    size = len(layout.coordinates)
-    names = (*layout.coordinates, *layout.rates)
-    x = np.array([values.get(name, 0.0) for name in names], dtype=float)
-    open_q = [i for i, name in enumerate(layout.coordinates) if name not in values]
-    if open_q:
-        _solve_positions(program, t, x, c, open_q)
-    _check(program, t, x, c, "position")
-    open_v = [i for i, name in enumerate(layout.rates) if name not in values]
-    if open_v:
-        _solve_velocities(program, t, x, c, open_v)
-    _check(program, t, x, c, "velocity")
-    return consistent_state(program, t, x, c, size)
+    given = {name: np.array([value]) for name, value in values.items()}
+    found = initial_rows(program, np.array([t]), given, c.reshape(1, -1))
+    if found.fault[0]:
+        _refuse(_Constraints(program, np.array([t]), c.reshape(1, -1)), found.x)
+    return found.x[0]
 
 
-def _solve_positions(program: Program, t: float, x: FloatArray, c: FloatArray, missing: list[int]) -> None:
-    """Solve the holonomic constraints for missing coordinates, which they must fix linearly."""
+def initial_rows(program: Program, t: FloatArray, given: Mapping[str, FloatArray], c: FloatArray) -> Initial:
+    """Return consistent states of k cases at times t (k,) with constants c (k, n_c) from values (k,) by name.
+
+    Raises
+    ------
+    InitialStateError
+        When something is neither given nor fixed by a constraint.
+    """
     layout = program.layout
-    rows = _jacobian(program, t, x, c)[: layout.holonomic]
+    names = (*layout.coordinates, *layout.rates)
+    x = np.zeros((len(c), len(names)))
+    for i, name in enumerate(names):
+        if name in given:
+            x[:, i] = given[name]
+    constraints = _Constraints(program, t, c)
+    open_q = [i for i, name in enumerate(layout.coordinates) if name not in given]
+    if open_q:
+        _solve_positions(constraints, x, open_q)
+    fault = _contradicted(constraints, "position", x)
+    open_v = [i for i, name in enumerate(layout.rates) if name not in given]
+    if open_v:
+        _solve_velocities(constraints, x, open_v)
+    fault |= _contradicted(constraints, "velocity", x)
+    _settle(constraints, x, fault)
+    return Initial(x, fault)
+
+
+def _solve_positions(constraints: _Constraints, x: FloatArray, missing: list[int]) -> None:
+    """Solve the holonomic constraints for missing coordinates, which they must fix linearly."""
+    layout = constraints.program.layout
+    rows = constraints.jacobian(x)[:, : layout.holonomic, missing]
     names = [layout.coordinates[i] for i in missing]
-    undetermined = _undetermined(rows[:, missing], names)
+    undetermined = _undetermined(rows, names)
     if not undetermined:
-        residual = _run(program, "position_residual", t, x, c)
-        x[missing] -= np.linalg.lstsq(rows[:, missing], residual, rcond=None)[0]
-        if not np.allclose(_jacobian(program, t, x, c)[: layout.holonomic, missing], rows[:, missing], rtol=1e-9):
+        x[:, missing] -= _least(rows, constraints.residual("position", x))
+        again = constraints.jacobian(x)[:, : layout.holonomic, missing]
+        if not np.allclose(again, rows, rtol=1e-9, equal_nan=True):
             undetermined = names
     if undetermined:
         raise InitialStateError(
@@ -155,68 +207,81 @@ def _solve_positions(program: Program, t: float, x: FloatArray, c: FloatArray, m
         )
 
 
-def _solve_velocities(program: Program, t: float, x: FloatArray, c: FloatArray, missing: list[int]) -> None:
+def _solve_velocities(constraints: _Constraints, x: FloatArray, missing: list[int]) -> None:
     """Solve the velocity constraints for missing rates."""
-    layout = program.layout
-    size = len(layout.coordinates)
-    rows = _jacobian(program, t, x, c)
-    undetermined = _undetermined(rows[:, missing], [layout.rates[i] for i in missing])
+    layout = constraints.program.layout
+    rows = constraints.jacobian(x)[:, :, missing]
+    undetermined = _undetermined(rows, [layout.rates[i] for i in missing])
     if undetermined:
         raise InitialStateError(
             f"initial values are missing for the rates {list_names(undetermined)}: the constraints do not fix them"
             " at this configuration, and nothing defaults to zero"
         )
-    residual = _run(program, "velocity_residual", t, x, c)
-    x[[size + i for i in missing]] -= np.linalg.lstsq(rows[:, missing], residual, rcond=None)[0]
+    x[:, [constraints.size + i for i in missing]] -= _least(rows, constraints.residual("velocity", x))
+
+
+def _least(rows: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the solutions (k, n) of rows (k, m, n) . x = residual (k, m) by least squares; NaN where there are none."""
+    if rows.shape[2] == 1:
+        column = rows[:, :, 0]
+        with np.errstate(all="ignore"):
+            return (np.sum(column * residual, axis=1) / np.sum(column * column, axis=1))[:, np.newaxis]
+    solution = np.full((rows.shape[0], rows.shape[2]), np.nan)
+    good = np.all(np.isfinite(rows), axis=(1, 2)) & np.all(np.isfinite(residual), axis=1)
+    solution[good] = np.einsum("kij,kj->ki", np.linalg.pinv(rows[good], rcond=1e-10), residual[good])
+    return solution
 
 
 def _undetermined(columns: FloatArray, names: list[str]) -> list[str]:
-    """Return the unknowns that a linear system with these columns does not determine."""
-    if not len(columns) or not np.all(np.isfinite(columns)):
+    """Return the unknowns that some of the linear systems with these columns (k, m, n) do not determine."""
+    if columns.shape[1] == 0 or not np.all(np.isfinite(columns)):
         return names
+    if columns.shape[2] == 1:
+        return [] if np.all(np.abs(columns[:, :, 0]).max(axis=1) > 1e-10) else names
     _, singular, rows = np.linalg.svd(columns)
-    scale = max(1e-300, float(singular.max(initial=0.0)))
-    rank = int(np.sum(singular > 1e-10 * scale))
-    null = rows[rank:]
-    return [name for i, name in enumerate(names) if np.any(np.abs(null[:, i]) > 1e-8)]
+    count = rows.shape[-1]
+    padded = np.zeros((len(rows), count))
+    padded[:, : singular.shape[1]] = singular
+    scale = np.maximum(singular.max(axis=1, initial=0.0), 1e-300)
+    null = np.where((padded <= 1e-10 * scale[:, np.newaxis])[:, :, np.newaxis], np.abs(rows), 0.0)
+    lost = null.max(axis=(0, 1)) > 1e-8
+    return [name for name, gone in zip(names, lost, strict=True) if gone]
 
 
-def _check(program: Program, t: float, x: FloatArray, c: FloatArray, kind: str) -> None:
-    """Refuse a state that contradicts a constraint, naming each with residual and tolerance."""
-    layout = program.layout
-    residual = _run(program, f"{kind}_residual", t, x, c)
-    if not len(residual):
-        return
-    size = len(layout.coordinates)
-    rows = _jacobian(program, t, x, c)[: len(residual)]
-    values = x[:size] if kind == "position" else x[size:]
-    scale = 1.0 if kind == "position" else 0.0
-    tolerance = TOLERANCE * np.maximum(scale + np.abs(rows) @ np.abs(values), 1e-4)
-    faults = [
-        f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
-        for label, value, limit in zip(layout.constraints, residual, tolerance, strict=False)
-        if not abs(value) <= limit
-    ]
-    if faults:
-        what = "positions" if kind == "position" else "rates"
-        raise InitialStateError(
-            f"the initial {what} contradict the constraints:\n  "
-            + "\n  ".join(faults)
-            + f"\nCorrect them, or leave out {what} that the constraints fix: they are solved for"
-        )
+def _contradicted(constraints: _Constraints, kind: str, x: FloatArray) -> NDArray[np.bool_]:
+    residual, tolerance = constraints.excess(kind, x)
+    return ~np.all(np.abs(residual) <= tolerance, axis=1)
 
 
-def consistent_state(program: Program, t: float, x: FloatArray, c: FloatArray, size: int) -> FloatArray:
-    """Return x moved by the least amount that takes what rounding left off the constraints."""
-    x = x.copy()
+def _settle(constraints: _Constraints, x: FloatArray, fault: NDArray[np.bool_]) -> None:
+    """Move x by the least amount that takes what the tolerance let pass off the constraints."""
+    size = constraints.size
     for kind, part in (("position", slice(0, size)), ("velocity", slice(size, None))):
         for _ in range(2):
-            residual = _run(program, f"{kind}_residual", t, x, c)
-            if not len(residual) or not np.any(residual):
+            residual, tolerance = constraints.excess(kind, x)
+            off = ~fault & np.any(np.abs(residual) > 1e-7 * tolerance, axis=1)
+            if not np.any(off):
                 break
-            rows = _jacobian(program, t, x, c)[: len(residual)]
-            x[part] -= np.linalg.lstsq(rows, residual, rcond=None)[0]
-    return x
+            rows = constraints.jacobian(x)[:, : residual.shape[1]]
+            x[off, part] -= _least(rows[off], residual[off])
+
+
+def _refuse(constraints: _Constraints, x: FloatArray) -> None:
+    """Raise for a state that contradicts constraints, naming each with residual and tolerance."""
+    labels = constraints.program.layout.constraints
+    for kind, what in (("position", "positions"), ("velocity", "rates")):
+        residual, tolerance = constraints.excess(kind, x)
+        faults = [
+            f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
+            for label, value, limit in zip(labels, residual[0], tolerance[0], strict=False)
+            if not abs(value) <= limit
+        ]
+        if faults:
+            raise InitialStateError(
+                f"the initial {what} contradict the constraints:\n  "
+                + "\n  ".join(faults)
+                + f"\nCorrect them, or leave out {what} that the constraints fix: they are solved for"
+            )
 
 
 def start(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
@@ -227,7 +292,7 @@ def start(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatArra
     InitialStateError
         When it is not finite: the coordinates are singular there.
     """
-    y = _run(program, "initial", t, x, c)
+    y = interpret_rows(program.kernel("initial"), np.array([t]), x.reshape(1, -1), c)[0]
     if not np.all(np.isfinite(y)):
         lost = [name for name, value in zip(program.layout.state, y, strict=True) if not np.isfinite(value)]
         raise InitialStateError(

@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from ..codegen.base import Engine, FloatArray
-from ..errors import OptionError, ValueInputError, unknown_name
+from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
+from ..integrators.problem import IntegrationProblem
 from ..ir.program import Layout
+from ..results.grid import Grid
+from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .explain import explain
+from .sweeping import Cases, Settings, available_threads, run_cases
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -123,8 +127,6 @@ class CompiledModel:
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
-        from ..integrators.problem import IntegrationProblem
-
         begin = time.perf_counter()
         chosen = self._method(method)
         t0, t1 = _span(t_span)
@@ -156,6 +158,94 @@ class CompiledModel:
             run_seconds=time.perf_counter() - begin - compiled,
         )
         return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+
+    def sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        threads: int | None = None,
+        progress: bool = False,
+    ) -> Sweep:
+        """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
+
+        Parameters
+        ----------
+        t_span : (float or array_like (n_case,), float or array_like (n_case,))
+            Start and end [s], for all cases or one each.
+        initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
+            Scalars serve all cases. A value that is not finite is the status of its case, not an error.
+        grid : Grid, optional
+            From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
+        t_eval : array_like (n_t,), optional
+            Times to record for all cases; without it, final states only.
+        method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        threads : int, optional
+            Threads to use; by default as many as there are processors.
+        progress : bool
+            Whether to show a bar with cases per second (needs tqdm).
+
+        Returns
+        -------
+        Sweep
+            After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong for all cases.
+        """
+        begin = time.perf_counter()
+        t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        if grid is not None:
+            initial, parameters = _with_grid(self.layout, grid, initial, parameters)
+        cases = Cases(self._program, t_span, initial, parameters)
+        if t_eval is not None and any(len(ends) > 1 for ends in cases.span.values()):
+            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+        count = available_threads() if threads is None else int(threads)
+        if count < 1:
+            raise OptionError(f"threads must be at least 1, not {threads!r}")
+        chosen = self._method(method)
+        IntegrationProblem(
+            t0=float(cases.span["start"][0]),
+            t1=float(cases.span["end"][0]),
+            y0=np.zeros(0),
+            constants=np.zeros(0),
+            rtol=rtol,
+            atol=atol,
+            t_eval=t_eval,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        done = run_cases(self._engine, cases, settings)
+        statistics = SweepStatistics(
+            method=chosen,
+            threads=count,
+            steps=int(done.ends[:, 2].sum()),
+            compile_seconds=sum(self.stages.seconds.values()),
+            run_seconds=time.perf_counter() - begin,
+        )
+        return Sweep(
+            self._program,
+            cases.constants,
+            (cases.initial, cases.parameters),
+            done.ends,
+            done.y,
+            None if t_eval is None else done.samples,
+            t_eval,
+            {} if grid is None else grid.axes,
+            statistics,
+        )
 
     def _method(self, method: str) -> str:
         if method == "auto":
@@ -216,6 +306,21 @@ class CompiledModel:
             return np.zeros(shape if single else (count, *shape))
         out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
         return out[0] if single else out
+
+
+def _with_grid(
+    layout: Layout, grid: Grid, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Return initial values and parameters with the columns of a grid, each where it belongs."""
+    initial, parameters = dict(initial), dict(parameters)
+    for name, column in grid.columns().items():
+        home = parameters if name in layout.parameters else initial
+        if name not in (*layout.parameters, *layout.coordinates, *layout.rates):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.coordinates, *layout.rates)))
+        if any(layout.aliases.get(str(key), str(key)) == name for key in home):
+            raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
+        home[name] = column
+    return initial, parameters
 
 
 def _span(t_span: Sequence[float]) -> tuple[float, float]:

@@ -25,9 +25,10 @@ from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.taylor import order_for
 from ...runtime.cache import load_from_disk, load_in_memory
-from ..base import Backend, Engine, FloatArray, RenderedModule
+from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
+from .llvm import native_lanes
 from .steps import StepLibrary
 
 __all__ = ["NumbaBackend"]
@@ -78,14 +79,36 @@ class NumbaEngine(Engine):
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
         return explicit.integrate(self._kernels(), tableau, problem)
 
+    parallel: ClassVar[bool] = True
+
+    def integrate_block(self, block: CaseBlock, method: str) -> BlockResult:
+        """See `Engine.integrate_block`: Taylor steps run in lanes, refilled as cases end."""
+        if method != "taylor":
+            return super().integrate_block(block, method)
+        from ...integrators.numba.lanes import sweeping_loop
+        from ...integrators.numba.series import clipped_tolerance
+
+        (k, n), wanted = block.y.shape, len(block.t_eval)
+        tolerance = clipped_tolerance(block.rtol, block.atol)
+        order, lanes = order_for(tolerance), native_lanes()
+        codes = [self.steps.taylor(order, lanes, dense=wanted > 0)]
+        codes += [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
+        limits = np.array([block.max_step, max(block.atol / tolerance, 1e-300), block.max_steps])
+        result = BlockResult(np.empty((k, n)), np.empty((k, 3)), np.full((k, wanted, n), np.nan))
+        samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
+        sweeping_loop()(
+            *codes, limits, block.y, block.c, block.spans, block.t_eval, order, result.y, result.ends, samples, lanes
+        )
+        return result
+
     def _kernels(self) -> Kernels:
         names = ("rhs", "project_position", "project_velocity")
         return Kernels(*(self.steps.numba_kernel(name) for name in names))
 
     def _taylor(self, problem: IntegrationProblem) -> Any:
-        from ...integrators.numba.series import StepCode, smallest_tolerance
+        from ...integrators.numba.series import StepCode, clipped_tolerance
 
-        order = order_for(smallest_tolerance(problem))
+        order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
         return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,6 +21,7 @@ from .llvm import Compiled, assembly, compile_object, load_object, target_name
 __all__ = ["StepLibrary"]
 
 Make = Callable[[], Kernel]
+_LOCK = threading.Lock()
 
 
 @final
@@ -38,6 +40,7 @@ class StepLibrary:
         self._program, self._folder = program, folder
         self._recurrences: Recurrences | None = None
         self._loaded: dict[tuple[str, int], Compiled] = {}
+        self._lock = _LOCK
 
     def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
         """Return the address of a Taylor step; with `dense`, one that also writes its series."""
@@ -63,10 +66,11 @@ class StepLibrary:
         return self._recurrences
 
     def _address(self, name: str, lanes: int, make: Make, suffix: str = "") -> int:
-        key = (name, lanes)
-        if key not in self._loaded:
-            self._loaded[key] = load_object(self._object(name, lanes, make))
-        return self._loaded[key].address(name + suffix)
+        with self._lock:  # LLVM is not to be entered by two threads
+            key = (name, lanes)
+            if key not in self._loaded:
+                self._loaded[key] = load_object(self._object(name, lanes, make))
+            return self._loaded[key].address(name + suffix)
 
     def _object(self, name: str, lanes: int, make: Make) -> bytes:
         """Return object code from the folder, where it is there and whole, else compile it."""

@@ -72,10 +72,7 @@ def _entry_point(digest: str) -> Callable[..., tuple[int, int]]:
             clock[0, 0] = t
             call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
             size = rows[here, n]
-            total = 0.0
-            for i in range(n + 1):
-                total += 0.0 * rows[here, i]
-            if total != 0.0:
+            if rows[here, n + 1] != 0.0:
                 return _NON_FINITE, k
             if size < _SMALLEST * max(abs(t), abs(t1 - span[0]) * 1e-16) and size < rest:
                 return _STEP_TOO_SMALL, k

@@ -11,7 +11,7 @@ from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solut
 from ..status import Status
 from .march import RUNNING, marching_loop
 
-__all__ = ["StepCode", "integrate", "smallest_tolerance"]
+__all__ = ["StepCode", "integrate", "clipped_tolerance"]
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
@@ -27,9 +27,9 @@ class StepCode:
     velocity: int = 0
 
 
-def smallest_tolerance(problem: IntegrationProblem) -> float:
+def clipped_tolerance(rtol: float, atol: float) -> float:
     """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
-    return min(max(problem.rtol or problem.atol, 1e-18), 0.5)
+    return min(max(rtol or atol, 1e-18), 0.5)
 
 
 def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
@@ -42,7 +42,7 @@ def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
     """
     n = len(problem.y0)
     loop = marching_loop()
-    tolerance = smallest_tolerance(problem)
+    tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     span = np.array([problem.t0, problem.t1, problem.max_step])
     settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
@@ -57,7 +57,7 @@ def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
         if limit == 0:
             status = int(Status.MAX_STEPS)
             break
-        rows, times = np.empty((limit, n + 1 + n * (code.order + 1))), np.empty(limit)
+        rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
         status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit)
         record.add(start, times[:count], y[0], rows[:count])
@@ -100,7 +100,7 @@ class _Record:
             self._keep(times.copy(), ends.copy())
         if self.problem.dense or wanted is not None:
             knots = np.concatenate([[start], times])
-            series = self._series(knots, ends, rows[:, n + 1 :].reshape(count, n, self.order + 1))
+            series = self._series(knots, ends, rows[:, n + 2 :].reshape(count, n, self.order + 1))
             if wanted is not None:
                 low, high = min(start, times[-1]), max(start, times[-1])
                 inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]

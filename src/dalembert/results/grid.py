@@ -1,0 +1,61 @@
+"""Product grids of values, for sweeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ValueInputError
+
+__all__ = ["Grid", "grid"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Every combination of some named values; the last axis varies fastest.
+
+    Attributes
+    ----------
+    axes : dict of str to ndarray
+        The values along each axis.
+    """
+
+    axes: dict[str, NDArray[np.float64]]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return one value a case (k,) for each name."""
+        mesh = np.meshgrid(*self.axes.values(), indexing="ij")
+        return {name: values.ravel() for name, values in zip(self.axes, mesh, strict=True)}
+
+    def __repr__(self) -> str:
+        return f"<Grid {' x '.join(f'{name}: {len(values)}' for name, values in self.axes.items())}>"
+
+
+def grid(**axes: Any) -> Grid:
+    """Return the product grid of named values, to be given to `CompiledModel.sweep` as ``grid=``.
+
+    Parameters
+    ----------
+    **axes : array_like (k,)
+        The values of each parameter or initial value that varies.
+
+    Raises
+    ------
+    ValueInputError
+        For an axis that is not one-dimensional or has no values.
+    """
+    values = {name: np.atleast_1d(np.asarray(axis, dtype=float)) for name, axis in axes.items()}
+    wrong = [f"{name} has shape {axis.shape}" for name, axis in values.items() if axis.ndim != 1 or not len(axis)]
+    if wrong or not values:
+        given = "; ".join(wrong) or "none given"
+        raise ValueInputError(f"the axes of a grid are one-dimensional arrays of values: {given}")
+    return Grid(values)

@@ -1,0 +1,193 @@
+"""`Sweep`: the results of many cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, UnknownNameError, unknown_name
+from ..integrators.status import Status
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["CaseFailure", "Sweep", "SweepStatistics"]
+
+FloatArray = NDArray[np.float64]
+_BLOCK = 65_536
+_ENERGIES = ("kinetic_energy", "potential_energy")
+
+
+@final
+@dataclass(frozen=True)
+class SweepStatistics:
+    """What a sweep cost."""
+
+    method: str
+    threads: int
+    steps: int
+    compile_seconds: float
+    run_seconds: float
+
+
+@final
+@dataclass(frozen=True)
+class CaseFailure:
+    """A case that did not reach its end: its number, why, and the time it reached."""
+
+    case: int
+    status: Status
+    message: str
+    t: float
+
+
+@final
+class Sweep:
+    """The cases of a sweep, in the order in which they were given.
+
+    ``sweep["x"]`` is an array (n_case,) of final values, or (n_case, n_t) where the sweep was given ``t_eval``; so for
+    every coordinate, rate, component of the state, output, and the energies.
+
+    Attributes
+    ----------
+    parameters, initial : dict of str to ndarray (n_case,) or (1,)
+        What was varied, and what was not.
+    t : ndarray (n_case,)
+        Time that each case reached [s].
+    t_eval : ndarray (n_t,) or None
+        Times of the samples.
+    status : ndarray (n_case,) of int
+        `Status` of each case.
+    steps : ndarray (n_case,) of int
+        Accepted steps of each case.
+    y : ndarray (n_case, n_y)
+        Final state of the formulation.
+    stats : SweepStatistics
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        constants: Any,
+        varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+        ends: FloatArray,
+        y: FloatArray,
+        samples: FloatArray | None,
+        t_eval: FloatArray | None,
+        axes: Mapping[str, FloatArray],
+        stats: SweepStatistics,
+    ) -> None:
+        self._program, self._constants = program, constants
+        self.initial, self.parameters = varied
+        self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
+        self.y, self.samples, self.t_eval = y, samples, t_eval
+        self.axes, self.stats = dict(axes), stats
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Whether each case reached its end, (n_case,)."""
+        return np.asarray(self.status == Status.SUCCESS)
+
+    def failures(self) -> list[CaseFailure]:
+        """Return the cases that did not reach their end, and why."""
+        failed = np.flatnonzero(~self.success)
+        return [
+            CaseFailure(int(i), Status(self.status[i]), Status(self.status[i]).message, float(self.t[i]))
+            for i in failed
+        ]
+
+    @property
+    def final(self) -> dict[str, FloatArray]:
+        """Final values (n_case,) of coordinates, rates and outputs, by name."""
+        layout = self._program.layout
+        names = (*layout.coordinates, *layout.rates, *layout.outputs)
+        return {name: self._values(name, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0] for name in names}
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        if self.samples is None or self.t_eval is None:
+            return self._values(key, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0]
+        return self._values(key, self.samples, np.broadcast_to(self.t_eval, self.samples.shape[:2]))
+
+    def _values(self, key: Any, y: FloatArray, t: FloatArray) -> FloatArray:
+        """Return values (n_case, n_t) of something at states (n_case, n_t, n_y), a block of cases at a time."""
+        layout = self._program.layout
+        name = layout.aliases.get(str(key), str(key))
+        if name in layout.state:
+            return y[:, :, layout.state.index(name)]
+        kernel, column = self._source(name, str(key))
+        values = np.empty(y.shape[:2])
+        width = max(1, y.shape[1])
+        for first in range(0, len(y), max(1, _BLOCK // width)):
+            block = slice(first, first + max(1, _BLOCK // width))
+            count = len(y[block])
+            c = np.repeat(self._constants(block), width, axis=0)
+            states, times = y[block].reshape(count * width, -1), t[block].ravel()
+            if kernel == "energy":
+                states = interpret_rows(self._program.kernel("expand"), times, states, c)
+            out = interpret_rows(self._program.kernel(kernel), times, states, c)
+            chosen = out.sum(axis=1) if column is None else out[:, column]
+            values[block] = chosen.reshape(count, width)
+        return values
+
+    def _source(self, name: str, text: str) -> tuple[str, int | None]:
+        """Return the kernel that computes `name`, and its output; None for the sum of all."""
+        layout = self._program.layout
+        expanded = (*layout.coordinates, *layout.rates)
+        if name in expanded:
+            return "expand", expanded.index(name)
+        for output in (name, text):
+            if output in layout.outputs:
+                return "outputs", layout.outputs.index(output)
+        if name == "energy":
+            return "energy", None
+        if name in _ENERGIES:
+            return "energy", _ENERGIES.index(name)
+        raise UnknownNameError(unknown_name("output", text, dict.fromkeys((*self._names(), *layout.state))))
+
+    def _names(self) -> tuple[str, ...]:
+        layout = self._program.layout
+        return (*layout.coordinates, *layout.rates, *layout.outputs, "energy", *_ENERGIES)
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self._program.name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+        layout = self._program.layout
+        shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
+        dims: tuple[str, ...] = tuple(self.axes) or ("case",)
+        coords: dict[str, Any] = {name: (name, values) for name, values in self.axes.items()}
+        times: tuple[str, ...] = ()
+        if self.t_eval is not None:
+            times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
+        if not self.axes:
+            varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
+            coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
+        data: dict[str, Any] = {}
+        for name in (*layout.coordinates, *layout.rates, *layout.outputs, "energy"):
+            values = self[name]
+            key = f"{name}_value" if name in self.axes else name
+            data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
+        for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
+            data[name] = (dims, counts.reshape(shape))
+        attrs = {"scene": self._program.name, "formulation": self._program.formulation}
+        return xarray.Dataset(data, coords=coords, attrs=attrs)

@@ -1,0 +1,219 @@
+"""Sweeps: cases are handed out in blocks to threads, each of which runs its blocks in lanes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
+from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.status import Status
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from . import inputs
+
+__all__ = ["Cases", "Settings", "available_threads", "run_cases"]
+
+_SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
+_BLOCKS_PER_THREAD = 8
+_STAGED = 65_536
+
+
+def available_threads() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What all cases have in common."""
+
+    t_eval: FloatArray | None
+    method: str
+    rtol: float
+    atol: float
+    max_step: float
+    max_steps: int
+    threads: int
+    progress: bool
+
+
+@final
+class Cases:
+    """Parameters, initial values and spans of all cases, as given: one value for all, or one a case."""
+
+    def __init__(
+        self, program: Program, t_span: Any, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+    ) -> None:
+        layout = program.layout
+        self.program = program
+        self.initial = _columns("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
+        self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        missing = [name for name in layout.parameters if name not in self.parameters]
+        if missing:
+            raise UnknownNameError(
+                f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
+            )
+        try:
+            start, end = (np.atleast_1d(np.asarray(t, dtype=float)) for t in t_span)
+        except (TypeError, ValueError):
+            raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
+        self.span = {"start": start, "end": end}
+        self.count = self._count()
+
+    def _count(self) -> int:
+        lengths = {
+            f"{kind} {name}": len(values)
+            for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
+            for name, values in table.items()
+            if len(values) != 1
+        }
+        if len(set(lengths.values())) > 1:
+            listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
+            raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
+        return next(iter(lengths.values()), 1)
+
+    def constants(self, block: slice) -> FloatArray:
+        """Return the constants c (k, n_c) of a block of cases."""
+        count = len(range(*block.indices(self.count)))
+        names = self.program.layout.parameters
+        p = np.empty((count, len(names)))
+        for i, name in enumerate(names):
+            p[:, i] = _part(self.parameters[name], block)
+        return inputs.prepare_rows(self.program, p)
+
+    def block(self, block: slice, settings: Settings) -> tuple[CaseBlock, FloatArray]:
+        """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others."""
+        c = self.constants(block)
+        count = len(c)
+        given = {name: np.broadcast_to(_part(values, block), (count,)) for name, values in self.initial.items()}
+        spans = np.empty((count, 2))
+        spans[:, 0], spans[:, 1] = _part(self.span["start"], block), _part(self.span["end"], block)
+        start = np.broadcast_to(_part(self.span["start"], block), (count,))
+        finite = np.all(np.isfinite(c), axis=1) & np.all(np.isfinite(spans), axis=1)
+        for values in given.values():
+            finite &= np.isfinite(values)
+        status = np.where(finite, -1.0, float(Status.NON_FINITE))
+        y = np.zeros((count, len(self.program.layout.state)))
+        if np.any(finite):
+            some = {name: values[finite] for name, values in given.items()}
+            found = inputs.initial_rows(self.program, start[finite], some, c[finite])
+            y[finite] = interpret_rows(self.program.kernel("initial"), start[finite], found.x, c[finite])
+            places = np.flatnonzero(finite)
+            status[places[found.fault | ~np.all(np.isfinite(y[finite]), axis=1)]] = float(Status.INITIAL_STATE)
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        ready = CaseBlock(y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps)
+        return ready, status
+
+
+def _columns(
+    kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case."""
+    if not isinstance(given, Mapping):
+        raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
+    columns: dict[str, FloatArray] = {}
+    unknown, wrong = [], []
+    for key, value in given.items():
+        name = aliases.get(str(key), str(key))
+        if name not in known:
+            unknown.append(unknown_name(kind, str(key), known))
+            continue
+        if name in columns:
+            unknown.append(f"{kind} {name!r} is given twice")
+        try:
+            columns[name] = np.atleast_1d(np.asarray(value, dtype=float))
+        except (TypeError, ValueError):
+            wrong.append(f"{name} = {value!r} is no array of numbers")
+            continue
+        if columns[name].ndim != 1:
+            wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    if wrong:
+        raise ValueInputError("; ".join(wrong))
+    return columns
+
+
+def _part(values: FloatArray, block: slice) -> FloatArray:
+    return values if len(values) == 1 else values[block]
+
+
+@contextmanager
+def _meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
+    if not wanted:
+        yield lambda count: None
+        return
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        raise MissingExtraError(
+            'progress=True needs tqdm; install it with: pip install "dalembert[progress]"'
+        ) from None
+    with tqdm(total=total, unit="case", unit_scale=True) as bar:
+        yield bar.update
+
+
+def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
+    """Return the results of all cases. A case that fails is a status; an interrupt keeps what is finished."""
+    count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
+    size = len(cases.program.layout.state)
+    result = BlockResult(np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan))
+    result.ends[:, 1] = float(Status.INTERRUPTED)
+    with _meter(count, settings.progress) as advance, _workers(engine, settings) as each:
+        try:
+            for first in range(0, count, _STAGED):
+                stage = slice(first, min(first + _STAGED, count))
+                ready, status = cases.block(stage, settings)
+                places = np.arange(stage.start, stage.stop)
+                bad = places[status >= 0]
+                result.y[bad] = np.nan
+                result.ends[bad] = np.column_stack(
+                    [ready.spans[status >= 0, 0], status[status >= 0], np.zeros(len(bad))]
+                )
+                advance(len(bad))
+                good = np.flatnonzero(status < 0)
+                for block, done in each(_blocks(ready, good, settings)):
+                    rows = places[block]
+                    result.y[rows], result.ends[rows], result.samples[rows] = done.y, done.ends, done.samples
+                    advance(len(rows))
+        except KeyboardInterrupt:
+            pass
+    return result
+
+
+Work = tuple[NDArray[np.intp], CaseBlock]
+Done = tuple[NDArray[np.intp], BlockResult]
+
+
+def _blocks(ready: CaseBlock, good: NDArray[np.intp], settings: Settings) -> list[Work]:
+    """Return the cases numbered `good` in blocks, several a thread, so that none waits long for another."""
+    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-len(good) // (settings.threads * _BLOCKS_PER_THREAD))))
+    parts = [good[first : first + length] for first in range(0, len(good), length)]
+    return [(part, replace(ready, y=ready.y[part], c=ready.c[part], spans=ready.spans[part])) for part in parts]
+
+
+@contextmanager
+def _workers(engine: Engine, settings: Settings) -> Iterator[Callable[[list[Work]], Iterator[Done]]]:
+    """Yield a function that runs blocks, on threads where the engine lets other threads run."""
+
+    def run(work: Work) -> Done:
+        return work[0], engine.integrate_block(work[1], settings.method)
+
+    if settings.threads == 1 or not engine.parallel:
+        yield lambda blocks: map(run, blocks)
+        return
+    with ThreadPoolExecutor(settings.threads) as pool:
+        try:
+            yield lambda blocks: (task.result() for task in as_completed([pool.submit(run, block) for block in blocks]))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
