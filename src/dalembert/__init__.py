@@ -1,10 +1,36 @@
 """dalembert: from a symbolic description of a constrained mechanical scene to a fast, accurate simulator."""
 
-__version__ = "0.1.0"
+from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
 from .compiler import compile_model
-from .results.grid import grid
 from .scene import Joint, Scene, unknowns
 
-__all__ = ["Joint", "Scene", "__version__", "compile_model", "errors", "grid", "scenes", "unknowns"]
+if TYPE_CHECKING:
+    from .textbook import LagrangeView, Screw, lagrange
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Joint",
+    "LagrangeView",
+    "Scene",
+    "Screw",
+    "__version__",
+    "compile_model",
+    "errors",
+    "lagrange",
+    "scenes",
+    "unknowns",
+]
+
+_TEXTBOOK = ("LagrangeView", "Screw", "lagrange")
+
+
+def __getattr__(name: str) -> Any:
+    """Import the textbook view when it is first asked for."""
+    if name not in _TEXTBOOK:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from . import textbook
+
+    return getattr(textbook, name)

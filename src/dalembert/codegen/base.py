@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, final
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..integrators.problem import IntegrationProblem
+from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.status import Status
 from ..ir.program import Program
-
-if TYPE_CHECKING:
-    from ..integrators.problem import Solution
 
 __all__ = ["Backend", "BlockResult", "CaseBlock", "Engine", "FloatArray", "RenderedModule"]
 
 FloatArray = NDArray[np.float64]
+Final = tuple[FloatArray, Status]
 
 
 @final
@@ -62,7 +61,7 @@ class CaseBlock:
 @final
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """Final states (k, n_y), ends (k, 3) = final time, status and steps, and samples (k, n_t, n_y)."""
+    """Arrays to write to: final states (k, n_y), ends (k, 3) = final time, status, steps, samples (k, n_t, n_y)."""
 
     y: FloatArray
     ends: FloatArray
@@ -83,14 +82,27 @@ class Engine(ABC):
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
 
+    def prepared(
+        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+    ) -> Callable[[FloatArray, FloatArray], Final]:
+        """Return a function from states (n_y,) and parameters (n_p,) to final states, the rest as in `problem`.
+
+        `constants` gives c (n_c,) of parameters (n_p,).
+        """
+
+        def run(state: FloatArray, p: FloatArray) -> Final:
+            c = constants(p)
+            solution = self.integrate(replace(problem, y0=state, constants=c, t_eval=np.array([problem.t1])), method)
+            return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
+
+        return run
+
     parallel: ClassVar[bool] = False
     """Whether `integrate_block` releases the interpreter, so that threads help."""
 
-    def integrate_block(self, block: CaseBlock, method: str) -> BlockResult:
-        """Return the results of many cases; here one after the other, as `integrate` does each."""
-        k, n = block.y.shape
-        result = BlockResult(np.empty((k, n)), np.empty((k, 3)), np.full((k, len(block.t_eval), n), np.nan))
-        for i in range(k):
+    def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
+        """Write the results of many cases; here one after the other, as `integrate` does each."""
+        for i in range(len(block.y)):
             problem = IntegrationProblem(
                 t0=float(block.spans[i, 0]),
                 t1=float(block.spans[i, 1]),
@@ -108,7 +120,6 @@ class Engine(ABC):
             result.ends[i] = end, solution.status, solution.steps
             count = min(len(solution.y), len(block.t_eval))
             result.samples[i, :count] = solution.y[:count]
-        return result
 
 
 class Backend(ABC):

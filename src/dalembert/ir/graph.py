@@ -410,6 +410,26 @@ class Graph:
         self.visit(outputs, new, rebuild)
         return [new[output.index] for output in outputs]
 
+    def adopt(self, nodes: Sequence[Node]) -> list[Node]:
+        """Return nodes of another graph, rebuilt in this one."""
+        new: dict[int, Node] = {}
+
+        def rebuild(node: Node) -> Node:
+            if node.op == "input":
+                return self.input(str(node.payload))
+            if node.op == "const":
+                return self.zero if node.is_zero else self._copy_constant(node)
+            return self.call(node.op, *(new[arg.index] for arg in node.args))
+
+        self.visit(nodes, new, rebuild)
+        return [new[node.index] for node in nodes]
+
+    def _copy_constant(self, node: Node) -> Node:
+        known = self._by_value.get(node.fingerprint)
+        if known is not None:
+            return known
+        return self._make("const", (), node.payload, node.fingerprint, 0.0, 0)
+
     def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
         """Return `node` in a form without `inputs`, or None where its value does depend on them."""
         mask = 0

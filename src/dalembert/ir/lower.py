@@ -79,7 +79,11 @@ def lower(system: ReducedSystem) -> Program:
 
 
 def lower_kernel(
-    graph: Graph, name: str, nodes: Sequence[Node], inputs: Mapping[Node, tuple[str, int | None]]
+    graph: Graph,
+    name: str,
+    nodes: Sequence[Node],
+    inputs: Mapping[Node, tuple[str, int | None]],
+    arguments: tuple[str, ...] = ARGUMENTS,
 ) -> Kernel:
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
 
@@ -109,7 +113,7 @@ def lower_kernel(
             operands[node.index] = target
     loads.sort(key=lambda load: (load.array, load.index or 0))
     outputs = tuple(operands[node.index] for node in nodes)
-    return run(Kernel(name, ARGUMENTS, tuple(loads), tuple(body), outputs), PASSES)
+    return run(Kernel(name, arguments, tuple(loads), tuple(body), outputs), PASSES)
 
 
 def _literal(node: Node, args: list[Operand]) -> float:

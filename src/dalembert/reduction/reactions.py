@@ -16,7 +16,7 @@ from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..mechanics.equations import EquationsOfMotion
 
-__all__ = ["Requested", "requested_outputs", "undetermined_unknowns"]
+__all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
 
 
 @final
@@ -30,7 +30,7 @@ class Requested:
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
     """Return the names of the reaction components that no equation determines."""
-    _, free = _independent_columns(equations.graph, equations.reactions)
+    _, free = independent_columns(equations.graph, equations.reactions)
     return tuple(equations.symbols.unknowns[i] for i in sorted(free))
 
 
@@ -94,7 +94,7 @@ def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) ->
     return [name for name, node in zip(names, equations.unknowns, strict=True) if node.deps & deps]
 
 
-def _independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[int]]:
+def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[int]]:
     """Return columns that are independent for almost every state, and those whose weight is not determined."""
     columns = transpose(matrix) if matrix and matrix[0] else []
     independent: list[int] = []
@@ -120,7 +120,7 @@ def _solve(
     """Return the determined reactions in terms of the state."""
     graph = equations.graph
     size = len(equations.q)
-    independent, _ = _independent_columns(graph, equations.reactions)
+    independent, _ = independent_columns(graph, equations.reactions)
     flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
     flat += [row[i] for row in equations.reactions for i in independent]
     flat = graph.substitute(flat, values)

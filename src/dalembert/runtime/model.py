@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -12,11 +12,13 @@ from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..ir.program import Layout
+from ..reduction.starting import Start, starting
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .explain import explain
+from .prepared import PreparedRun
 from .sweeping import Cases, Settings, available_threads, run_cases
 
 if TYPE_CHECKING:
@@ -43,6 +45,7 @@ class CompiledModel:
         self._program = stages.program
         self._engine = engine
         self._methods = methods
+        self._starts: dict[frozenset[str], Start] = {}
 
     @property
     def name(self) -> str:
@@ -130,12 +133,12 @@ class CompiledModel:
         begin = time.perf_counter()
         chosen = self._method(method)
         t0, t1 = _span(t_span)
-        c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
-        x = inputs.initial_state(self._program, t0, initial, c)
+        c = inputs.constants(self._program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, initial)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
-            y0=inputs.start(self._program, t0, x, c),
+            y0=inputs.initial_state(self._start(values), t0, values, c, self.layout.state),
             constants=c,
             rtol=float(rtol),
             atol=float(atol),
@@ -158,6 +161,48 @@ class CompiledModel:
             run_seconds=time.perf_counter() - begin - compiled,
         )
         return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+
+    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+        """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
+        c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
+        values = inputs.given_values(self.layout, initial)
+        return inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+
+    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
+        return inputs.parameter_vector(self.layout, parameters)
+
+    def prepare(
+        self,
+        t_span: tuple[float, float],
+        *,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+    ) -> PreparedRun:
+        """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
+
+        Parameters
+        ----------
+        t_span, method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        """
+        t0, t1 = _span(t_span)
+        chosen = self._method(method)
+        problem = IntegrationProblem(
+            t0=t0,
+            t1=t1,
+            y0=np.zeros(len(self.layout.state)),
+            constants=np.zeros(self.layout.constants),
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
+        return PreparedRun(run, chosen)
 
     def sweep(
         self,
@@ -208,7 +253,7 @@ class CompiledModel:
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         if grid is not None:
             initial, parameters = _with_grid(self.layout, grid, initial, parameters)
-        cases = Cases(self._program, t_span, initial, parameters)
+        cases = Cases(self._program, self._start, t_span, initial, parameters)
         if t_eval is not None and any(len(ends) > 1 for ends in cases.span.values()):
             raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
         count = available_threads() if threads is None else int(threads)
@@ -246,6 +291,13 @@ class CompiledModel:
             {} if grid is None else grid.axes,
             statistics,
         )
+
+    def _start(self, given: Iterable[str]) -> Start:
+        """Return the kernel from given initial values to the state, made once for each set of names."""
+        key = frozenset(given)
+        if key not in self._starts:
+            self._starts[key] = starting(self.stages.reduced, sorted(key))
+        return self._starts[key]
 
     def _method(self, method: str) -> str:
         if method == "auto":

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..reduction.starting import Start
 from . import inputs
 
 __all__ = ["Cases", "Settings", "available_threads", "run_cases"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
-_STAGED = 65_536
 
 
 def available_threads() -> int:
@@ -51,7 +50,12 @@ class Cases:
     """Parameters, initial values and spans of all cases, as given: one value for all, or one a case."""
 
     def __init__(
-        self, program: Program, t_span: Any, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+        self,
+        program: Program,
+        start: Callable[[Iterable[str]], Start],
+        t_span: Any,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
     ) -> None:
         layout = program.layout
         self.program = program
@@ -63,11 +67,12 @@ class Cases:
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
             )
         try:
-            start, end = (np.atleast_1d(np.asarray(t, dtype=float)) for t in t_span)
+            first, last = (np.atleast_1d(np.asarray(t, dtype=float)) for t in t_span)
         except (TypeError, ValueError):
             raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
-        self.span = {"start": start, "end": end}
+        self.span = {"start": first, "end": last}
         self.count = self._count()
+        self.start = start(self.initial)
 
     def _count(self) -> int:
         lengths = {
@@ -93,25 +98,23 @@ class Cases:
     def block(self, block: slice, settings: Settings) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others."""
         c = self.constants(block)
-        count = len(c)
-        given = {name: np.broadcast_to(_part(values, block), (count,)) for name, values in self.initial.items()}
+        count, size = len(c), len(self.program.layout.state)
         spans = np.empty((count, 2))
         spans[:, 0], spans[:, 1] = _part(self.span["start"], block), _part(self.span["end"], block)
-        start = np.broadcast_to(_part(self.span["start"], block), (count,))
-        finite = np.all(np.isfinite(c), axis=1) & np.all(np.isfinite(spans), axis=1)
-        for values in given.values():
-            finite &= np.isfinite(values)
-        status = np.where(finite, -1.0, float(Status.NON_FINITE))
-        y = np.zeros((count, len(self.program.layout.state)))
-        if np.any(finite):
-            some = {name: values[finite] for name, values in given.items()}
-            found = inputs.initial_rows(self.program, start[finite], some, c[finite])
-            y[finite] = interpret_rows(self.program.kernel("initial"), start[finite], found.x, c[finite])
-            places = np.flatnonzero(finite)
-            status[places[found.fault | ~np.all(np.isfinite(y[finite]), axis=1)]] = float(Status.INITIAL_STATE)
+        given = np.empty((count, len(self.start.given)))
+        for i, name in enumerate(self.start.given):
+            given[:, i] = _part(self.initial[name], block)
+        out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
+        checks = out[:, size:]
+        finite = np.isfinite(c.sum(axis=1) + spans.sum(axis=1) + given.sum(axis=1))
+        started = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.isfinite(out.sum(axis=1))
+        status = np.where(started, -1.0, float(Status.INITIAL_STATE))
+        status[~finite] = float(Status.NON_FINITE)
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
-        ready = CaseBlock(y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps)
-        return ready, status
+        y = np.ascontiguousarray(out[:, :size])
+        return CaseBlock(
+            y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps
+        ), status
 
 
 def _columns(
@@ -168,52 +171,54 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     size = len(cases.program.layout.state)
     result = BlockResult(np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
-    with _meter(count, settings.progress) as advance, _workers(engine, settings) as each:
+    threads = settings.threads if engine.parallel else 1
+    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // (threads * _BLOCKS_PER_THREAD))))
+    blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
+
+    def run(block: slice) -> int:
+        _run_block(engine, cases, settings, block, result)
+        return block.stop - block.start
+
+    with _meter(count, settings.progress) as advance, _workers(threads) as each:
         try:
-            for first in range(0, count, _STAGED):
-                stage = slice(first, min(first + _STAGED, count))
-                ready, status = cases.block(stage, settings)
-                places = np.arange(stage.start, stage.stop)
-                bad = places[status >= 0]
-                result.y[bad] = np.nan
-                result.ends[bad] = np.column_stack(
-                    [ready.spans[status >= 0, 0], status[status >= 0], np.zeros(len(bad))]
-                )
-                advance(len(bad))
-                good = np.flatnonzero(status < 0)
-                for block, done in each(_blocks(ready, good, settings)):
-                    rows = places[block]
-                    result.y[rows], result.ends[rows], result.samples[rows] = done.y, done.ends, done.samples
-                    advance(len(rows))
+            for finished in each(run, blocks):
+                advance(finished)
         except KeyboardInterrupt:
             pass
     return result
 
 
-Work = tuple[NDArray[np.intp], CaseBlock]
-Done = tuple[NDArray[np.intp], BlockResult]
+def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
+    """Run one block of cases and write what came of them; those that cannot start are left out."""
+    ready, status = cases.block(block, settings)
+    here = BlockResult(result.y[block], result.ends[block], result.samples[block])
+    good = status < 0
+    if np.all(good):
+        engine.integrate_block(ready, settings.method, here)
+        return
+    here.y[~good] = np.nan
+    here.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
+    if np.any(good):
+        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good])
+        done = BlockResult(here.y[good], here.ends[good], here.samples[good])
+        engine.integrate_block(part, settings.method, done)
+        here.y[good], here.ends[good], here.samples[good] = done.y, done.ends, done.samples
 
 
-def _blocks(ready: CaseBlock, good: NDArray[np.intp], settings: Settings) -> list[Work]:
-    """Return the cases numbered `good` in blocks, several a thread, so that none waits long for another."""
-    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-len(good) // (settings.threads * _BLOCKS_PER_THREAD))))
-    parts = [good[first : first + length] for first in range(0, len(good), length)]
-    return [(part, replace(ready, y=ready.y[part], c=ready.c[part], spans=ready.spans[part])) for part in parts]
+Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]
 
 
 @contextmanager
-def _workers(engine: Engine, settings: Settings) -> Iterator[Callable[[list[Work]], Iterator[Done]]]:
-    """Yield a function that runs blocks, on threads where the engine lets other threads run."""
-
-    def run(work: Work) -> Done:
-        return work[0], engine.integrate_block(work[1], settings.method)
-
-    if settings.threads == 1 or not engine.parallel:
-        yield lambda blocks: map(run, blocks)
+def _workers(threads: int) -> Iterator[Each]:
+    """Yield a function that runs blocks and gives the size of each as it is finished."""
+    if threads == 1:
+        yield map
         return
-    with ThreadPoolExecutor(settings.threads) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         try:
-            yield lambda blocks: (task.result() for task in as_completed([pool.submit(run, block) for block in blocks]))
+            yield lambda run, blocks: (
+                task.result() for task in as_completed([pool.submit(run, block) for block in blocks])
+            )
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             raise

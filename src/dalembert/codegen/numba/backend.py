@@ -8,10 +8,10 @@ integrators call many times is printed from the same program as LLVM assembly in
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import llvmlite
 import numba
@@ -25,11 +25,14 @@ from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.taylor import order_for
 from ...runtime.cache import load_from_disk, load_in_memory
-from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, RenderedModule
+from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
 from .llvm import native_lanes
 from .steps import StepLibrary
+
+if TYPE_CHECKING:
+    from ...integrators.numba.series import StepCode
 
 __all__ = ["NumbaBackend"]
 
@@ -44,6 +47,7 @@ class NumbaEngine(Engine):
 
     def __init__(self, program: Program, module: ModuleType, folder: Path | None) -> None:
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
+        self._parameters = len(program.layout.parameters)
         self._module = module
         self.steps = StepLibrary(program, folder)
 
@@ -81,10 +85,11 @@ class NumbaEngine(Engine):
 
     parallel: ClassVar[bool] = True
 
-    def integrate_block(self, block: CaseBlock, method: str) -> BlockResult:
+    def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: Taylor steps run in lanes, refilled as cases end."""
         if method != "taylor":
-            return super().integrate_block(block, method)
+            super().integrate_block(block, method, result)
+            return
         from ...integrators.numba.lanes import sweeping_loop
         from ...integrators.numba.series import clipped_tolerance
 
@@ -94,23 +99,37 @@ class NumbaEngine(Engine):
         codes = [self.steps.taylor(order, lanes, dense=wanted > 0)]
         codes += [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         limits = np.array([block.max_step, max(block.atol / tolerance, 1e-300), block.max_steps])
-        result = BlockResult(np.empty((k, n)), np.empty((k, 3)), np.full((k, wanted, n), np.nan))
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         sweeping_loop()(
             *codes, limits, block.y, block.c, block.spans, block.t_eval, order, result.y, result.ends, samples, lanes
         )
-        return result
+
+    def prepared(
+        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+    ) -> Callable[[FloatArray, FloatArray], Final]:
+        """See `Engine.prepared`."""
+        if method != "taylor":
+            return super().prepared(problem, method, constants)
+        from ...integrators.numba.final import final_state
+        from ...integrators.numba.series import clipped_tolerance
+
+        tolerance = clipped_tolerance(problem.rtol, problem.atol)
+        sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
+        span = (problem.t0, problem.t1, problem.max_step)
+        floor = max(problem.atol / tolerance, 1e-300)
+        code = self._taylor(problem, dense=False)
+        return final_state(code, self.steps.prepare(), sizes, span, floor, problem.max_steps)
 
     def _kernels(self) -> Kernels:
         names = ("rhs", "project_position", "project_velocity")
         return Kernels(*(self.steps.numba_kernel(name) for name in names))
 
-    def _taylor(self, problem: IntegrationProblem) -> Any:
+    def _taylor(self, problem: IntegrationProblem, *, dense: bool = True) -> StepCode:
         from ...integrators.numba.series import StepCode, clipped_tolerance
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
+        return StepCode(order, self.steps.taylor(order, 1, dense=dense), *projections)
 
 
 @final

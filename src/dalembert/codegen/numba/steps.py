@@ -54,6 +54,10 @@ class StepLibrary:
         kernel = self._program.kernel(name)
         return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
 
+    def prepare(self) -> int:
+        """Return the address of the code from parameters to constants, of two pointers."""
+        return self._address("prepare", 1, lambda: self._program.kernel("prepare"))
+
     def numba_kernel(self, name: str) -> int:
         """Return the address of a kernel under numba's calling convention, 0 where the program has none."""
         if name not in self._program:

@@ -1,0 +1,162 @@
+"""Consistent initial states: from the values that a user gives to the state of a formulation, as a kernel.
+
+What the constraints fix may be left out: missing coordinates solve the holonomic constraints,
+which they must enter linearly, and missing rates the velocity constraints, both by least squares
+written out on the graph. What is given is checked against the constraints, each relative to the
+size of its terms, and what the tolerance lets pass is projected away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..errors import InitialStateError, list_names
+from ..ir.graph import Graph, Node
+from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..ir.lower import lower_kernel
+from ..ir.program import Kernel
+from .base import ReducedSystem
+from .reactions import independent_columns
+
+__all__ = ["TOLERANCE", "Start", "starting"]
+
+TOLERANCE = 1e-8
+"""Relative residual up to which an initial state counts as consistent."""
+
+_NOTHING = 1e-4
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """A kernel from given values to a state.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Arguments (t, y, c), y holding the given values in the order of `given` and c beginning with the parameters.
+        Outputs: the state (n_y), then for each of `labels` what the constraint leaves and what it may leave.
+    given : tuple of str
+        Names of coordinates and rates.
+    labels : tuple of (str, str)
+        "positions" or "rates", and the label of the constraint.
+    """
+
+    kernel: Kernel
+    given: tuple[str, ...]
+    labels: tuple[tuple[str, str], ...]
+
+
+def starting(system: ReducedSystem, given: Sequence[str]) -> Start:
+    """Return the start of a system from values with the names `given`.
+
+    Raises
+    ------
+    InitialStateError
+        When something is neither given nor fixed by a constraint.
+    """
+    return _Starting(system, given).build()
+
+
+@final
+class _Starting:
+    def __init__(self, system: ReducedSystem, given: Sequence[str]) -> None:
+        equations = system.equations
+        self.system, self.symbols = system, equations.symbols
+        self.graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
+        self.given = tuple(name for name in (*self.symbols.coordinates, *self.symbols.rates) if name in given)
+        self.rows = equations.constraints
+        self.q = self.graph.adopt(equations.q)
+        self.qdot = self.graph.adopt(equations.qdot)
+        self.values: dict[Node, Node] = {}
+
+    def build(self) -> Start:
+        positions = [row for row in self.rows if row.position is not None]
+        jacobian = [self.graph.adopt(row.jacobian) for row in self.rows]
+        residual = self.graph.adopt([row.position for row in positions if row.position is not None])
+        self._solve_positions(residual, jacobian[: len(positions)])
+        at_q = self._at(residual)
+        left = [(value, row, self.q, 1.0) for value, row in zip(at_q, jacobian, strict=False)]
+        labels = [("positions", row.label) for row in positions]
+        drift = self.graph.adopt([row.drift for row in self.rows])
+        velocity = [v + d for v, d in zip(matvec(self.graph, jacobian, self.qdot), drift, strict=True)]
+        self._solve_velocities(velocity, jacobian)
+        left += [(value, row, self.qdot, 0.0) for value, row in zip(self._at(velocity), jacobian, strict=True)]
+        labels += [("rates", row.label) for row in self.rows]
+        limits = [self._limit(row, around, scale) for _, row, around, scale in left]
+        state = self._state()
+        checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
+        inputs: dict[Node, tuple[str, int | None]] = {self.graph.input(self.symbols.time): ("t", None)}
+        inputs |= {self.graph.input(name): ("c", i) for i, name in enumerate(self.symbols.parameters)}
+        inputs |= {self.graph.input(name): ("y", i) for i, name in enumerate(self.given)}
+        kernel = lower_kernel(self.graph, "start", [*state, *checks], inputs, arguments=("t", "y", "c"))
+        return Start(kernel, self.given, tuple(labels))
+
+    def _at(self, nodes: Sequence[Node]) -> list[Node]:
+        """Return nodes at what is known of the missing values so far."""
+        return self.graph.substitute(nodes, self.values) if self.values else list(nodes)
+
+    def _missing(self, nodes: Sequence[Node], names: Sequence[str]) -> tuple[list[int], list[Node], list[str]]:
+        places = [i for i, name in enumerate(names) if name not in self.given]
+        return places, [nodes[i] for i in places], [names[i] for i in places]
+
+    def _solve_positions(self, residual: list[Node], jacobian: Matrix) -> None:
+        places, missing, names = self._missing(self.q, self.symbols.coordinates)
+        if not missing:
+            return
+        columns = [[row[i] for i in places] for row in jacobian]
+        why = "no holonomic constraint gives them uniquely"
+        linear = all(self.graph.freed_of(entry, missing) is not None for row in columns for entry in row)
+        if not linear:
+            self._refuse("coordinates", names, why)
+        self._solve(residual, columns, missing, names, ("coordinates", why))
+
+    def _solve_velocities(self, residual: list[Node], jacobian: Matrix) -> None:
+        places, missing, names = self._missing(self.qdot, self.symbols.rates)
+        if missing:
+            columns = [self._at([row[i] for i in places]) for row in jacobian]
+            self._solve(self._at(residual), columns, missing, names, ("rates", "the constraints do not fix them"))
+
+    def _solve(
+        self, residual: list[Node], columns: Matrix, missing: list[Node], names: list[str], complaint: tuple[str, str]
+    ) -> None:
+        """Take the missing values to be the least-squares solution of constraints that are linear in them."""
+        if not columns:
+            self._refuse(complaint[0], names, complaint[1])
+        _, free = independent_columns(self.graph, columns)
+        if free:
+            self._refuse(complaint[0], [names[i] for i in sorted(free)], complaint[1])
+        rest = self.graph.substitute(residual, dict.fromkeys(missing, self.graph.zero))
+        across = transpose(columns)
+        try:
+            normal = factorize(self.graph, matmul(self.graph, across, columns))
+        except SingularMatrix:
+            self._refuse(complaint[0], names, complaint[1])
+            raise
+        found = normal.solve([-value for value in matvec(self.graph, across, rest)])
+        self.values |= dict(zip(missing, found, strict=True))
+
+    def _refuse(self, what: str, names: Sequence[str], why: str) -> None:
+        raise InitialStateError(
+            f"initial values are missing for the {what} {list_names(names)}: {why}, and nothing defaults to zero"
+        )
+
+    def _limit(self, row: Sequence[Node], around: Sequence[Node], scale: float) -> Node:
+        graph = self.graph
+        terms = self._at([graph.call("abs", a * x) for a, x in zip(row, around, strict=True) if not a.is_zero])
+        size = graph.sum([graph.node(scale), *terms])
+        return graph.node(TOLERANCE) * graph.call("max", size, graph.node(_NOTHING))
+
+    def _state(self) -> list[Node]:
+        """Return the state of the formulation, projected onto the constraints where the formulation can."""
+        graph, system = self.graph, self.system
+        state = self._at(graph.adopt(system.initial))
+        if system.projection is None:
+            return state
+        inputs = graph.adopt(system.inputs)
+        for correction in (system.projection.position, system.projection.velocity):
+            moved = graph.substitute(graph.adopt(correction), dict(zip(inputs, state, strict=True)))
+            state = [a + b for a, b in zip(state, moved, strict=True)]
+        return state
