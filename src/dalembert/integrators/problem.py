@@ -20,8 +20,6 @@ Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 class Kernels:
     """The generated functions an integrator calls, all with the signature ``(t, y, constants, out)``.
 
-    Integrators compiled by numba also take the addresses of compiled ones.
-
     Attributes
     ----------
     rhs
@@ -30,14 +28,14 @@ class Kernels:
         Write one mass-orthogonal Newton correction (n_y,) into ``out``; absent where nothing is projected.
     """
 
-    rhs: Kernel | int
-    project_position: Kernel | int | None = None
-    project_velocity: Kernel | int | None = None
+    rhs: Kernel
+    project_position: Kernel | None = None
+    project_velocity: Kernel | None = None
 
     @property
     def projected(self) -> bool:
         """Whether accepted steps are projected back onto constraints."""
-        return bool(self.project_position or self.project_velocity)
+        return self.project_position is not None or self.project_velocity is not None
 
 
 @final

@@ -220,7 +220,7 @@ class _SceneReader:
             self.faults.append(f"{place}: {vector!r} is not a vector")
             return ()
         if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
-            self.faults.append(f"{place}: {vector!r} has components that are not numbers")
+            self.faults.append(f"{place}: the vector has components that are not numbers")
             return ()
         return tuple(
             Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))

@@ -20,7 +20,7 @@ from numba import types
 
 from ... import __version__
 from ...integrators.digest import integrator_digest
-from ...integrators.problem import IntegrationProblem, Kernels, Solution
+from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.taylor import order_for
@@ -28,6 +28,7 @@ from ...runtime.cache import load_from_disk, load_in_memory
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
+from .driver import call_driver
 from .llvm import native_lanes
 from .steps import StepLibrary
 
@@ -81,7 +82,7 @@ class NumbaEngine(Engine):
         from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        return explicit.integrate(self._kernels(), tableau, problem)
+        return explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
 
     parallel: ClassVar[bool] = True
 
@@ -108,28 +109,24 @@ class NumbaEngine(Engine):
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
     ) -> Callable[[FloatArray, FloatArray], Final]:
         """See `Engine.prepared`."""
-        if method != "taylor":
+        if method != "taylor" or "project_velocity" in self._sizes:
             return super().prepared(problem, method, constants)
-        from ...integrators.numba.final import final_state
         from ...integrators.numba.series import clipped_tolerance
 
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
-        span = (problem.t0, problem.t1, problem.max_step)
-        floor = max(problem.atol / tolerance, 1e-300)
-        code = self._taylor(problem, dense=False)
-        return final_state(code, self.steps.prepare(), sizes, span, floor, problem.max_steps)
+        address = self.steps.run(order_for(tolerance), sizes)
+        return call_driver(address, sizes, problem, max(problem.atol / tolerance, 1e-300))
 
-    def _kernels(self) -> Kernels:
-        names = ("rhs", "project_position", "project_velocity")
-        return Kernels(*(self.steps.numba_kernel(name) for name in names))
+    def _kernels(self) -> list[int]:
+        return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
-    def _taylor(self, problem: IntegrationProblem, *, dense: bool = True) -> StepCode:
+    def _taylor(self, problem: IntegrationProblem) -> StepCode:
         from ...integrators.numba.series import StepCode, clipped_tolerance
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return StepCode(order, self.steps.taylor(order, 1, dense=dense), *projections)
+        return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
 
 
 @final

@@ -16,6 +16,7 @@ from ...errors import CacheWarning
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
+from .driver import driver_text
 from .llvm import Compiled, assembly, compile_object, load_object, target_name
 
 __all__ = ["StepLibrary"]
@@ -54,9 +55,16 @@ class StepLibrary:
         kernel = self._program.kernel(name)
         return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
 
-    def prepare(self) -> int:
-        """Return the address of the code from parameters to constants, of two pointers."""
-        return self._address("prepare", 1, lambda: self._program.kernel("prepare"))
+    def run(self, order: int, sizes: tuple[int, int, int]) -> int:
+        """Return the address of a whole run by Taylor steps (see `dalembert.codegen.numba.driver`)."""
+
+        def text() -> str:
+            step = step_kernel(self._known_recurrences(), order, dense=False)
+            return assembly([("prepare", self._program.kernel("prepare")), ("step", step)], 1) + driver_text(
+                "step", *sizes
+            )
+
+        return self._entry(f"run{order}", 1, text, "run")
 
     def numba_kernel(self, name: str) -> int:
         """Return the address of a kernel under numba's calling convention, 0 where the program has none."""
@@ -70,28 +78,28 @@ class StepLibrary:
         return self._recurrences
 
     def _address(self, name: str, lanes: int, make: Make, suffix: str = "") -> int:
+        return self._entry(name, lanes, lambda: assembly([(name, make())], lanes), name + suffix)
+
+    def _entry(self, name: str, lanes: int, text: Callable[[], str], function: str) -> int:
+        """Return the address of a function of the module `text`, compiled when first asked for."""
         with self._lock:  # LLVM is not to be entered by two threads
             key = (name, lanes)
             if key not in self._loaded:
-                self._loaded[key] = load_object(self._object(name, lanes, make))
-            return self._loaded[key].address(name + suffix)
+                self._loaded[key] = load_object(self._object(name, lanes, text))
+            return self._loaded[key].address(function)
 
-    def _object(self, name: str, lanes: int, make: Make) -> bytes:
+    def _object(self, name: str, lanes: int, text: Callable[[], str]) -> bytes:
         """Return object code from the folder, where it is there and whole, else compile it."""
         if self._folder is None:
-            return compile_object(_text(name, make(), lanes))
+            return compile_object(text())
         key = hashlib.sha256(target_name().encode()).hexdigest()[:16]
         path = self._folder / f"{name}_{lanes}_{key}.o"
         held = _read(path)
         if held is not None:
             return held
-        code = compile_object(_text(name, make(), lanes))
+        code = compile_object(text())
         _write(path, code)
         return code
-
-
-def _text(name: str, kernel: Kernel, lanes: int) -> str:
-    return assembly([(name, kernel)], lanes)
 
 
 def _read(path: Path) -> bytes | None:

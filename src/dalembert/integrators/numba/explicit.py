@@ -93,14 +93,14 @@ _SMALLEST_SCALE = 1e-150
 _STRETCH = 1.0 + 1e-9
 
 
-def integrate(kernels: Kernels, tableau: Tableau, problem: IntegrationProblem) -> Solution:
+def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: IntegrationProblem) -> Solution:
     """Integrate a problem with an explicit Runge-Kutta pair.
 
     Parameters
     ----------
     kernels
         Functions jitted by numba for ``void(float64, float64[::1], float64[::1], float64[::1])``, with
-        ``error_model="numpy"``: a kernel that raises makes this function raise.
+        ``error_model="numpy"``, or the addresses of code under numba's calling convention for that.
     tableau
         The method.
     problem
@@ -111,7 +111,9 @@ def integrate(kernels: Kernels, tableau: Tableau, problem: IntegrationProblem) -
     Solution
         Numerical failure is its status, never an exception.
     """
-    addresses = Addresses(*map(kernel_address, (kernels.rhs, kernels.project_position, kernels.project_velocity)))
+    if isinstance(kernels, Kernels):
+        functions = (kernels.rhs, kernels.project_position, kernels.project_velocity)
+        kernels = Addresses(*map(kernel_address, functions))
     settings = Settings(
         float(problem.t0),
         float(problem.t1),
@@ -126,7 +128,7 @@ def integrate(kernels: Kernels, tableau: Tableau, problem: IntegrationProblem) -
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
     y0 = np.array(problem.y0, dtype=np.float64)
     constants = np.array(problem.constants, dtype=np.float64)
-    record = Record(*_compiled_loop()(addresses, pack(tableau), settings, y0, constants, t_eval))
+    record = Record(*_compiled_loop()(kernels, pack(tableau), settings, y0, constants, t_eval))
     return _solution(record, problem)
 
 

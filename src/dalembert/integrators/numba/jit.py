@@ -44,14 +44,14 @@ def compiled_and_cached(function: F, argument_types: tuple[Any, ...]) -> F:
     return cast(F, options(function))
 
 
-def kernel_address(kernel: Kernel | int | None) -> int:
-    """Address of a jitted kernel's compiled code, 0 for an absent kernel; an address is handed back.
+def kernel_address(kernel: Kernel | None) -> int:
+    """Address of a jitted kernel's compiled code, 0 for an absent kernel.
 
     The address is valid as long as the kernel is alive. Kernels are compiled for ``KERNEL_SIGNATURE`` if they
     have not been yet.
     """
-    if kernel is None or isinstance(kernel, int):
-        return kernel or 0
+    if kernel is None:
+        return 0
     address = _addresses.get(kernel)
     if address is None:
         result = cast(Any, kernel).get_compile_result(KERNEL_SIGNATURE)

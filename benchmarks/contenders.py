@@ -1,0 +1,115 @@
+"""What is timed: a solver of one case, ready to be run at a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from exact import END, Case, final_error
+
+import dalembert as da
+from dalembert.errors import ConstraintError, FormulationError, OptionError
+from dalembert.integrators.problem import IntegrationProblem
+from dalembert.runtime import inputs
+
+__all__ = ["Contender", "Prepared", "absolute", "available_backends", "own"]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A contender at one tolerance.
+
+    Attributes
+    ----------
+    run : callable
+        The integration alone, from state at the start to state at the end.
+    call : callable or None
+        The same as a user calls it: names looked up, initial state checked, trajectory built.
+    error : float
+        Largest error at the end, against the exact solution.
+    steps, evaluations : int or None
+        What the run took, where the solver says.
+    """
+
+    run: Callable[[], Any]
+    call: Callable[[], Any] | None
+    error: float
+    steps: int | None = None
+    evaluations: int | None = None
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A solver of one case; `prepare` takes rtol and runs it once, so that everything is compiled."""
+
+    solver: str
+    formulation: str
+    method: str
+    prepare: Callable[[float], Prepared]
+
+    @property
+    def label(self) -> str:
+        """How figures and tables call it."""
+        return " ".join(part for part in (self.solver, self.formulation, self.method) if part)
+
+
+def absolute(rtol: float) -> float:
+    """Return the absolute tolerance that goes with a relative one, for every solver that takes both."""
+    return rtol / 100
+
+
+def available_backends(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the backends that can be had, and a line for each that cannot."""
+    from dalembert.codegen import backend_named
+
+    found, missing = [], []
+    for name in names:
+        try:
+            backend_named(name)
+            found.append(name)
+        except ImportError as reason:
+            missing.append(f"the backend {name!r} cannot be had here and is left out: {reason}")
+    return found, missing
+
+
+def own(case: Case, backend: str, formulations: Sequence[str], methods: int | None = None) -> Iterator[Contender]:
+    """Yield dalembert's contenders: formulations that can serve times methods (the first few, or all)."""
+    for formulation in formulations:
+        try:
+            model = da.compile_model(da.scenes.ALL[case.scene](), backend=backend, formulation=formulation)
+        except (FormulationError, ConstraintError):
+            continue
+        for method in model.methods[:methods]:
+            try:
+                model.simulate((0, 0), case.initial, case.parameters, method=method)
+            except OptionError:  # a method that cannot be projected
+                continue
+            yield Contender(f"dalembert {backend}", formulation, method, _preparation(case, model, method))
+
+
+def _preparation(case: Case, model: Any, method: str) -> Callable[[float], Prepared]:
+    program, initial, parameters = model.stages.program, case.initial, case.parameters
+    c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
+    y0 = inputs.start(program, 0.0, inputs.initial_state(program, 0.0, initial, c), c)
+    engine = model._engine  # there is no public way to integrate without building a trajectory
+
+    def prepare(rtol: float) -> Prepared:
+        options = {"rtol": rtol, "atol": absolute(rtol), "max_steps": 1_000_000}
+
+        def call() -> Any:
+            return model.simulate((0.0, END), initial, parameters, method=method, **options)
+
+        problem = IntegrationProblem(t0=0.0, t1=END, y0=y0, constants=c, dense=False, **options)
+
+        def run() -> Any:
+            return engine.integrate(problem, method)
+
+        trajectory = call()
+        run()
+        if not trajectory.success:
+            raise RuntimeError(f"{case.scene}, {method} at rtol {rtol:g}: {trajectory.message}")
+        error = final_error(case, trajectory.q[-1], trajectory.qdot[-1])
+        return Prepared(run, call, error, trajectory.stats.steps, trajectory.stats.evaluations)
+
+    return prepare

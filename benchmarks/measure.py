@@ -1,0 +1,137 @@
+"""Measuring: interleaved timings with their spread, growth exponents, and what a machine is called."""
+
+from __future__ import annotations
+
+import gc
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any, TypeVar
+
+import numpy as np
+
+__all__ = ["Timing", "Watch", "growth_exponent", "interleaved", "machine"]
+
+K = TypeVar("K", bound=Hashable)
+
+_SAMPLE_SECONDS = 2e-3
+_MOST_CALLS = 1000
+_PACKAGES = ("dalembert", "numba", "jax", "diffrax", "heyoka", "numpy", "scipy", "sympy")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of one call: the median of the rounds, and their quartiles."""
+
+    median: float
+    low: float
+    high: float
+    rounds: int
+
+    @classmethod
+    def of(cls, samples: Sequence[float]) -> Timing:
+        """Return the timing that samples [s] amount to."""
+        low, middle, high = np.percentile(samples, [25, 50, 75])
+        return cls(float(middle), float(low), float(high), len(samples))
+
+    def microseconds(self) -> dict[str, float]:
+        """Return median and quartiles in microseconds, as JSON takes them."""
+        return {name: round(1e6 * getattr(self, name), 3) for name in ("median", "low", "high")}
+
+
+def interleaved(tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_each: float) -> dict[K, Timing]:
+    """Time tasks in turn, round after round, so that a change of the machine's speed meets all of them alike.
+
+    Parameters
+    ----------
+    tasks : mapping to functions without arguments
+        What to time; they must have run before, so that nothing is compiled now.
+    rounds : int
+        Samples a task. A sample is as many calls as take two milliseconds.
+    seconds_each : float
+        What a task may take in all [s]; a slow one is sampled less often, three times at least.
+    """
+    calls, wanted = {}, {}
+    for name, task in tasks.items():
+        once = min(_sample(task, 1) for _ in range(2))
+        calls[name] = int(min(max(1, _SAMPLE_SECONDS / once), _MOST_CALLS))
+        wanted[name] = int(min(rounds, max(3, seconds_each / (once * calls[name]))))
+    samples: dict[K, list[float]] = {name: [] for name in tasks}
+    for turn in range(max(wanted.values(), default=0)):
+        for name, task in tasks.items():
+            # The fewer samples a task has, the further apart they are taken.
+            if len(samples[name]) * rounds <= turn * wanted[name] and len(samples[name]) < wanted[name]:
+                samples[name].append(_sample(task, calls[name]))
+    return {name: Timing.of(values) for name, values in samples.items()}
+
+
+def _sample(task: Callable[[], Any], calls: int) -> float:
+    """Return the seconds of one of `calls` calls in a row, without garbage collection."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        begin = time.perf_counter()
+        for _ in range(calls):
+            task()
+        return (time.perf_counter() - begin) / calls
+    finally:
+        if collecting:
+            gc.enable()
+
+
+class Watch:
+    """Takes down how long each of several stages takes."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, run: Callable[[], Any]) -> Any:
+        """Return ``run()``."""
+        begin = time.perf_counter()
+        result = run()
+        self.seconds[stage] = time.perf_counter() - begin
+        return result
+
+
+def growth_exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
+    """Return the slope of values over sizes on logarithmic axes; None with fewer than two points."""
+    pairs = [(n, v) for n, v in zip(sizes, values, strict=True) if v > 0]
+    if len(pairs) < 2:
+        return None
+    slope, _ = statistics.linear_regression(*np.log(np.array(pairs)).T.tolist())
+    return round(slope, 2)
+
+
+def machine() -> dict[str, Any]:
+    """Return core count, CPU feature level and versions: all that a result says of where it was measured."""
+    return {
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cpu": _feature_level(),
+        "python": platform.python_version(),
+        "versions": {name: version for name in _PACKAGES if (version := _version(name))},
+    }
+
+
+def _feature_level() -> str:
+    from llvmlite import binding
+
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return platform.machine().lower()
+    has = dict(binding.get_host_cpu_features())
+    levels = {
+        "x86-64-v4": ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"),
+        "x86-64-v3": ("avx2", "bmi2", "fma"),
+        "x86-64-v2": ("sse4.2",),
+    }
+    return next((level for level, needed in levels.items() if all(has.get(f) for f in needed)), "x86-64")
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,88 @@
+"""Start-up: from a new process to the first trajectory, with empty caches and with what that left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from typing import Any
+
+__all__ = ["first_trajectory", "import_seconds"]
+
+Record = dict[str, Any]
+
+_CHILD = """
+import json, sys, time
+begin = time.perf_counter()
+import dalembert as da
+imported = time.perf_counter()
+scene = da.scenes.chaplygin_sleigh()
+built = time.perf_counter()
+model = da.compile_model(scene, backend=sys.argv[1])
+compiled = time.perf_counter()
+initial = {"x": 0, "y": 0, "theta": 0.2, "theta_dot": 2.0, "x_dot": 0.98}
+model.simulate((0, 10), initial, {"m": 1, "b": 0.3, "I_C": 0.5})
+simulated = time.perf_counter()
+model.simulate((0, 10), initial, {"m": 1, "b": 0.3, "I_C": 0.5})
+again = time.perf_counter()
+print(json.dumps({
+    "import": imported - begin, "scene": built - imported, "compile_model": compiled - built,
+    "simulate": simulated - compiled, "simulate again": again - simulated, "stages": model.stages.seconds,
+}))
+"""
+
+
+def _child(code: str, *arguments: str, **environment: str) -> tuple[float, str]:
+    """Run Python in a new process; return its seconds from start to end, and what it printed."""
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    seconds = time.perf_counter() - begin
+    if done.returncode:
+        raise RuntimeError(f"a process of the start-up benchmark failed:\n{done.stderr}")
+    return seconds, done.stdout
+
+
+def first_trajectory(backend: str, repetitions: int = 1) -> dict[str, Record]:
+    """Return the seconds of the sleigh's first trajectory in a first and in a second process.
+
+    Both caches (dalembert's and numba's, thus also the library's own integrator loop) are empty folders
+    before the first process of each repetition. Medians over the repetitions.
+    """
+    runs: dict[str, list[Record]] = {"first process": [], "second process": []}
+    for _ in range(repetitions):
+        with tempfile.TemporaryDirectory() as folder:
+            caches = {"DALEMBERT_CACHE_DIR": f"{folder}/modules", "NUMBA_CACHE_DIR": f"{folder}/numba"}
+            for samples in runs.values():
+                wall, text = _child(_CHILD, backend, **caches)
+                samples.append({**json.loads(text), "process": wall})
+    return {name: _medians(samples) for name, samples in runs.items()}
+
+
+def _medians(samples: Sequence[Record]) -> Record:
+    medians: Record = {}
+    for name, value in samples[0].items():
+        values = [sample[name] for sample in samples]
+        medians[name] = _medians(values) if isinstance(value, dict) else round(statistics.median(values), 5)
+    return medians
+
+
+def import_seconds(repetitions: int = 5) -> dict[str, float]:
+    """Return the median seconds of ``import dalembert`` in a new process, and of its larger dependencies alone."""
+    code = "import sys, time; b = time.perf_counter(); __import__(sys.argv[1]); print(time.perf_counter() - b)"
+    names = ("dalembert", "sympy.physics.mechanics", "numba", "numpy")
+    samples: dict[str, list[float]] = {name: [] for name in names}
+    for _ in range(repetitions):
+        for name in names:
+            samples[name].append(float(_child(code, name)[1]))
+    return {name: round(statistics.median(values), 4) for name, values in samples.items()}

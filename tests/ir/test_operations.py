@@ -1,0 +1,134 @@
+"""One row an operation: every table covers all of them, and all tables mean the same."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dalembert.codegen.printers import PRINTERS
+from dalembert.ir.derivatives import RULES
+from dalembert.ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
+from dalembert.ir.ops import OPERATIONS
+from dalembert.ir.program import Assignment, Kernel, Load, count_operations, describe_counts
+from ir.trees import EXTENDED
+
+TABLES = {
+    "derivatives": RULES,
+    "arrays": ARRAY_OPERATIONS,
+    "extended precision (tests)": EXTENDED,
+    **{f"printer {printer.name}": printer.formats for printer in PRINTERS},
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_table_covers_every_operation_and_no_other(table):
+    assert set(TABLES[table]) == set(OPERATIONS)
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_operation_is_registered_under_its_name(name):
+    operation = OPERATIONS[name]
+    assert operation.name == name
+    assert operation.cost > 0  # what keeps the graph acyclic
+    assert operation.flops in (0, 1, 2)
+
+
+def operands(name):
+    arity = OPERATIONS[name].arity
+    rows = [(0.31, 0.87, -2.0), (0.5, 0.5, 3.0), (0.0, 1.0, 2.0), (1.0, 0.25, 0.5)]
+    if name not in ("sqrt", "log", "pow", "rough_log2"):
+        rows += [(-0.9, 0.4, 1.0), (-0.5, -0.5, 7.0)]
+    if name in ("log", "div", "pow", "rough_log2"):
+        rows = [row for row in rows if row[0] != 0.0]
+    return [row[:arity] for row in rows]
+
+
+def close(name, expected):
+    """Return what values of an operation must equal; the rough ones promise four digits."""
+    rel = 2e-4 if name.startswith("rough") else 1e-13
+    return pytest.approx(expected, rel=rel, abs=1e-15)
+
+
+def kernel_of(name):
+    arity = OPERATIONS[name].arity
+    loads = tuple(Load(f"a{i}", "y", i) for i in range(arity))
+    names = tuple(load.target for load in loads)
+    return Kernel("outputs", ("t", "y", "c"), loads, (Assignment("z", name, names),), ("z",))
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_scalar_array_and_extended_meaning_agree(name):
+    rows = operands(name)
+    expected = [float(EXTENDED[name](*row)) for row in rows]
+    scalar = [interpret(kernel_of(name), {"t": 0.0, "y": row, "c": []})[0] for row in rows]
+    columns = interpret_rows(kernel_of(name), np.zeros(len(rows)), np.array(rows), np.empty(0))
+    assert scalar == close(name, expected)
+    assert columns[:, 0] == close(name, expected)
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_printed_python_means_the_same(name):
+    python = next(printer for printer in PRINTERS if printer.name == "python")
+    lines = python.lines(kernel_of(name))
+    for row in operands(name):
+        scope = {"math": math, "y": row}
+        exec("\n".join(lines), scope)
+        assert isinstance(scope["z"], float)
+        assert scope["z"] == close(name, float(EXTENDED[name](*row)))
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_printed_jax_means_the_same(name):
+    jax = pytest.importorskip("jax")
+    printer = next(printer for printer in PRINTERS if printer.name == "jax")
+    for row in operands(name):
+        scope = {"jnp": jax.numpy, "y": row}
+        with jax.enable_x64(True):
+            exec("\n".join(printer.lines(kernel_of(name))), scope)
+        assert float(scope["z"]) == close(name, float(EXTENDED[name](*row)))
+
+
+@pytest.mark.parametrize("printer", PRINTERS, ids=lambda printer: printer.name)
+@pytest.mark.parametrize("value", [0.1, -0.1, 1e-300, -1e300, 1 / 3, 5e-324, -2.0])
+def test_printed_literals_keep_every_digit(printer, value):
+    assert eval(printer.operand(value)) == value
+    assert eval(f"1.0 - {printer.operand(value)}") == 1.0 - value
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        (1.0, 0.0, math.inf),
+        (-1.0, 0.0, -math.inf),
+        (1.0, -0.0, -math.inf),
+        (0.0, 0.0, math.nan),
+        (math.nan, 0.0, math.nan),
+    ],
+)
+def test_division_by_zero_is_that_of_ieee_754(a, b, expected):
+    assert OPERATIONS["div"].evaluate(a, b) == pytest.approx(expected, nan_ok=True)
+
+
+def test_operations_are_counted_by_kind_and_as_flops():
+    body = (
+        Assignment("a", "mul", ("u", "v")),
+        Assignment("b", "add", ("a", 1.0)),
+        Assignment("c", "div", ("b", "a")),
+        Assignment("d", "neg", ("c",)),
+        Assignment("e", "sin", ("d",)),
+        Assignment("f", "sin", ("c",)),
+        Assignment("g", "sqrt", ("f",)),
+    )
+    loads = (Load("u", "y", 0), Load("v", "y", 1))
+    kernel = Kernel("rhs", ("t", "y", "p"), loads, body, ("g", "e"))
+    counts = count_operations(kernel)
+    assert counts["flops"] == 4
+    assert (counts["mul"], counts["add"], counts["div"], counts["neg"], counts["sin"], counts["sqrt"]) == (
+        1,
+        1,
+        1,
+        1,
+        2,
+        1,
+    )
+    assert describe_counts(kernel) == "4 flops, 2 sin"
