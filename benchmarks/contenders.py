@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from exact import END, Case, final_error
 
 import dalembert as da
 from dalembert.errors import ConstraintError, FormulationError, OptionError
-from dalembert.integrators.problem import IntegrationProblem
-from dalembert.runtime import inputs
 
 __all__ = ["Contender", "Prepared", "absolute", "available_backends", "own"]
 
@@ -23,7 +22,7 @@ class Prepared:
     Attributes
     ----------
     run : callable
-        The integration alone, from state at the start to state at the end.
+        The integration alone, from state at the start to state at the end, as a peer offers it.
     call : callable or None
         The same as a user calls it: names looked up, initial state checked, trajectory built.
     error : float
@@ -89,26 +88,24 @@ def own(case: Case, backend: str, formulations: Sequence[str], methods: int | No
 
 
 def _preparation(case: Case, model: Any, method: str) -> Callable[[float], Prepared]:
-    program, initial, parameters = model.stages.program, case.initial, case.parameters
-    c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
-    y0 = inputs.start(program, 0.0, inputs.initial_state(program, 0.0, initial, c), c)
-    engine = model._engine  # there is no public way to integrate without building a trajectory
+    initial, parameters = case.initial, case.parameters
+    state, p = model.state(initial, parameters), model.parameter_vector(parameters)
 
     def prepare(rtol: float) -> Prepared:
-        options = {"rtol": rtol, "atol": absolute(rtol), "max_steps": 1_000_000}
+        options = {"method": method, "rtol": rtol, "atol": absolute(rtol)}
+        prepared = model.prepare((0.0, END), **options)
 
         def call() -> Any:
-            return model.simulate((0.0, END), initial, parameters, method=method, **options)
-
-        problem = IntegrationProblem(t0=0.0, t1=END, y0=y0, constants=c, dense=False, **options)
+            return model.simulate((0.0, END), initial, parameters, **options)
 
         def run() -> Any:
-            return engine.integrate(problem, method)
+            return prepared(state, p)
 
-        trajectory = call()
-        run()
+        trajectory, end = call(), run()
         if not trajectory.success:
             raise RuntimeError(f"{case.scene}, {method} at rtol {rtol:g}: {trajectory.message}")
+        if not np.allclose(end, trajectory.y[-1], rtol=1e-6, atol=1e-6):
+            raise RuntimeError(f"{case.scene}, {method} at rtol {rtol:g}: prepare() and simulate() end differently")
         error = final_error(case, trajectory.q[-1], trajectory.qdot[-1])
         return Prepared(run, call, error, trajectory.stats.steps, trajectory.stats.evaluations)
 

@@ -6,6 +6,7 @@ Run by `make demo`; takes no arguments.
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -65,15 +66,13 @@ def show_scene(title: str, case: Case, reactions: Sequence[str]) -> None:
     say(model.explain())
     rhs = model.stages.program.kernel("rhs")
     say(f"\nequations found, {describe_counts(rhs)}; generated code of the right-hand side:")
-    body = model.source.split("def rhs", 1)[1].split("\n\n\n", 1)[0].splitlines()
-    lines = [line for line in body if " = " in line or "return" in line]
-    say("\n".join(f"  {line.strip()}" for line in lines))
+    text = re.split(r"^(?:def |@)", model.source.split("def rhs(", 1)[1], maxsplit=1, flags=re.MULTILINE)[0]
+    say("\n".join(f"  {line.strip()}" for line in text.splitlines() if " = " in line))
     motion = model.simulate((0, END), case.initial, case.parameters, rtol=1e-12, atol=1e-14)
     say(f"\n{END:g} s at rtol 1e-12: {motion.stats.steps} steps of {motion.stats.method}. {motion.message}")
-    say(
-        f"  largest error at the end against the exact solution  {final_error(case, motion.q[-1], motion.qdot[-1]):.1e}"
-    )
-    say(f"  largest constraint violation                         {np.abs(motion.constraint_violation).max():.1e}")
+    error, violation = final_error(case, motion.q[-1], motion.qdot[-1]), np.abs(motion.constraint_violation).max()
+    say(f"  largest error at the end against the exact solution  {error:.1e}")
+    say(f"  largest constraint violation                         {violation:.1e}")
     largest = ", ".join(f"|{name}| <= {np.abs(motion[name]).max():.2g} N" for name in reactions)
     say(f"  reactions along the motion                           {largest}")
 
@@ -111,9 +110,18 @@ def show_precision(backends: Sequence[str]) -> None:
     """Measure speed against error for every backend, formulation and method."""
     heading("Speed against error: 10 s of motion, one trajectory")
     records = work_precision(
-        backends, TOLERANCES, formulations=FORMULATIONS, methods=2, rounds=5, seconds_each=0.1, slowest=0.05, say=say
+        backends,
+        TOLERANCES,
+        formulations=FORMULATIONS,
+        methods={"numpy": 2},
+        rounds=5,
+        seconds_each=0.1,
+        slowest=0.05,
+        say=say,
     )
-    say("run: the integration alone; call: simulate() as called, with its checks and its Trajectory (medians, us)")
+    say(
+        "run: the integration alone, by model.prepare(); call: simulate() as called, with its checks and its Trajectory"
+    )
     say("error: the largest of all coordinates and rates at the end, against the exact solution\n")
     say(report.precision_text(records))
     figures.work_precision(records, PICTURES / "work_precision.png")

@@ -47,7 +47,8 @@ def _expected(done: Sequence[tuple[int, float]], n: int) -> float:
     if not done:
         return 0.0
     exponent = growth_exponent(*zip(*done[-2:], strict=True)) or 1.0
-    return done[-1][1] * (n / done[-1][0]) ** min(exponent, _WORST_GROWTH)
+    size, seconds = done[-1]
+    return float(seconds * (n / size) ** min(exponent, _WORST_GROWTH))
 
 
 def _derive_chain(chain: str, build: Callable[[int], Any], n: int) -> Record:
@@ -84,7 +85,8 @@ def kane_scaling(sizes: Sequence[int], say: Callable[[str], None] = print) -> li
         formed = time.perf_counter()
         shared, (mass, forcing) = cse([kane.mass_matrix, kane.forcing])
         shared_at = time.perf_counter()
-        operations = sum(int(e.count_ops()) for _, e in shared) + int(mass.count_ops()) + int(forcing.count_ops())
+        entries = [expression for _, expression in shared] + [*mass, *forcing]
+        operations = sum(int(expression.count_ops()) for expression in entries)
         seconds = {"equations": round(formed - begin, 5), "cse": round(shared_at - formed, 5)}
         records.append({"n": n, "seconds": seconds, "total": shared_at - begin, "operations": operations})
         say(f"  KanesMethod, planar chain of {n}: {formed - begin:.2f} s, and {shared_at - formed:.2f} s of CSE")

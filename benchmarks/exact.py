@@ -6,6 +6,9 @@
 import sys
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
@@ -20,7 +23,7 @@ END = 10.0
 """End of every motion that is timed [s]."""
 
 
-def final_error(case, q, qdot) -> float:
+def final_error(case: Case, q: NDArray[np.float64], qdot: NDArray[np.float64]) -> float:
     """Return the largest error of coordinates and rates at `END`, from q and q_dot (n_q,) there."""
     exact = case.exact(END)
     return float(max(abs(q - exact.q).max(), abs(qdot - exact.qdot).max()))

@@ -20,6 +20,7 @@ COLOURS = {
     "heyoka": "#CC79A7",
 }
 _PLAIN = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
+_ROUNDING = 1e-16
 _MARKERS = "osD^vP"
 _LINES = {"minimal": "-", "projected": "--", "augmented": ":", "by hand": "-"}
 
@@ -103,7 +104,7 @@ def scaling_picture(records: Sequence[Mapping[str, Any]], kane: Sequence[Mapping
 def sleigh_picture(motion: Any, b: float, path: Path) -> Path:
     """Draw the path of the sleigh's blade, with the body's axis at several times."""
     fine = motion(np.linspace(motion.t[0], motion.t[-1], 800))
-    still = motion(np.linspace(motion.t[0], motion.t[-1], 13))
+    still = motion(motion.t[0] + (motion.t[-1] - motion.t[0]) * np.linspace(0, 1, 13) ** 1.5)
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     panel = figure.subplots()
     panel.plot(fine["x"], fine["y"], color=_PLAIN[0], linewidth=1.6, label="path of the blade's contact C")
@@ -141,8 +142,8 @@ def sphere_picture(motion: Any, omega: Any, path: Path) -> Path:
         angles.plot(motion.t, motion[name], color=colour, label=name)
     angles.set(xlabel="t [s]", ylabel="[rad]", title="angles")
     for colour, axis, component in zip(_PLAIN, "xyz", omega.T, strict=False):
-        spin.plot(motion.t, component, color=colour, label=f"omega . N.{axis}")
-    spin.set(xlabel="t [s]", ylabel="[rad/s]", title="angular velocity along the fixed axes")
+        spin.plot(motion.t, component, color=colour, label=f"along N.{axis}")
+    spin.set(xlabel="t [s]", ylabel="[rad/s]", title="angular velocity")
     for panel in (plane, angles, spin):
         panel.grid(alpha=0.3)
     angles.legend()
@@ -155,10 +156,10 @@ def energy_picture(runs: Mapping[str, Any], path: Path, title: str) -> Path:
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     panel = figure.subplots()
     for number, (label, motion) in enumerate(runs.items()):
-        error = np.abs(motion["energy"] / motion["energy"][0] - 1.0)
+        error = np.abs(motion["energy"] / motion["energy"][0] - 1.0)[1:]
         panel.semilogy(
-            motion.t,
-            np.maximum(error, 1e-17),
+            motion.t[1:],
+            np.maximum(error, _ROUNDING),
             ("-", "--")[number % 2],
             marker=".",
             markersize=4,
@@ -166,9 +167,9 @@ def energy_picture(runs: Mapping[str, Any], path: Path, title: str) -> Path:
             label=label,
             color=_PLAIN[number // 2 % len(_PLAIN)],
         )
-    panel.set(xlabel="t [s]", ylabel="|E/E(0) - 1|, zero drawn at 1e-17", title=title)
+    panel.set(xlabel="t [s]", ylabel="|E/E(0) - 1|, below 1e-16 drawn there", title=title)
     panel.grid(alpha=0.3)
-    panel.legend(fontsize=8, ncols=2)
+    figure.legend(loc="outside lower center", fontsize=8, ncols=4, frameon=False)
     return _save(figure, path)
 
 

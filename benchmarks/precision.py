@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from contenders import Contender, own
@@ -22,7 +22,7 @@ def work_precision(
     tolerances: Sequence[float],
     *,
     formulations: Sequence[str],
-    methods: int | None,
+    methods: Mapping[str, int],
     rounds: int,
     seconds_each: float,
     slowest: float,
@@ -37,8 +37,8 @@ def work_precision(
         What to compare; a formulation that cannot serve on a backend is left out.
     tolerances : sequence of float
         rtol, loosest first.
-    methods : int or None
-        How many methods of each backend, in its own order; None for all.
+    methods : mapping of str to int
+        How many methods of a backend, in its own order; all of one that is not named.
     rounds, seconds_each
         See `measure.interleaved`.
     slowest : float
@@ -51,7 +51,7 @@ def work_precision(
     records: list[Record] = []
     for name, case in CASES.items():
         begin = time.perf_counter()
-        contenders = [c for backend in backends for c in own(case, backend, formulations, methods)]
+        contenders = [c for backend in backends for c in own(case, backend, formulations, methods.get(backend))]
         contenders += list(peers(case)) if with_peers else []
         records += measure_contenders(name, contenders, tolerances, rounds, seconds_each, slowest)
         say(f"  {name}: {len(contenders)} contenders, {time.perf_counter() - begin:.0f} s")

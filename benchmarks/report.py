@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["describe_machine", "markdown", "precision_text", "startup_text"]
+__all__ = ["RESULT", "describe_machine", "fill", "markdown", "precision_text", "startup_text"]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "bench.json"
@@ -38,8 +38,8 @@ def _text_table(head: Sequence[str], rows: Rows) -> str:
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
     lines = []
     for row in (head, *rows):
-        first, *others = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths)))
-        lines.append("  ".join([first, *others]).rstrip())
+        others = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))
+        lines.append("  ".join([row[0].ljust(widths[0]), *others]).rstrip())
     return "\n".join(lines)
 
 
@@ -172,21 +172,26 @@ def readme_section(result: Record) -> str:
     )
 
 
-def main() -> int:
-    """Fill, or check, the README."""
-    parser = argparse.ArgumentParser(description="Write the committed result's tables into README.md.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where README.md is stale")
-    check = parser.parse_args().check
+def fill(*, check: bool = False) -> bool:
+    """Write the committed result's tables into README.md, unless `check`; return whether it was up to date."""
     path = ROOT / "README.md"
     held = path.read_text(encoding="utf-8")
     before, rest = held.split(BEGIN, 1)
     _, after = rest.split(END, 1)
     section = readme_section(json.loads(RESULT.read_text(encoding="utf-8")))
     filled = f"{before}{BEGIN}\n\n{section}\n\n{END}{after}"
-    if check:
-        return int(filled != held)
-    path.write_text(filled, encoding="utf-8")
-    return 0
+    if not check:
+        path.write_text(filled, encoding="utf-8")
+    return filled == held
+
+
+def main() -> int:
+    """Fill, or check, the README."""
+    parser = argparse.ArgumentParser(description="Write the committed result's tables into README.md.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where README.md is stale")
+    check = parser.parse_args().check
+    current = fill(check=check)
+    return int(check and not current)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ class Namer:
     """
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
+        self._counts: dict[str, int] = {}
         self._taken = set(reserved) | set(keyword.kwlist) | GENERATED
 
     def __call__(self, wish: str) -> str:
@@ -41,9 +42,10 @@ class Namer:
         base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_") or "value"
         if base[0].isdigit():
             base = f"n{base}"
-        name, count = base, 1
+        name, count = base, self._counts.get(base, 1)
         while name in self._taken:
             count += 1
             name = f"{base}_{count}"
+        self._counts[base] = count
         self._taken.add(name)
         return name

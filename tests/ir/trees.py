@@ -40,9 +40,6 @@ EXTENDED = {
     "max": max,
     "less": lambda a, b: mpmath.mpf(a < b),
     "less_equal": lambda a, b: mpmath.mpf(a <= b),
-    "fma": lambda a, b, c: a * b + c,
-    "rough_log2": lambda a: mpmath.log(a, 2),
-    "rough_exp2": lambda a: mpmath.power(2, a),
     "select": lambda c, a, b: a if c != 0 else b,
 }
 

@@ -155,7 +155,9 @@ def skew_axes():
     H = F.orientnew("H", "Axis", (b, F.x - 2 * F.y + F.z))
     P = O.locatenew("P", l * F.x + s * (F.y + F.z))
     G = P.locatenew("G", r * (H.x + H.y))
-    scene.add_bodies(RigidBody("one", P, F, M, (inertia(F, A, B, C), P)), RigidBody("two", G, H, m, (inertia(H, C, A, B), G)))
+    scene.add_bodies(
+        RigidBody("one", P, F, M, (inertia(F, A, B, C), P)), RigidBody("two", G, H, m, (inertia(H, C, A, B), G))
+    )
     scene.apply_uniform_gravity(g * (N.x - N.z) / sp.sqrt(2))
     return scene
 

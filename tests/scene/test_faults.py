@@ -314,7 +314,9 @@ def test_all_faults_are_reported_at_once(stage):
     z = dynamicsymbols("z")
     lone, nowhere = ReferenceFrame("Lone"), Point("Nowhere")
     scene = stage.scene
-    scene.add_bodies(Particle("bead", nowhere, m), RigidBody("disc", stage.P, lone, m, (inertia(lone, I, I, I), stage.P)))
+    scene.add_bodies(
+        Particle("bead", nowhere, m), RigidBody("disc", stage.P, lone, m, (inertia(lone, I, I, I), stage.P))
+    )
     scene.coordinates += (stage.x, sp.Symbol("s"))
     scene.add_loads((stage.G, z * stage.N.y), 7)
     scene.add_joints(da.Joint("slot", body="nobody", at=stage.P))
@@ -322,7 +324,7 @@ def test_all_faults_are_reported_at_once(stage):
     scene.add_holonomic_constraints(stage.theta.diff())
     scene.apply_uniform_gravity(9.81)
     text = "\n".join(faults(scene))
-    for name in ("Nowhere", "Lone", "'x' is given twice", "Symbol" if "Symbol" in text else "coordinate s", "z(t)"):
+    for name in ("Nowhere", "Lone", "'x' is given twice", "coordinate s is not a function", "z(t)"):
         assert name in text
     for name in ("load 2", "nobody", "not affine", "contains rates", "gravity"):
         assert name in text
@@ -373,7 +375,7 @@ def test_source_that_is_no_scene():
 
 
 def test_output_that_the_scene_does_not_have(stage):
-    with pytest.raises(UnknownNameError, match="thetta.*Did you mean 'theta'"):
+    with pytest.raises(UnknownNameError, match=r"thetta.*Did you mean 'theta'"):
         da.compile_model(stage.scene, backend="numpy", outputs=["thetta"])
 
 

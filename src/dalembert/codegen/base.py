@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -74,6 +74,10 @@ class Engine(ABC):
     @abstractmethod
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
+
+    def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
+        """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better."""
+        return methods[0]
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:  # noqa: B027
         """Compile what `integrate` will need for such a problem, where that is still to be done."""

@@ -24,3 +24,10 @@ def integrator_digest() -> str:
     key.
     """
     return digest_of(Path(__file__).parent)
+
+
+@cache
+def generator_digest() -> str:
+    """Digest of everything that generated code is made by, this package included: a change anywhere makes it anew."""
+    package = Path(__file__).parents[1]
+    return "".join(digest_of(package / part) for part in ("ir", "codegen", "integrators"))

@@ -46,6 +46,17 @@ class Recurrences:
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
 
+    def unrolled_lines(self, order: int) -> int:
+        """Return about how many lines the series up to `order` need when they are written out."""
+        lines = 0
+        for item in self.items:
+            if isinstance(item, Integrated):
+                lines += len(item.terms) * order * order // 2
+            elif item.target in self.varying:
+                products = item.op in ("mul", "div") and item.args[-1] in self.varying and item.args[0] in self.varying
+                lines += order * order // 2 if products or item.op == "sqrt" else order
+        return lines
+
 
 def recurrences(kernel: Kernel) -> Recurrences:
     """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``."""

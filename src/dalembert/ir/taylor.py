@@ -15,7 +15,7 @@ from .passes import eliminate_dead_code, run
 from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
 
-__all__ = ["SETTINGS", "STEP_ARGUMENTS", "order_for", "series_kernel", "step_kernel"]
+__all__ = ["SETTINGS", "STEP_ARGUMENTS", "controlled", "order_for", "series_kernel", "step_kernel"]
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
@@ -227,24 +227,42 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     for k in range(order):
         expansion.extend(k)
     lines = expansion.lines
-    series = [expansion.series[state] for state in recurrences.states]
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    largest, direction, floor = "largest_", "direction_", "floor_"
+    outputs = _finish(lines, recurrences, rates, order)
+    if dense:
+        outputs += [a for state in recurrences.states for a in expansion.series[state]]
+    settings = tuple(Load(name, "s", i) for i, name in enumerate(_SETTINGS))
+    kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
+    return run(kernel, [eliminate_dead_code])
+
+
+_SETTINGS = ("largest_", "direction_", "floor_")
+
+
+def _finish(lines: _Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
+    """Return the new state, the size of the step and the check, from the series of the rates."""
+    largest, direction, floor = _SETTINGS
     size = lines.op("min", _radius(lines, recurrences, rates, order, floor), largest)
     weights = _weights(lines, lines.op("mul", size, direction), order)
-    new = []
+    new: list[Operand] = []
+    check: Operand = 0.0
     for state, rate in zip(recurrences.states, rates, strict=True):
         total: Operand = 0.0
         for k in range(order - 1, -1, -1):
             total = lines.fma(weights[k], _at(rate, k), total)
         new.append(lines.add(state, total))
-    check: Operand = 0.0
-    for value in new:
-        check = lines.op("fma", value, 0.0, check)
-    outputs = [*new, size, check, *([a for values in series for a in values] if dense else [])]
-    settings = tuple(Load(name, "s", i) for i, name in enumerate((largest, direction, floor)))
-    kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
-    return run(kernel, [eliminate_dead_code])
+        check = lines.op("fma", new[-1], 0.0, check)
+    return [*new, size, check]
+
+
+def controlled(recurrences: Recurrences, rates: list[list[str]], order: int) -> tuple[list[Assignment], list[Operand]]:
+    """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.
+
+    `rates` names the coefficients 0 to order - 1 of each rate.
+    """
+    lines = _Lines()
+    outputs = _finish(lines, recurrences, [list(rate) for rate in rates], order)
+    return lines.body, outputs
 
 
 def series_kernel(recurrences: Recurrences, order: int) -> Kernel:

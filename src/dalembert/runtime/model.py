@@ -131,7 +131,7 @@ class CompiledModel:
             For input that is wrong, each naming what, what is allowed and what to do.
         """
         begin = time.perf_counter()
-        chosen = self._method(method)
+        chosen = self._method(method, rtol, atol)
         t0, t1 = _span(t_span)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
@@ -190,7 +190,7 @@ class CompiledModel:
             As for `simulate`.
         """
         t0, t1 = _span(t_span)
-        chosen = self._method(method)
+        chosen = self._method(method, rtol, atol)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
@@ -259,7 +259,7 @@ class CompiledModel:
         count = available_threads() if threads is None else int(threads)
         if count < 1:
             raise OptionError(f"threads must be at least 1, not {threads!r}")
-        chosen = self._method(method)
+        chosen = self._method(method, rtol, atol)
         IntegrationProblem(
             t0=float(cases.span["start"][0]),
             t1=float(cases.span["end"][0]),
@@ -299,9 +299,9 @@ class CompiledModel:
             self._starts[key] = starting(self.stages.reduced, sorted(key))
         return self._starts[key]
 
-    def _method(self, method: str) -> str:
+    def _method(self, method: str, rtol: float, atol: float) -> str:
         if method == "auto":
-            return self.methods[0]
+            return self._engine.automatic(self.methods, rtol, atol)
         if method not in self._methods:
             raise OptionError(
                 unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"

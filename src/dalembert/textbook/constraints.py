@@ -13,7 +13,7 @@ from ..scene.identity import vanishes
 from .energy import readable
 from .linear import null_space
 
-__all__ = ["Constraint", "classify", "frobenius"]
+__all__ = ["Constraint", "classify", "frobenius", "pfaffian"]
 
 
 @final
@@ -71,6 +71,17 @@ def frobenius(form: Sequence[Any], variables: Sequence[Any]) -> dict[tuple[Any, 
     }
 
 
+def pfaffian(
+    holonomic: Sequence[Any], nonholonomic: Sequence[Any], coordinates: Sequence[Any], time: Any
+) -> list[tuple[Any, ...]]:
+    """Return the coefficients of dq and dt of every constraint, holonomic ones first."""
+    rates = [q.diff(time) for q in coordinates]
+    still = dict.fromkeys(rates, sp.S.Zero)
+    forms = [(*(c.diff(q) for q in coordinates), explicit_rate(c, coordinates, time)) for c in holonomic]
+    forms += [(*(c.diff(v).doit() for v in rates), c.xreplace(still)) for c in nonholonomic]
+    return forms
+
+
 def classify(
     holonomic: Sequence[Any], nonholonomic: Sequence[Any], coordinates: Sequence[Any], time: Any
 ) -> tuple[Constraint, ...]:
@@ -79,26 +90,13 @@ def classify(
     A nonholonomic constraint is integrable when d(omega) vanishes on all pairs of directions that the
     constraints together leave free (Frobenius); for a single one that is omega ^ d(omega) = 0.
     """
-    rates = [q.diff(time) for q in coordinates]
-    still = dict.fromkeys(rates, 0)
+    forms = pfaffian(holonomic, nonholonomic, coordinates, time)
     variables = [*coordinates, time]
-    found, forms = [], []
-    for c in holonomic:
-        forms.append((*(c.diff(q) for q in coordinates), explicit_rate(c, coordinates, time)))
-        found.append(
-            Constraint(
-                c,
-                True,
-                bool(c.diff(time, evaluate=True) and _explicit(c, coordinates, time)),
-                forms[-1],
-                True,
-                sp.S.Zero,
-                "given in coordinates",
-            )
-        )
-    for c in nonholonomic:
-        forms.append((*(sp.expand(c).diff(v) for v in rates), c.xreplace(still)))
-    free = null_space(sp.Matrix(forms)) if nonholonomic else []
+    found = []
+    for c, form in zip(holonomic, forms, strict=False):
+        rheonomic = _explicit(c, coordinates, time)
+        found.append(Constraint(c, True, rheonomic, form, True, sp.S.Zero, "given in coordinates"))
+    free = null_space(sp.Matrix(forms)) if nonholonomic and len(forms) > 1 else []
     for c, form in zip(nonholonomic, forms[len(holonomic) :], strict=True):
         rheonomic = _explicit(c, coordinates, time)
         found.append(_nonholonomic(c, rheonomic, form, variables, coordinates, free, alone=len(forms) == 1))

@@ -15,12 +15,15 @@ from .geometry import Geometry
 from .printing import text
 
 if TYPE_CHECKING:
-    from .states import States
+    from .numeric import States
 
-__all__ = ["check_kinetic_energy", "kinetic_energy", "lagrange_operator", "readable"]
+__all__ = ["check_kinetic_energy", "kinetic_energy", "lagrange_operator", "readable", "readable_fraction"]
 
 READABLE = 400
 """Operations up to which an expression is expanded and simplified for reading."""
+
+IDENTITIES = 100
+"""Operations up to which SymPy's search for trigonometric identities is quick."""
 
 
 def readable(expression: Any, limit: int = READABLE) -> Any:
@@ -31,7 +34,30 @@ def readable(expression: Any, limit: int = READABLE) -> Any:
     expanded = sp.expand(expression)
     if not expanded.has(sp.sin, sp.cos, sp.tan, sp.cot):
         return expanded
-    return min((expanded, sp.trigsimp(expanded)), key=lambda e: (e.count_ops(), str(e)))
+    forms = [expanded, _squares(expanded, sp.cos, sp.sin), _squares(expanded, sp.sin, sp.cos)]
+    if expanded.count_ops() <= IDENTITIES:
+        forms.append(sp.trigsimp(expanded))
+    angles = {f.args[0] for f in expanded.atoms(sp.sin, sp.cos)}
+    kept = [form for form in forms if {f.args[0] for f in form.atoms(sp.sin, sp.cos)} <= angles]
+    return min(kept, key=lambda e: (e.count_ops(), str(e)))
+
+
+def readable_fraction(expression: Any) -> Any:
+    """Return a quotient of polynomials with numerator and denominator made readable."""
+    numerator, denominator = sp.fraction(sp.sympify(expression))
+    if denominator.is_number or not denominator.has(sp.sin, sp.cos):
+        return sp.factor_terms(readable(expression))
+    top, bottom = (sp.factor_terms(readable(e, limit=2000)) for e in (numerator, denominator))
+    if bottom.could_extract_minus_sign():
+        top, bottom = -top, -bottom
+    return sp.factor_terms(top) / bottom
+
+
+def _squares(expression: Any, old: Any, new: Any) -> Any:
+    """Return an expanded expression with every old(a)^2 replaced by 1 - new(a)^2."""
+    powers = [p for p in expression.atoms(sp.Pow) if isinstance(p.base, old) and p.exp.is_Integer and p.exp > 1]
+    table = {p: (1 - new(p.base.args[0]) ** 2) ** (p.exp // 2) * p.base ** (p.exp % 2) for p in powers}
+    return sp.expand(expression.xreplace(table))
 
 
 def kinetic_energy(geometry: Geometry, body: Any) -> sp.Expr:

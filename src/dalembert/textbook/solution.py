@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 import sympy as sp
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
-from .energy import readable
+from .energy import readable, readable_fraction
 from .linear import null_space, row_echelon, solve
 from .numeric import PlainSystem, States, rank, undetermined
 
@@ -27,16 +28,33 @@ class Solution:
 
     def __init__(self, system: PlainSystem, states: States, unknowns: Sequence[Any]) -> None:
         self.system, self.states, self.unknowns = system, states, tuple(unknowns)
-        scene = system.scene
-        self.mass = system.mass.applyfunc(scene).applyfunc(readable)
-        self.forcing = (system.given - system.bias).applyfunc(scene).applyfunc(readable)
-        self.power = system.power.applyfunc(scene)
-        self.jacobian = system.jacobian.applyfunc(scene)
-        self.gamma = system.gamma.applyfunc(scene).applyfunc(readable)
-        self.rows = self._independent_rows()
+        self.power = system.power.applyfunc(system.scene)
+        self.jacobian = system.jacobian.applyfunc(system.scene)
+
+    @cached_property
+    def mass(self) -> Any:
+        """Mass matrix in the scene's symbols."""
+        return self._readable(self.system.mass)
+
+    @cached_property
+    def forcing(self) -> Any:
+        """Given powers less the bias terms."""
+        return self._readable(self.system.given - self.system.bias)
+
+    @cached_property
+    def gamma(self) -> Any:
+        """Right-hand sides of the constraints differentiated, J q_ddot = gamma."""
+        return self._readable(self.system.gamma)
+
+    def _readable(self, matrix: Any) -> Any:
+        return matrix.applyfunc(self.system.scene).applyfunc(readable)
+
+    @cached_property
+    def rows(self) -> list[int]:
+        """Constraints that are independent at a random state."""
+        return self._independent_rows()
 
     def _independent_rows(self) -> list[int]:
-        """Return constraints that are independent at a random state."""
         if not self.jacobian.shape[0] or not self.states.states:
             return list(range(self.jacobian.shape[0]))
         s = self.states.states[0]
@@ -69,7 +87,7 @@ class Solution:
                 "the equations do not determine the accelerations: a coordinate moves no inertia in a direction that"
                 " the constraints leave free. Give the bodies it moves mass or inertia, or drop the coordinate"
             ) from None
-        return [readable(e) for e in found]
+        return [readable_fraction(e) for e in found]
 
     def residual(self, accelerations: Sequence[Any]) -> list[Any]:
         """Return M q_ddot - forcing, which the reactions must balance."""
@@ -125,7 +143,7 @@ class Solution:
         chosen = sorted(rows)
         residual = self.residual(accelerations)
         square = matrix.extract(chosen, list(range(matrix.shape[1])))
-        return [readable(e) for e in solve(square, [residual[i] for i in chosen])]
+        return [readable_fraction(e) for e in solve(square, [residual[i] for i in chosen])]
 
 
 @final

@@ -14,7 +14,7 @@ from ..naming import rate_name
 from ..scene import Scene, Unknown
 from ..scene.reading import read
 from .actions import Actions
-from .constraints import Constraint, classify
+from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
 from .geometry import Geometry
 from .ideal import ideal_conditions, single_unknowns
@@ -115,7 +115,11 @@ class LagrangeView:
     @cached_property
     def kinetic_energy(self) -> sp.Expr:
         """Kinetic energy T of all bodies, with every constraint ignored (assumption 13.1.2)."""
-        return readable(sum((kinetic_energy(self.geometry, body) for body in self.scene.bodies), sp.S.Zero))
+        return readable(self._kinetic_energy)
+
+    @cached_property
+    def _kinetic_energy(self) -> Any:
+        return sum((kinetic_energy(self.geometry, body) for body in self.scene.bodies), sp.S.Zero)
 
     @cached_property
     def potential_energy(self) -> sp.Expr:
@@ -150,15 +154,15 @@ class LagrangeView:
     # -- constraints ----------------------------------------------------------------------
 
     @cached_property
+    def _vanishing_expressions(self) -> tuple[list[Any], list[Any]]:
+        """The expressions of holonomic and nonholonomic constraints."""
+        put, scene = self.geometry.put, self.scene
+        return [put(c) for c in scene.holonomic_constraints], [put(c) for c in scene.nonholonomic_constraints]
+
+    @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """The constraints, holonomic ones first, nonholonomic ones classified by the Frobenius condition."""
-        put = self.geometry.put
-        return classify(
-            [put(c) for c in self.scene.holonomic_constraints],
-            [put(c) for c in self.scene.nonholonomic_constraints],
-            self.coordinates,
-            self.time,
-        )
+        return classify(*self._vanishing_expressions, self.coordinates, self.time)
 
     @cached_property
     def unknowns(self) -> tuple[Any, ...]:
@@ -191,11 +195,11 @@ class LagrangeView:
             total = sum((self.actions.joint_power(joint, q) for joint in self.scene.joints), sp.S.Zero)
             powers.append([total.diff(x) for x in self.unknowns])
         return PlainSystem(
-            self.kinetic_energy,
+            self._kinetic_energy,
             [self.actions.given_power(q) for q in self.coordinates],
             powers,
-            [c.form for c in self.constraints],
-            [c.expression for c in self.constraints if c.holonomic],
+            pfaffian(*self._vanishing_expressions, self.coordinates, self.time),
+            self._vanishing_expressions[0],
             self.coordinates,
             self.time,
         )

@@ -8,7 +8,7 @@ integrators call many times is printed from the same program as LLVM assembly in
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 
 from ... import __version__
-from ...integrators.digest import integrator_digest
+from ...integrators.digest import generator_digest
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
@@ -65,6 +65,12 @@ class NumbaEngine(Engine):
         for i in range(len(y)):
             function(t[i], y[i], c, out[i])
         return out
+
+    def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
+        """See `Engine.automatic`: Taylor steps where they can be unrolled, else a Runge-Kutta pair."""
+        from ...integrators.numba.series import clipped_tolerance
+
+        return "taylor" if self.steps.unrolls(order_for(clipped_tolerance(rtol, atol))) else "dop853"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""
@@ -144,7 +150,8 @@ class NumbaBackend(Backend):
         """See `Backend.render`."""
         source = render_source("numba.py.j2", program, PYTHON, OPTIONS.format(cache))
         versions = f"{__version__} {sys.version_info[:3]} {numba.__version__} {llvmlite.__version__}"
-        return RenderedModule(self.name, program, source, digest_of(self.name, versions, integrator_digest(), source))
+        digest = digest_of(self.name, versions, generator_digest(), source)
+        return RenderedModule(self.name, program, source, digest)
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`."""

@@ -17,7 +17,17 @@ import llvmlite.binding as llvm
 from ...ir.program import Assignment, Kernel, Operand
 from . import vector_functions as functions
 
-__all__ = ["Compiled", "assembly", "compile_object", "load_object", "native_lanes", "target_name"]
+__all__ = [
+    "Compiled",
+    "LanePrinter",
+    "assembly",
+    "compile_object",
+    "fma_name",
+    "load_object",
+    "native_lanes",
+    "prelude",
+    "target_name",
+]
 
 _LIBRARY = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "pow")
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -40,14 +50,15 @@ def target_name() -> str:
     return f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
 
 
-def _fma_name(lanes: int) -> str:
+def fma_name(lanes: int) -> str:
+    """Return LLVM's fused multiply-add where the machine has one, else its product and sum."""
     features = llvm.get_host_cpu_features()
     fused = features.get("fma", False) or features.get("neon", False)
     return f"llvm.{'fma' if fused else 'fmuladd'}.{'f64' if lanes == 1 else f'v{lanes}f64'}"
 
 
 @final
-class _Printer:
+class LanePrinter:
     """Prints the body of one kernel for one number of lanes."""
 
     def __init__(self, lanes: int) -> None:
@@ -55,23 +66,27 @@ class _Printer:
         self.v = functions.vector(lanes)
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
         self.flag = functions.vector(lanes, "i1")
-        self.fma = _fma_name(lanes)
+        self.fma = fma_name(lanes)
         self.lines: list[str] = []
         self._pairs: dict[Operand, str] = {}
 
     def operand(self, operand: Operand) -> str:
+        """Return a value or an exact literal."""
         return f"%{operand}" if isinstance(operand, str) else functions.constant(operand, self.lanes)
 
     def load(self, target: str, array: str, index: int) -> None:
+        """Load element `index` of an argument."""
         offset = index * self.lanes
         self.lines.append(f"%{target}.at = getelementptr double, ptr %{array}, i64 {offset}")
         self.lines.append(f"%{target} = load {self.v}, ptr %{target}.at, align 8")
 
     def store(self, operand: Operand, index: int) -> None:
+        """Store output `index`."""
         self.lines.append(f"%out.{index} = getelementptr double, ptr %out, i64 {index * self.lanes}")
         self.lines.append(f"store {self.v} {self.operand(operand)}, ptr %out.{index}, align 8")
 
     def line(self, line: Assignment) -> None:
+        """Print one operation."""
         v, target, args = self.v, line.target, [self.operand(arg) for arg in line.args]
         typed = ", ".join(f"{v} {arg}" for arg in args)
         match line.op:
@@ -120,21 +135,27 @@ class _Printer:
         self._set(line.target, f"extractvalue {{{self.v}, {self.v}}} %{pair}, {0 if line.op == 'sin' else 1}")
 
 
-def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int) -> str:
-    """Return a module of LLVM assembly with each kernel under the name given.
-
-    For one lane, ``NAME_numba`` beside it is the same function under numba's calling convention for
-    ``void(float64, float64[::1], float64[::1], float64[::1])``.
-    """
-    fma = _fma_name(lanes)
+def prelude(lanes: int) -> str:
+    """Return declarations and definitions that every module needs."""
+    fma = fma_name(lanes)
     v, suffix = functions.vector(lanes), "f64" if lanes == 1 else f"v{lanes}f64"
     doubles = {name: ", ".join(["double"] * (2 if name in ("atan2", "pow") else 1)) for name in _LIBRARY}
     parts = [f"declare double @{name}({arguments})" for name, arguments in doubles.items()]
     parts += [f"declare {v} @llvm.{name}.{suffix}({v})" for name in ("fabs", "sqrt", "floor")]
     parts.append(f"declare {v} @{fma}({v}, {v}, {v})")
     parts += [functions.sincos(lanes, fma), functions.rough_log2(lanes, fma), functions.rough_exp2(lanes, fma)]
+    return "\n\n".join(parts)
+
+
+def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool = True) -> str:
+    """Return a module of LLVM assembly with each kernel under the name given.
+
+    Without `shared`, what every module needs is left out. For one lane, ``NAME_numba`` beside it is the same function under numba's calling convention for
+    ``void(float64, float64[::1], float64[::1], float64[::1])``.
+    """
+    parts = [prelude(lanes)] if shared else [""]
     for name, kernel in kernels:
-        printer = _Printer(lanes)
+        printer = LanePrinter(lanes)
         for load in kernel.loads:
             printer.load(load.target, load.array, load.index or 0)
         for line in kernel.body:
@@ -187,9 +208,10 @@ def compile_object(source: str, level: int = 2) -> bytes:
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=1))
-    passes = builder.getModulePassManager()
-    passes.run(module, builder)
+    # the code is in the shape that it should have: nothing but inlining is worth its time
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_always_inliner_pass()
+    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0)))
     return bytes(machine.emit_object(module))
 
 

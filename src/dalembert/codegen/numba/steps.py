@@ -18,11 +18,15 @@ from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
 from .driver import driver_text
 from .llvm import Compiled, assembly, compile_object, load_object, target_name
+from .series_loops import loop_assembly
 
 __all__ = ["StepLibrary"]
 
 Make = Callable[[], Kernel]
 _LOCK = threading.Lock()
+_LARGEST_UNROLLED = 10_000
+"""Lines of straight-line code up to which a step is unrolled: it is some 1.5 to 3 times faster than loops, and takes
+a second to compile from there on (measured on chains of pendulums)."""
 
 
 @final
@@ -46,7 +50,18 @@ class StepLibrary:
     def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
         """Return the address of a Taylor step; with `dense`, one that also writes its series."""
         name = f"taylor{order}{'_series' if dense else ''}"
-        return self._address(name, lanes, lambda: step_kernel(self._known_recurrences(), order, dense=dense))
+        return self._entry(name, lanes, lambda: self._taylor_text(name, order, lanes, dense), name)
+
+    def unrolls(self, order: int) -> bool:
+        """Whether a Taylor step of this order is small enough to be unrolled."""
+        return self._known_recurrences().unrolled_lines(order) <= _LARGEST_UNROLLED
+
+    def _taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
+        """Return a Taylor step: unrolled where that is affordable, else with its recurrences as loops."""
+        known = self._known_recurrences()
+        if not self.unrolls(order):
+            return loop_assembly(name, known, order, lanes, dense=dense)
+        return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
 
     def kernel(self, name: str, lanes: int = 1) -> int:
         """Return the address of a kernel of the program as it stands, 0 where it has none."""
@@ -59,10 +74,8 @@ class StepLibrary:
         """Return the address of a whole run by Taylor steps (see `dalembert.codegen.numba.driver`)."""
 
         def text() -> str:
-            step = step_kernel(self._known_recurrences(), order, dense=False)
-            return assembly([("prepare", self._program.kernel("prepare")), ("step", step)], 1) + driver_text(
-                "step", *sizes
-            )
+            prepare = assembly([("prepare", self._program.kernel("prepare"))], 1, shared=False)
+            return self._taylor_text("step", order, 1, False) + prepare + driver_text("step", *sizes)
 
         return self._entry(f"run{order}", 1, text, "run")
 

@@ -1,21 +1,19 @@
-"""Step size control.
-
-Source: K. Gustafsson, ACM Transactions on Mathematical Software 17 (1991) 533-554; Hairer and Wanner, Solving
-Ordinary Differential Equations II, section IV.2, for the exponents.
-"""
+"""Step size control, with the constants of `dalembert.integrators.gains`."""
 
 import math
 
+from dalembert.integrators.gains import (
+    INTEGRAL,
+    LARGEST_GROWTH,
+    LARGEST_REDUCTION,
+    PROPORTIONAL,
+    REDUCTION_BLIND,
+    SAFETY,
+    SMALLEST_PREVIOUS,
+)
 from dalembert.integrators.numba.jit import compiled
 from dalembert.integrators.status import Status
 
-SAFETY = 0.9
-LARGEST_REDUCTION = 0.2
-LARGEST_GROWTH = 8.0
-REDUCTION_BLIND = 0.1
-SMALLEST_PREVIOUS = 1e-4
-_INTEGRAL = 0.2
-_PROPORTIONAL = 0.75
 _EPSILON = 2.220446049250313e-16
 _TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
@@ -29,8 +27,8 @@ def growth(error: float, previous: float, retried: bool, exponent: float) -> flo
     largest = 1.0 if retried else LARGEST_GROWTH
     if error == 0.0:
         return largest
-    beta = _INTEGRAL * exponent
-    alpha = exponent - _PROPORTIONAL * beta
+    beta = INTEGRAL * exponent
+    alpha = exponent - PROPORTIONAL * beta
     factor = SAFETY * math.exp(beta * math.log(previous) - alpha * math.log(error))
     return min(largest, max(LARGEST_REDUCTION, factor))
 

@@ -1,0 +1,165 @@
+"""The benchmarks: speed against error, growth of derivation, start-up.
+
+``python benchmarks/run.py --quick`` takes less than two minutes, ``--full`` takes many. Results go to
+build/bench: JSON, a table in Markdown, figures. ``--save`` writes them to benchmarks/results instead, and
+fills the README from them. No time is asserted; only ratios within one run mean anything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import figures
+import report
+from contenders import available_backends
+from derivation import kane_scaling, scaling
+from exact import ROOT
+from measure import growth_exponent, machine
+from precision import work_precision
+from startup import first_trajectory, import_seconds
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much a mode measures."""
+
+    tolerances: tuple[float, ...]
+    formulations: tuple[str, ...]
+    methods: dict[str, int]
+    rounds: int
+    seconds_each: float
+    slowest: float
+    sizes: tuple[int, ...]
+    derivation_limit: float
+    kane_sizes: tuple[int, ...]
+    startups: int
+
+
+QUICK = Extent(
+    tolerances=(1e-4, 1e-6, 1e-9, 1e-12),
+    formulations=("minimal", "projected"),
+    methods={"numpy": 1},
+    rounds=7,
+    seconds_each=0.1,
+    slowest=0.05,
+    sizes=(2, 5, 10),
+    derivation_limit=10.0,
+    kane_sizes=(2, 4, 6),
+    startups=1,
+)
+FULL = Extent(
+    tolerances=(1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
+    formulations=("minimal", "projected", "augmented"),
+    methods={},
+    rounds=25,
+    seconds_each=0.5,
+    slowest=0.2,
+    sizes=(2, 5, 10, 20, 40),
+    derivation_limit=120.0,
+    kane_sizes=(2, 4, 6, 8),
+    startups=3,
+)
+MODES = {"quick": QUICK, "full": FULL}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and write what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    mode = parser.add_mutually_exclusive_group()
+    for name in MODES:
+        mode.add_argument(f"--{name}", dest="mode", action="store_const", const=name, help=f"the {name} benchmarks")
+    parser.add_argument("--save", action="store_true", help="write to benchmarks/results and into README.md")
+    parser.set_defaults(mode="quick")
+    options = parser.parse_args(arguments)
+    folder = report.RESULT.parent if options.save else ROOT / "build" / "bench"
+    result = measure(options.mode)
+    write(result, folder)
+    if options.save:
+        report.fill()
+    print(f"\nwritten to {folder.relative_to(ROOT)}; {result['seconds']:.0f} s in all")
+    return 0
+
+
+def measure(mode: str) -> dict[str, Any]:
+    """Return the result of all benchmarks, ready for JSON."""
+    extent, begin = MODES[mode], time.perf_counter()
+    backends, missing = available_backends(("numba", "jax", "numpy"))
+    where = machine()
+    print(report.describe_machine(where))
+    for line in missing:
+        print(line)
+    say("speed against error")
+    precision = work_precision(
+        backends,
+        extent.tolerances,
+        formulations=extent.formulations,
+        methods=extent.methods,
+        rounds=extent.rounds,
+        seconds_each=extent.seconds_each,
+        slowest=extent.slowest,
+        say=say,
+    )
+    say("derivation")
+    chains = scaling(extent.sizes, extent.derivation_limit, say)
+    kane = kane_scaling(extent.kane_sizes, say)
+    say("start-up")
+    startup = {backend: first_trajectory(backend, extent.startups) for backend in backends}
+    return {
+        "mode": mode,
+        "machine": where,
+        "missing": missing,
+        "precision": precision,
+        "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
+        "startup": startup,
+        "imports": import_seconds(),
+        "seconds": round(time.perf_counter() - begin, 1),
+    }
+
+
+def say(text: str) -> None:
+    """Print progress at once."""
+    print(text, flush=True)
+
+
+def exponents(chains: Sequence[dict[str, Any]], kane: Sequence[dict[str, Any]]) -> dict[str, dict[str, float | None]]:
+    """Return fitted growth exponents of seconds and operations: chains from 5 links on, KanesMethod throughout."""
+    fits: dict[str, dict[str, float | None]] = {}
+    for chain in dict.fromkeys(r["chain"] for r in chains):
+        line = [r for r in chains if r["chain"] == chain and "total" in r and r["n"] >= 5]
+        n = [r["n"] for r in line]
+        fits[f"{chain} chain"] = {
+            "scene to reduced equations [s]": growth_exponent(n, [r["total"] - r["seconds"]["lower"] for r in line]),
+            "scene to program [s]": growth_exponent(n, [r["total"] for r in line]),
+            "mass matrix flops": growth_exponent(n, [r["mass_matrix"]["flops"] for r in line]),
+            "rhs flops": growth_exponent(n, [r["rhs"]["flops"] for r in line]),
+        }
+    n = [r["n"] for r in kane]
+    fits["KanesMethod, planar chain"] = {
+        "equations and CSE [s]": growth_exponent(n, [r["total"] for r in kane]),
+        "operations after CSE": growth_exponent(n, [r["operations"] for r in kane]),
+    }
+    return fits
+
+
+def write(result: dict[str, Any], folder: Path) -> None:
+    """Write a result as JSON, as a table and as figures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "bench.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    (folder / "bench.md").write_text(report.markdown(result), encoding="utf-8")
+    figures.work_precision(result["precision"], folder / "work_precision.png")
+    derivation = result["derivation"]
+    figures.scaling_picture(derivation["chains"], derivation["kane"], folder / "derivation.png")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
