@@ -8,7 +8,6 @@ import pytest
 
 import dalembert as da
 from dalembert.ir.lower import lower
-from dalembert.ir.program import count_operations
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read
@@ -48,9 +47,7 @@ def exponent(kind, what, small, large):
 
 
 @kinds
-@pytest.mark.parametrize(
-    ("what", "limit"), [("mass_matrix", 2.2), ("forcing", 1.3), ("rhs", 3.1), ("graph", 3.1)]
-)
+@pytest.mark.parametrize(("what", "limit"), [("mass_matrix", 2.2), ("forcing", 1.3), ("rhs", 3.1), ("graph", 3.1)])
 def test_operations_grow_no_faster_than(kind, what, limit):
     """Between 10 and 40 links the mass matrix grows as n^2, the forcing as n, and the unrolled solve as n^3."""
     assert exponent(kind, what, 10, 20) <= limit

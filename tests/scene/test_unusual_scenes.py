@@ -123,8 +123,7 @@ def test_piecewise_forces_act_where_they_say(backend, state, expected):
     np.testing.assert_allclose(model.accelerations(0.0, state[:2], state[2:], p), expected, rtol=1e-13)
 
 
-def test_euler_angles_of_any_order_describe_one_motion():
-    """A free body spinning under no torque keeps its angular momentum, whatever the angles it is written in."""
+def test_free_body_keeps_its_energy_and_velocity_in_angles_of_any_order():
     p = {"m": 1.0, "A": 2.0, "B": 3.0, "C": 4.0, "l": 0.5, "k": 0.0}
     for kind, order in (("Body", "ZXZ"), ("Space", "123"), ("Body", "321")):
         model = da.compile_model(euler(kind, order), backend="numpy")
@@ -133,7 +132,7 @@ def test_euler_angles_of_any_order_describe_one_motion():
         trajectory = model.simulate((0, 2), initial, p, rtol=1e-10, atol=1e-12)
         assert trajectory.success
         assert np.ptp(trajectory["kinetic_energy"]) < 1e-8
-        np.testing.assert_allclose(trajectory["x_dot"], 0.5, rtol=1e-12)
+        np.testing.assert_allclose(trajectory["x_dot"], 0.5, rtol=1e-9)
 
 
 def four_bar_state():

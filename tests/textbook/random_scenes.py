@@ -71,12 +71,11 @@ def add_body(draw, draft, k):
     if kind == "planar":
         hinge = hinge.locatenew(f"H{k}", draft.coordinate() * base.x + draft.coordinate() * base.y)
     if kind in ("revolute", "universal", "planar"):
-        turns = 2 if kind == "universal" else 1
-        for i in range(turns):
-            name = "z" if kind == "planar" else draw(st.sampled_from(AXES))
+        names = ["z"] if kind == "planar" else draw(st.permutations(AXES))[: 2 if kind == "universal" else 1]
+        for i, name in enumerate(names):
             q, direction = draft.coordinate(), getattr(frame, name)
             frame = frame.orientnew(f"F{k}{i}", "Axis", (q, direction))
-            if turns == 1:
+            if len(names) == 1:
                 draft.rotations.append((q, k, direction))
     elif kind == "prismatic" and draw(st.booleans()):
         frame = frame.orientnew(f"F{k}", "Axis", (draw(st.sampled_from([sp.pi / 6, sp.Rational(2, 5)])), frame.y))
@@ -108,9 +107,7 @@ def add_constraint(draw, draft):
         scene.add_joints(da.Joint(f"motor{X}", draft.names[k], draft.points[k], torque=X * direction))
         if draft.parents[k] >= 0:
             other = draft.parents[k]
-            scene.add_joints(
-                da.Joint(f"motor back{X}", draft.names[other], draft.points[other], torque=-X * direction)
-            )
+            scene.add_joints(da.Joint(f"motor back{X}", draft.names[other], draft.points[other], torque=-X * direction))
         return
     P = draft.points[k].locatenew(f"C{X}", small_vector(draw, draft.frames[k]))
     normal = axis(draw, draft.frames[k] if kind == "blade" else N)

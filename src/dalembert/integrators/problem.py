@@ -187,6 +187,15 @@ class PiecewisePolynomial(DenseOutput):
         return value
 
 
+def prescribed(problem: IntegrationProblem) -> Solution:
+    """Return the solution of a problem without a state: a motion that its constraints prescribe."""
+    times = np.array([problem.t0, problem.t1]) if problem.t_eval is None else problem.t_eval
+    knots = np.array([problem.t0, problem.t1])
+    dense = PiecewisePolynomial(knots, np.empty((1, 1, 0))) if problem.dense else None
+    empty = np.empty((len(times), 0))
+    return Solution(status=Status.SUCCESS, t=times, y=empty, steps=0, rejected=0, evaluations=0, dense=dense)
+
+
 def validate(problem: IntegrationProblem) -> None:
     """Check a problem.
 

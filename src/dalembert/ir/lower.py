@@ -59,7 +59,7 @@ def lower(system: ReducedSystem) -> Program:
         "position_residual": tuple(row.position for row in rows if row.position is not None),
         "velocity_residual": tuple(residuals),
     }
-    kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
+    kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes or name == "rhs"]
     kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
     hoisted = hoist_parameters(kernels, symbols.parameters)
     layout = Layout(

@@ -130,15 +130,12 @@ class Pieces:
         its evaluation: the components `moved`, then the time. k holds the slopes of stage i from i * n_y on.
     finish : Kernel
         The outputs of the attempt, from (t, y, s, k).
-    first : int
-        Where the slopes of stage 0 lie in y, or -1 where they are evaluated like any other stage.
     """
 
     rhs: Kernel
     moved: tuple[int, ...]
     stages: tuple[tuple[int, Kernel], ...]
     finish: Kernel
-    first: int
 
 
 def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> Pieces:
@@ -147,10 +144,10 @@ def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
     arguments = ("t", "y", "s", "k")
     moved = tuple(sorted({load.index for load in rhs.loads if load.array == "y" and load.index is not None}))
 
-    def piece(name: str, slopes: bool, build: Callable[[_Attempt], Vector]) -> Kernel:
+    def piece(name: str, build: Callable[[_Attempt], Vector]) -> Kernel:
         attempt = _Attempt(rhs, tableau, carried=carried, dense=dense)
         held: list[Load] = []
-        for stage in (*((0,) if not carried else ()), *(attempt.later_stages() if slopes else ())):
+        for stage in (*((0,) if not carried else ()), *attempt.later_stages()):
             names = _names(f"k_{stage}", n)
             attempt.slopes[stage] = names
             held += _array(names, "k", stage * n)
@@ -175,9 +172,8 @@ def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
     return Pieces(
         rhs=replace(fuse_products(rhs), loads=loads),
         moved=moved,
-        stages=tuple((stage, piece(f"stage{stage}", True, point(stage))) for stage in stages),
-        finish=piece("finish", True, lambda attempt: attempt.outputs()),
-        first=n + 2 + len(CONTROL) if carried else -1,
+        stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in stages),
+        finish=piece("finish", lambda attempt: attempt.outputs()),
     )
 
 
@@ -238,7 +234,7 @@ class _Attempt:
         last = self.slopes[self.tableau.end] if self.carried else []
         square = self._error_square(new)
         for value in (*new, *last):
-            square = lines.fma(value, 0.0, square)
+            square = lines.op("fma", value, 0.0, square)
         # An infinite square fails both tests, one that is not a number too.
         accepted = lines.op("less_equal", square, 1.0)
         finite = lines.op("less_equal", square, _HUGE)

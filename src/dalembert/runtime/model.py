@@ -10,7 +10,7 @@ import numpy as np
 
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
-from ..integrators.problem import IntegrationProblem
+from ..integrators.problem import IntegrationProblem, prescribed
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
 from ..results.grid import Grid
@@ -149,9 +149,10 @@ class CompiledModel:
             dense=dense,
         )
         ready = time.perf_counter()
-        self._engine.prepare(problem, chosen)
+        if self.layout.state:
+            self._engine.prepare(problem, chosen)
         compiled = time.perf_counter() - ready
-        solution = self._engine.integrate(problem, chosen)
+        solution = self._engine.integrate(problem, chosen) if self.layout.state else prescribed(problem)
         statistics = RunStatistics(
             method=chosen,
             steps=solution.steps,

@@ -9,7 +9,6 @@ from dalembert.integrators.gains import (
     PROPORTIONAL,
     REDUCTION_BLIND,
     SAFETY,
-    SMALLEST_PREVIOUS,
 )
 from dalembert.integrators.numba.jit import compiled
 from dalembert.integrators.status import Status

@@ -13,7 +13,8 @@ import numpy as np
 from numba import types
 
 from dalembert.integrators.digest import integrator_digest
-from dalembert.integrators.numba.control import SMALLEST_PREVIOUS, growth, reduction, smallest_step
+from dalembert.integrators.gains import SMALLEST_PREVIOUS, STRETCH
+from dalembert.integrators.numba.control import growth, reduction, smallest_step
 from dalembert.integrators.numba.jit import VECTOR, call_kernel, compiled, compiled_and_cached, kernel_address
 from dalembert.integrators.numba.packing import PACKED_TABLEAU, POINT, PackedTableau, pack
 from dalembert.integrators.numba.projection import project
@@ -89,8 +90,6 @@ _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 
 _CAPACITY = 64
 _SMALLEST_SCALE = 1e-150
-# A remainder of the span below this share of a step is taken along with the step.
-_STRETCH = 1.0 + 1e-9
 
 
 def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: IntegrationProblem) -> Solution:
@@ -263,7 +262,7 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
                 status = _MAX_STEPS
                 break
             size = min(max(size, smallest_step(t, span)), settings.max_step)
-            ends = size * _STRETCH >= abs(t1 - t)
+            ends = size * STRETCH >= abs(t1 - t)
             h = t1 - t if ends else direction * size
             t_new = t1 if ends else t + h
             evaluate_stages(

@@ -11,7 +11,7 @@ from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solut
 from ..status import Status
 from .march import RUNNING, marching_loop
 
-__all__ = ["StepCode", "integrate", "clipped_tolerance"]
+__all__ = ["StepCode", "clipped_tolerance", "integrate"]
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 

@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 
+from dalembert.integrators.gains import SECOND_ERROR_WEIGHT
 from dalembert.integrators.numba.jit import call_kernel, compiled
 from dalembert.integrators.numba.packing import POINT, PackedTableau
 from dalembert.integrators.tableau import FloatArray
 
 LANES = 8
-_SECOND_ERROR_WEIGHT = 0.01
 
 
 @compiled
@@ -90,7 +90,7 @@ def error_norm(
         total_second += (estimate_second * scale) ** 2
     if total == 0.0 and total_second == 0.0:
         return 0.0
-    return abs(h) * total / math.sqrt((total + _SECOND_ERROR_WEIGHT * total_second) * n)
+    return abs(h) * total / math.sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
 
 
 @compiled

@@ -1,0 +1,51 @@
+"""Attempts of Runge-Kutta steps in assembly: as one straight line, or as calls where that would be too long."""
+
+from __future__ import annotations
+
+from ...integrators.tableau import Tableau
+from ...ir.program import Kernel
+from ...ir.runge_kutta import Pieces, attempt_kernel, attempt_pieces
+from .llvm import assembly
+from .vector_functions import vector
+
+__all__ = ["LARGEST_INLINED", "attempt_assembly"]
+
+LARGEST_INLINED = 3000
+"""Operations of all evaluations of the right-hand side together, above which it is called instead of repeated."""
+
+
+def attempt_assembly(
+    name: str, rhs: Kernel, tableau: Tableau, lanes: int, *, dense: bool, carried: bool, inline: bool | None = None
+) -> str:
+    """Return a module whose function `name` is one attempt (see `dalembert.ir.runge_kutta`).
+
+    `inline` says whether the right-hand side is repeated once a stage; by default, its length decides.
+    """
+    if inline is None:
+        inline = len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
+    if inline:
+        return assembly([(name, attempt_kernel(rhs, tableau, dense=dense, carried=carried))], lanes)
+    pieces = attempt_pieces(rhs, tableau, dense=dense, carried=carried)
+    kernels = [("rhs", pieces.rhs), *((kernel.name, kernel) for _, kernel in pieces.stages), ("finish", pieces.finish)]
+    return f"{assembly(kernels, lanes)}\n\n{_chain(name, pieces, len(rhs.outputs), tableau.n_total, lanes)}"
+
+
+def _chain(name: str, pieces: Pieces, n: int, n_total: int, lanes: int) -> str:
+    """Return the function that calls the pieces in turn; slopes and points lie on its stack."""
+    v = vector(lanes)
+    clock = len(pieces.moved)
+    lines = [
+        f"%k = alloca [{n_total * n} x {v}], align 64",
+        f"%point = alloca [{clock + 1} x {v}], align 64",
+        f"%clock = getelementptr {v}, ptr %point, i64 {clock}",
+    ]
+    for stage, kernel in pieces.stages:
+        lines += [
+            f"call void @{kernel.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %point)",
+            f"%slope.{stage} = getelementptr {v}, ptr %k, i64 {stage * n}",
+            f"call void @rhs(ptr %clock, ptr %point, ptr %c, ptr %slope.{stage})",
+        ]
+    lines.append(f"call void @{pieces.finish.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %out)")
+    arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in ("t", "y", "c", "s", "out"))
+    body = "\n".join(f"  {line}" for line in lines)
+    return f"define void @{name}({arguments}) nounwind {{\n{body}\n  ret void\n}}"

@@ -1,0 +1,164 @@
+"""Taylor recurrences of every operation, against series computed in extended precision."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from dalembert.ir.graph import Graph
+from dalembert.ir.interpret import interpret
+from dalembert.ir.lower import lower_kernel
+from dalembert.ir.ops import OPERATIONS
+from dalembert.ir.recurrences import recurrences
+from dalembert.ir.taylor import order_for, series_kernel, step_kernel
+
+ORDER = 9
+X, Y = "x", "y"
+
+# a function of the two components of the state; each must be smooth at (0.7, 0.4)
+FUNCTIONS = {
+    "add": lambda g, x, y: x + y,
+    "sub": lambda g, x, y: x - y,
+    "mul": lambda g, x, y: x * y,
+    "div": lambda g, x, y: x / y,
+    "neg": lambda g, x, y: -x,
+    "sqrt": lambda g, x, y: g.call("sqrt", x),
+    "pow": lambda g, x, y: g.call("pow", x, y),
+    "sin": lambda g, x, y: g.sin(x),
+    "cos": lambda g, x, y: g.cos(x),
+    "tan": lambda g, x, y: g.call("tan", x),
+    "asin": lambda g, x, y: g.call("asin", x),
+    "acos": lambda g, x, y: g.call("acos", x),
+    "atan": lambda g, x, y: g.call("atan", x),
+    "atan2": lambda g, x, y: g.call("atan2", x, y),
+    "exp": lambda g, x, y: g.call("exp", x),
+    "log": lambda g, x, y: g.call("log", x),
+    "sinh": lambda g, x, y: g.call("sinh", x),
+    "cosh": lambda g, x, y: g.call("cosh", x),
+    "tanh": lambda g, x, y: g.call("tanh", x),
+    "abs": lambda g, x, y: g.call("abs", -x),
+    "sign": lambda g, x, y: g.call("sign", x) * y,
+    "floor": lambda g, x, y: g.call("floor", x) + y,
+    "min": lambda g, x, y: g.call("min", x, y),
+    "max": lambda g, x, y: g.call("max", x, y),
+    "less": lambda g, x, y: g.call("less", x, y) + y,
+    "less_equal": lambda g, x, y: g.call("less_equal", y, x) * x,
+    "select": lambda g, x, y: g.call("select", g.call("less", y, x), x * y, x + y),
+}
+VALUES = {
+    "sqrt": mpmath.sqrt,
+    "pow": lambda x, y: x**y,
+    "sin": mpmath.sin,
+    "cos": mpmath.cos,
+    "tan": mpmath.tan,
+    "asin": mpmath.asin,
+    "acos": mpmath.acos,
+    "atan": mpmath.atan,
+    "atan2": mpmath.atan2,
+    "exp": mpmath.exp,
+    "log": mpmath.log,
+    "sinh": mpmath.sinh,
+    "cosh": mpmath.cosh,
+    "tanh": mpmath.tanh,
+    "abs": abs,
+    "sign": mpmath.sign,
+    "floor": mpmath.floor,
+    "min": min,
+    "max": max,
+    "add": lambda x, y: x + y,
+    "sub": lambda x, y: x - y,
+    "mul": lambda x, y: x * y,
+    "div": lambda x, y: x / y,
+    "neg": lambda x: -x,
+    "less": lambda x, y: mpmath.mpf(x < y),
+    "less_equal": lambda x, y: mpmath.mpf(x <= y),
+    "select": lambda c, x, y: x if c != 0 else y,
+}
+
+
+def kernel_of(function):
+    graph = Graph()
+    x, y = graph.input(X), graph.input(Y)
+    t, c = graph.input("t"), graph.input("c0")
+    f = function(graph, x, y)
+    rates = [c * f + graph.sin(t) / 3, y * x * graph.node(0.5) - f * f]
+    inputs = {x: ("y", 0), y: ("y", 1), t: ("t", None), c: ("c", 0)}
+    return lower_kernel(graph, "rhs", rates, inputs, arguments=("t", "y", "c"))
+
+
+def residual(kernel, coefficients, t0, c, h):
+    """Return how far the polynomial with these coefficients is from solving the equations at t0 + h."""
+    with mpmath.workdps(40):
+        h = mpmath.mpf(h)
+        y = [sum(mpmath.mpf(a) * h**k for k, a in enumerate(row)) for row in coefficients]
+        slope = [sum(k * mpmath.mpf(a) * h ** (k - 1) for k, a in enumerate(row) if k) for row in coefficients]
+        c = [mpmath.mpf(value) for value in c]
+        rates = interpret(kernel, {"t": mpmath.mpf(t0) + h, "y": y, "c": c}, VALUES, literal=mpmath.mpf)
+        return float(max(abs(a - b) for a, b in zip(slope, rates, strict=True)))
+
+
+def test_every_operation_has_a_case():
+    assert set(FUNCTIONS) == set(OPERATIONS) == set(VALUES)
+
+
+@pytest.mark.parametrize("order", [2, 3, 5, 7])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_series_solves_the_equations_to_its_order(name, order):
+    kernel = kernel_of(FUNCTIONS[name])
+    t0, y0, c = 0.3, [0.7, 0.4], [0.8]
+    flat = interpret(series_kernel(recurrences(kernel), order), {"t": t0, "y": y0, "c": c})
+    coefficients = np.reshape(flat, (2, order + 1))
+    h = 0.1
+    while residual(kernel, coefficients, t0, c, h) > 1e-7:
+        h /= 2
+    large, small = (residual(kernel, coefficients, t0, c, x) for x in (h, h / 2))
+    assert large / small > 2 ** (order - 0.5) or small < 3e-15
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_step_sums_its_series(name):
+    step = step_kernel(recurrences(kernel_of(FUNCTIONS[name])), ORDER, dense=True)
+    h = 0.002
+    out = interpret(step, {"t": 0.3, "y": [0.7, 0.4], "c": [0.8], "s": [h, -1.0, 1.0]})
+    assert out[2] == h and out[3] == 0.0
+    series = np.reshape(out[4:], (2, ORDER + 1))
+    assert np.allclose(out[:2], series @ (-h) ** np.arange(ORDER + 1), rtol=4e-16, atol=0)
+
+
+@pytest.mark.parametrize("lanes", [1, "native"])
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_loops_and_unrolled_code_agree(name, dense, lanes):
+    import ctypes
+
+    from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
+    from dalembert.codegen.numba.series_loops import loop_assembly
+
+    lanes = native_lanes() if lanes == "native" else 1
+    known = recurrences(kernel_of(FUNCTIONS[name]))
+    step = step_kernel(known, ORDER, dense=dense)
+    texts = (assembly([("step", step)], lanes), loop_assembly("step", known, ORDER, lanes, dense=dense))
+    rng = np.random.default_rng(5)
+    t, c = np.full((1, lanes), 0.3), np.full((1, lanes), 0.8)
+    y = np.array([[0.7], [0.4]]) + 0.05 * rng.random((2, lanes))
+    s = np.array([[0.002], [1.0], [1.0]]) * np.ones(lanes)
+    results = []
+    for text in texts:
+        code = load_object(compile_object(text))
+        run = ctypes.CFUNCTYPE(None, *(ctypes.c_void_p,) * 5)(code.address("step"))
+        out = np.zeros((len(step.outputs), lanes))
+        run(*(a.ctypes.data for a in (t, y, c, s, out)))
+        results.append(out)
+    reference = np.transpose(
+        [
+            interpret(step, {"t": 0.3, "y": y[:, k].tolist(), "c": c[:, k].tolist(), "s": s[:, k].tolist()})
+            for k in range(lanes)
+        ]
+    )
+    scale = np.abs(reference).max(axis=1, keepdims=True) + 1e-3
+    assert np.all(np.abs(results[0] - reference) <= 1e-12 * scale)
+    assert np.all(np.abs(results[1] - reference) <= 1e-12 * scale)
+
+
+def test_order_grows_with_the_digits_asked_for():
+    assert [order_for(tolerance) for tolerance in (1e-6, 1e-9, 1e-12)] == [8, 12, 15]
+    assert order_for(0.5) == 4

@@ -1,0 +1,289 @@
+"""Constraints that depend on each other, mass matrices that are singular, and reactions."""
+
+import numpy as np
+import pytest
+from sympy import cos, sin, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
+from dalembert.errors import ConstraintError, SingularMassMatrixError
+from dalembert.ir.program import count_operations
+from dalembert.reduction import FORMULATIONS
+from scene.builders import cartesian_pendulum
+
+m, g, l, k, A = symbols("m g l k A", positive=True)
+
+
+def bead(*names):
+    coordinates = dynamicsymbols(" ".join(names))
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("bead", frame=N, origin=O, coordinates=coordinates)
+    position = sum((q * axis for q, axis in zip(coordinates, (N.x, N.y, N.z), strict=False)), 0 * N.x)
+    P = O.locatenew("P", position)
+    scene.add_bodies(Particle("bead", P, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene, N, P, coordinates
+
+
+# -- dependent and contradictory constraints ----------------------------------------------
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+@pytest.mark.parametrize("repeat", ["the same", "a multiple", "a combination"])
+def test_dependent_holonomic_constraints_are_named(formulation, repeat):
+    scene, _, _, (x, y, z) = bead("x", "y", "z")
+    first, second = x - y - 1, y + 2 * z
+    third = {"the same": first, "a multiple": -3 * second, "a combination": first + second}[repeat]
+    scene.add_holonomic_constraints(first, second, third)
+    with pytest.raises(ConstraintError, match=r"bead.*holonomic constraint \d"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_dependent_nonholonomic_constraints_are_named(formulation):
+    scene, _, _, (x, y, z) = bead("x", "y", "z")
+    knife = x.diff() - y.diff() * cos(z)
+    scene.add_nonholonomic_constraints(knife, z.diff() - 1, 2 * knife * (1 + x**2) - z.diff() + 1)
+    with pytest.raises(ConstraintError, match=r"bead.*nonholonomic constraint \d"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+def test_rate_of_a_holonomic_constraint_given_as_a_nonholonomic_one():
+    scene, _, _, (x, y) = bead("x", "y")
+    scene.add_holonomic_constraints(y - sin(x))
+    scene.add_nonholonomic_constraints(y.diff() - cos(x) * x.diff())
+    with pytest.raises(ConstraintError, match="nonholonomic constraint 1"):
+        da.compile_model(scene, backend="numpy")
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_contradictory_constraints_are_named(formulation):
+    scene, _, _, (x, y) = bead("x", "y")
+    scene.add_holonomic_constraints(x - y, x - y - 1)
+    with pytest.raises(ConstraintError, match=r"holonomic constraint [12].*contradicts"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_more_constraints_than_coordinates(formulation):
+    scene, _, _, (x, y) = bead("x", "y")
+    scene.add_holonomic_constraints(x - y, x + y - 2, x**2 - y**2 + x - 1)
+    with pytest.raises(ConstraintError, match=r"holonomic constraint \d"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+# -- singular inertia ---------------------------------------------------------------------
+
+
+def spinning_bead():
+    """A particle on a frame that turns about the line that the particle is on: the angle moves no inertia."""
+    x, spin = dynamicsymbols("x spin")
+    N, O = ReferenceFrame("N"), Point("O")
+    F = N.orientnew("F", "Axis", (spin, N.x))
+    scene = da.Scene("spinning", frame=N, origin=O, coordinates=[x, spin])
+    P = O.locatenew("P", x * F.x)
+    scene.add_bodies(RigidBody("needle", P, F, m, (inertia(F, 0, A, A), P)))
+    return scene, x, spin
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_coordinate_that_moves_no_inertia_is_named(formulation):
+    scene, *_ = spinning_bead()
+    with pytest.raises(SingularMassMatrixError, match="'spinning'.*spin") as caught:
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+    assert "moves no inertia" in str(caught.value)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_a_constraint_on_it_mends_it(formulation):
+    scene, x, spin = spinning_bead()
+    scene.add_nonholonomic_constraints(spin.diff() - k * x.diff())
+    model = da.compile_model(scene, backend="numpy", formulation=formulation)
+    found = model.accelerations(0.0, [0.1, 0.2], [2.0, 1.0], {"m": 1.0, "A": 1.0, "k": 0.5})
+    np.testing.assert_allclose(found, [0.0, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_coordinate_that_nothing_uses_is_named(formulation):
+    scene, *_ = bead("x", "y")
+    scene.coordinates += (dynamicsymbols("idle"),)
+    with pytest.raises(SingularMassMatrixError, match="idle"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_two_coordinates_of_one_motion_are_singular(formulation):
+    a, b = dynamicsymbols("a b")
+    N, O = ReferenceFrame("N"), Point("O")
+    F = N.orientnew("F", "Axis", (a + b, N.z))
+    scene = da.Scene("doubled", frame=N, origin=O, coordinates=[a, b])
+    scene.add_bodies(RigidBody("wheel", O, F, m, (inertia(F, A, A, A), O)))
+    with pytest.raises(SingularMassMatrixError, match=r"'doubled'.*'(a|b)"):
+        da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+@pytest.mark.parametrize("formulation", ["auto", *FORMULATIONS])
+def test_redundant_coordinates_with_a_constraint_are_ordinary(formulation):
+    a, b = dynamicsymbols("a b")
+    N, O = ReferenceFrame("N"), Point("O")
+    F = N.orientnew("F", "Axis", (a + b, N.z))
+    scene = da.Scene("geared", frame=N, origin=O, coordinates=[a, b])
+    scene.add_bodies(RigidBody("wheel", O, F, m, (inertia(F, A, A, A), O)))
+    scene.add_holonomic_constraints(a - 3 * b)
+    scene.add_loads((F, k * N.z))
+    model = da.compile_model(scene, backend="numpy", formulation=formulation)
+    found = model.accelerations(0.0, [0.3, 0.1], [0.6, 0.2], {"A": 2.0, "k": 1.0, "m": 1.0})
+    np.testing.assert_allclose(found, [0.375, 0.125], rtol=1e-13)
+
+
+# -- reactions ----------------------------------------------------------------------------
+
+READY = {"chaplygin_sleigh": ["X", "Y"], "rolling_sphere": ["F_u", "F_v"]}
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("scene", READY)
+def test_reactions_cost_nothing_unless_asked_for(scene, formulation):
+    """Kernels with and without outputs are equal but for the kernel of outputs."""
+    plain = da.compile_model(da.scenes.ALL[scene](), backend="numpy", formulation=formulation).stages.program
+    asked = da.compile_model(
+        da.scenes.ALL[scene](), backend="numpy", formulation=formulation, outputs=READY[scene]
+    ).stages.program
+    assert "outputs" not in plain
+    assert len(asked.kernel("outputs").outputs) == 2
+    for kernel in plain:
+        if kernel.name != "prepare":
+            assert count_operations(kernel) == count_operations(asked.kernel(kernel.name)), kernel.name
+    assert {kernel.name for kernel in asked} - {kernel.name for kernel in plain} == {"outputs"}
+    unknowns = set(plain.layout.unknowns)
+    for kernel in plain:
+        assert not unknowns & {load.target for load in kernel.loads}
+
+
+def test_no_constraint_machinery_without_constraints():
+    scene, *_ = bead("x", "y")
+    for formulation in FORMULATIONS:
+        program = da.compile_model(scene, backend="numpy", formulation=formulation).stages.program
+        names = {kernel.name for kernel in program}
+        assert not names & {
+            "project_position",
+            "project_velocity",
+            "constraint_jacobian",
+            "position_residual",
+            "outputs",
+        }
+        assert count_operations(program.kernel("rhs"))["flops"] <= 1
+
+
+@pytest.mark.parametrize("formulation", ["projected", "augmented"])
+def test_tension_of_a_pendulum(formulation):
+    """S = m (l omega^2 + g cos(angle)), the angle from the downward vertical."""
+    model = da.compile_model(cartesian_pendulum(), backend="numpy", formulation=formulation, outputs=["S"])
+    p = {"m": 2.0, "l": 0.5, "g": 9.81}
+    angle, rate = 0.4, 1.3
+    initial = {
+        "x": p["l"] * np.sin(angle),
+        "y": -p["l"] * np.cos(angle),
+        "x_dot": p["l"] * rate * np.cos(angle),
+        "y_dot": p["l"] * rate * np.sin(angle),
+    }
+    trajectory = model.simulate((0, 1), initial, p, rtol=1e-10, atol=1e-12)
+    assert trajectory["S"][0] == pytest.approx(p["m"] * (p["l"] * rate**2 + p["g"] * np.cos(angle)), rel=1e-12)
+    angles = np.arctan2(trajectory["x"], -trajectory["y"])
+    rates = (trajectory["x_dot"] * np.cos(angles) + trajectory["y_dot"] * np.sin(angles)) / p["l"]
+    expected = p["m"] * (p["l"] * rates**2 + p["g"] * np.cos(angles))
+    np.testing.assert_allclose(trajectory["S"], expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_reaction_of_the_sleighs_blade(formulation):
+    """(X, Y) = m v omega (1 - m b^2/I_C) (-sin theta, cos theta) and N = 0, from the scene's own notes."""
+    model = da.compile_model(
+        da.scenes.chaplygin_sleigh(), backend="numpy", formulation=formulation, outputs=["X", "Y", "N"]
+    )
+    p = {"m": 1.3, "b": 0.3, "I_C": 0.5}
+    initial = {"x": 0.1, "y": 0.2, "theta": 0.7, "x_dot": 0.9 * np.cos(0.7), "theta_dot": 1.7}
+    trajectory = model.simulate((0, 2), initial, p, rtol=1e-9)
+    theta, omega = trajectory["theta"], trajectory["theta_dot"]
+    v = trajectory["x_dot"] * np.cos(theta) + trajectory["y_dot"] * np.sin(theta)
+    size = p["m"] * v * omega * (1 - p["m"] * p["b"] ** 2 / p["I_C"])
+    np.testing.assert_allclose(trajectory["X"], -size * np.sin(theta), atol=1e-9)
+    np.testing.assert_allclose(trajectory["Y"], size * np.cos(theta), atol=1e-9)
+    np.testing.assert_allclose(trajectory["N"], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_contact_forces_of_the_rolling_sphere_vanish(formulation):
+    model = da.compile_model(
+        da.scenes.rolling_sphere(), backend="numpy", formulation=formulation, outputs=["F_u", "F_v"]
+    )
+    initial = {"x": 0, "y": 0, "psi": 0.3, "theta": 1.0, "phi": 0.2, "psi_dot": 0.7, "theta_dot": 0.2, "phi_dot": 1.1}
+    trajectory = model.simulate((0, 1), initial, {"m": 1.3, "r": 0.4, "g": 9.81})
+    assert max(np.abs(trajectory["F_u"]).max(), np.abs(trajectory["F_v"]).max()) < 1e-12
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_reaction_without_power_is_refused_by_name(formulation):
+    with pytest.raises(ConstraintError, match=r"rolling_sphere.*reactions N are not determined"):
+        da.compile_model(da.scenes.rolling_sphere(), backend="numpy", formulation=formulation, outputs=["N"])
+
+
+def test_undetermined_reactions_are_known_to_the_layout_and_explained():
+    model = da.compile_model(da.scenes.rolling_sphere(), backend="numpy")
+    assert model.layout.undetermined == ("N",)
+    assert "N could not be had" in model.explain()
+
+
+def test_two_reactions_of_which_only_the_sum_is_determined():
+    scene, N, P, (x, y) = bead("x", "y")
+    R, T, S = da.unknowns("R T S")
+    scene.add_joints(da.Joint("rail", body="bead", at=P, force=(R + T) * N.y + S * N.x))
+    scene.add_holonomic_constraints(y)
+    with pytest.raises(ConstraintError, match="R"):
+        da.compile_model(scene, backend="numpy", outputs=["R"])
+    model = da.compile_model(scene, backend="numpy", outputs=["S"])
+    assert model.layout.undetermined == ("R", "T")
+
+
+def test_joint_that_cannot_exert_the_reaction():
+    scene, N, P, (x, y) = bead("x", "y")
+    R = da.unknowns("R")
+    scene.add_joints(da.Joint("rail", body="bead", at=P, force=R * N.x))
+    scene.add_holonomic_constraints(y)
+    with pytest.raises(ConstraintError, match=r"cannot exert the reactions.*missing power on y"):
+        da.compile_model(scene, backend="numpy", outputs=["R"])
+
+
+def test_expressions_of_states_and_reactions_are_outputs():
+    scene = cartesian_pendulum()
+    S = da.unknowns("S")
+    x, y = scene.coordinates
+    power = S * x.diff() + m * y**2
+    model = da.compile_model(scene, backend="numpy", outputs=["x", power, "S"])
+    p = {"m": 2.0, "l": 0.5, "g": 9.81}
+    trajectory = model.simulate((0, 0.3), {"x": 0.3, "y": -0.4, "x_dot": 0.4, "y_dot": 0.3}, p)
+    expected = trajectory["S"] * trajectory["x_dot"] + 2.0 * trajectory["y"] ** 2
+    np.testing.assert_allclose(trajectory[power], expected, rtol=1e-12)
+
+
+def test_reaction_at_a_point_that_travels_over_the_body_takes_the_bodys_velocity():
+    """A ladder's foot on the floor, held by a joint at the contact: the normal force carries the weight."""
+    x, a = dynamicsymbols("x a")
+    y = dynamicsymbols("y")
+    N, O = ReferenceFrame("N"), Point("O")
+    F = N.orientnew("F", "Axis", (a, N.z))
+    scene = da.Scene("ladder", frame=N, origin=O, coordinates=[x, y, a])
+    G = O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ladder", G, F, m, (inertia(F, 0, 0, A), G)))
+    foot = G.locatenew("foot", -l * F.x)
+    R = da.unknowns("R")
+    scene.add_joints(da.Joint("floor", body="ladder", at=foot, force=R * N.y))
+    scene.add_holonomic_constraints(y - l * sin(a))
+    scene.apply_uniform_gravity(-g * N.y)
+    model = da.compile_model(scene, backend="numpy", outputs=["R"])
+    p = {"m": 1.5, "A": 0.2, "l": 0.8, "g": 9.81}
+    trajectory = model.simulate((0, 0), {"x": 0, "a": 0.6, "x_dot": 0, "a_dot": 0}, p)
+    # m y'' = R - m g, A a'' = -R l cos a, y'' = l cos a a''
+    arm = p["l"] * np.cos(0.6)
+    expected = p["m"] * p["g"] / (1 + p["m"] * arm**2 / p["A"])
+    assert trajectory["R"][0] == pytest.approx(expected, rel=1e-12)
