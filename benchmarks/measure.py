@@ -107,10 +107,11 @@ def growth_exponent(sizes: Sequence[float], values: Sequence[float]) -> float | 
 
 
 def machine() -> dict[str, Any]:
-    """Return core count, CPU feature level and versions: all that a result says of where it was measured."""
+    """Return core count, CPU feature level, versions, and how many processes were busy: where something is measured."""
     return {
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "cpu": _feature_level(),
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
         "versions": {name: version for name in _PACKAGES if (version := _version(name))},
     }

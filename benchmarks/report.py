@@ -13,11 +13,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["RESULT", "describe_machine", "fill", "markdown", "precision_text", "startup_text"]
+__all__ = ["RESULT", "describe_machine", "fill", "markdown", "precision_text", "selected", "startup_text"]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "bench.json"
 BEGIN, END = "<!-- benchmarks: begin (written by benchmarks/report.py) -->", "<!-- benchmarks: end -->"
+
+_QUIET = 0.25
+"""Load a core, at the start, up to which a machine counts as quiet."""
 
 Record = Mapping[str, Any]
 Rows = Sequence[Sequence[str]]
@@ -26,7 +29,11 @@ Rows = Sequence[Sequence[str]]
 def describe_machine(machine: Record) -> str:
     """Return where something was measured, in one line."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items() if name != "dalembert")
-    return f"{machine['cores']} cores, {machine['cpu']}, Python {machine['python']}; {versions}"
+    text = f"{machine['cores']} cores, {machine['cpu']}, Python {machine['python']}; {versions}"
+    load = machine["load"]
+    if load is not None and load > _QUIET * machine["cores"]:
+        text += f"; other processes were busy (load {load:g} at the start), so that times are too long and uneven"
+    return text
 
 
 def _markdown_table(head: Sequence[str], rows: Rows) -> str:
@@ -148,26 +155,50 @@ def markdown(result: Record) -> str:
     )
 
 
+def selected(records: Sequence[Record]) -> list[Record]:
+    """Return what a short table shows: numba but for `augmented`, of every other solver its first contender."""
+    first: dict[tuple[str, str], str] = {}
+    for r in records:
+        first.setdefault((r["scene"], r["solver"]), r["label"])
+    return [
+        r
+        for r in records
+        if r["label"] == first[r["scene"], r["solver"]]
+        or (r["solver"] == "dalembert numba" and r["formulation"] != "augmented")
+    ]
+
+
+def _chains_in_short(derivation: Record) -> str:
+    """Return the largest chains, and the largest planar one that KanesMethod did too, as a paragraph."""
+    done = {(r["chain"], r["n"]): r for r in derivation["chains"] if "total" in r}
+    largest = {chain: n for chain, n in sorted(done)}
+    kane = max((r for r in derivation["kane"] if ("planar", r["n"]) in done), key=lambda r: r["n"])
+    own = done["planar", kane["n"]]
+    parts = [
+        f"{chain}, {n} links: {done[chain, n]['total']:.2f} s and {done[chain, n]['rhs']['flops']:,} flops"
+        for chain, n in largest.items()
+    ]
+    return (
+        f"Chains of rods, from scene to program, and flops of an evaluation of the right-hand side: {'; '.join(parts)}."
+        f" The planar chain of {kane['n']} links: {own['total']:.2f} s and {own['rhs']['flops']:,} flops, accelerations"
+        f" included; SymPy's KanesMethod with relative angles and its CSE: {kane['total']:.2f} s and"
+        f" {kane['operations']:,} operations, mass matrix and forcing only."
+    )
+
+
 def readme_section(result: Record) -> str:
     """Return what the README shows of a result."""
-    shown = [r for r in result["precision"] if r["rtol"] in (1e-6, 1e-9, 1e-12)]
+    shown = [r for r in selected(result["precision"]) if r["rtol"] in (1e-6, 1e-9, 1e-12)]
     precision = [_markdown_table(head, rows) for _, head, rows in _precision_rows(shown, False)]
-    last = {r["chain"]: r for r in result["derivation"]["chains"] if "total" in r}
-    chains = "; ".join(
-        f"{chain}, {r['n']} links: {r['total']:.2f} s to a program of {r['rhs']['flops']} flops per right-hand side"
-        for chain, r in last.items()
-    )
-    kane = result["derivation"]["kane"][-1]
-    head = ["start-up [s]", *_STAGES]
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
             "Microseconds of a run of 10 s / of `simulate()` as called, and (largest error at the end):",
             *precision,
-            f"Derivation of chains of rods: {chains}; SymPy's KanesMethod and CSE, planar, {kane['n']} links:"
-            f" {kane['total']:.2f} s and {kane['operations']} operations.",
-            "The sleigh's first trajectory in a new process, with empty caches and with what that left behind:",
-            _markdown_table(head, _startup_rows(result["startup"])),
+            _chains_in_short(result["derivation"]),
+            "Seconds to the sleigh's first trajectory in a new process, with empty caches (the library's own loops are"
+            " compiled too) and with what that left behind:",
+            _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
         ]
     )
 

@@ -52,7 +52,7 @@ QUICK = Extent(
     rounds=7,
     seconds_each=0.1,
     slowest=0.05,
-    sizes=(2, 5, 10),
+    sizes=(2, 4, 5, 6, 10),
     derivation_limit=10.0,
     kane_sizes=(2, 4, 6),
     startups=1,
@@ -64,7 +64,7 @@ FULL = Extent(
     rounds=25,
     seconds_each=0.3,
     slowest=0.2,
-    sizes=(2, 5, 10, 20, 40),
+    sizes=(2, 4, 5, 6, 8, 10, 20, 40),
     derivation_limit=120.0,
     kane_sizes=(2, 4, 6, 8),
     startups=3,
@@ -156,7 +156,7 @@ def write(result: dict[str, Any], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "bench.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     (folder / "bench.md").write_text(report.markdown(result), encoding="utf-8")
-    figures.work_precision(result["precision"], folder / "work_precision.png")
+    figures.work_precision(report.selected(result["precision"]), folder / "work_precision.png")
     derivation = result["derivation"]
     figures.scaling_picture(derivation["chains"], derivation["kane"], folder / "derivation.png")
 

@@ -14,3 +14,5 @@ PROPORTIONAL = 0.75
 SECOND_ERROR_WEIGHT = 0.01
 # A remainder of the span below this share of a step is taken along with the step.
 STRETCH = 1.0 + 1e-9
+# The least absolute tolerance, so that nothing is divided by zero.
+SMALLEST_SCALE = 1e-150

@@ -10,7 +10,7 @@ costs less than the node, so the graph stays acyclic.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import final
 
@@ -429,6 +429,22 @@ class Graph:
         if known is not None:
             return known
         return self._make("const", (), node.payload, node.fingerprint, 0.0, 0)
+
+    def heal(self, nodes: Sequence[Node], allowed: Collection[Node]) -> None:
+        """Give `nodes` forms without any input but the `allowed` ones, wherever their values do not depend on others.
+
+        The cheapest form of a value may name an input that cancels in it.
+        """
+        outside: set[int] = set()
+        for node in list(self.topological(nodes)):
+            if node.op == "input" and node not in allowed:
+                outside.add(node.index)
+        if not outside:
+            return
+        strangers = [self.nodes[index] for index in sorted(outside)]
+        for node in list(self.topological(nodes)):
+            if any(arg.index in outside for arg in node.args) and self.freed_of(node, strangers) is None:
+                outside.add(node.index)
 
     def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
         """Return `node` in a form without `inputs`, or None where its value does depend on them."""

@@ -92,6 +92,7 @@ def lower_kernel(
     ExpressionError
         When a node depends on an input that is not given, or a constant is not finite.
     """
+    graph.heal(nodes, inputs.keys())
     namer = Namer()
     operands: dict[int, Operand] = {}
     loads: list[Load] = []

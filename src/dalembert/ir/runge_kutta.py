@@ -69,8 +69,8 @@ def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
         attempt.slopes[0] = evaluate("t_", attempt.y)
     for stage in attempt.later_stages():
         attempt.slopes[stage] = evaluate(attempt.time(stage), attempt.point(stage))
-    loads = (*attempt.loads, *_constants(rhs))
-    kernel = Kernel("step", _ARGUMENTS, loads, tuple(attempt.lines.body), tuple(attempt.outputs()))
+    outputs = tuple(attempt.outputs())
+    kernel = Kernel("step", _ARGUMENTS, (*attempt.loads, *_constants(rhs)), tuple(attempt.lines.body), outputs)
     return run(kernel, [eliminate_dead_code])
 
 

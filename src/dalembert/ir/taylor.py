@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import final
 
+from .lines import Lines
 from .passes import eliminate_dead_code, run
 from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
@@ -29,49 +30,6 @@ def order_for(tolerance: float) -> int:
     return max(4, math.ceil(-math.log(tolerance) / 2.0 + 1.0))
 
 
-@final
-class _Lines:
-    """Straight-line code under construction; each operation is written once, trivial ones never."""
-
-    def __init__(self) -> None:
-        self.body: list[Assignment] = []
-        self._known: dict[tuple[str, tuple[Operand, ...]], str] = {}
-
-    def op(self, name: str, *args: Operand) -> Operand:
-        key = (name, args)
-        if key not in self._known:
-            self._known[key] = f"v_{len(self.body)}_"
-            self.body.append(Assignment(self._known[key], name, args))
-        return self._known[key]
-
-    def add(self, a: Operand, b: Operand) -> Operand:
-        if a == 0.0 or b == 0.0:
-            return b if a == 0.0 else a
-        return self.op("add", a, b)
-
-    def sub(self, a: Operand, b: Operand) -> Operand:
-        if a == 0.0 or b == 0.0:
-            return self.neg(b) if a == 0.0 else a
-        return self.op("sub", a, b)
-
-    def mul(self, a: Operand, b: Operand) -> Operand:
-        if not isinstance(a, str) and not isinstance(b, str):
-            return a * b
-        if a in (0.0, 1.0):
-            return 0.0 if a == 0.0 else b
-        if b in (0.0, 1.0):
-            return 0.0 if b == 0.0 else a
-        return self.op("mul", a, b)
-
-    def neg(self, a: Operand) -> Operand:
-        return self.op("neg", a) if isinstance(a, str) else -a
-
-    def fma(self, a: Operand, b: Operand, c: Operand) -> Operand:
-        if a == 0.0 or b == 0.0:
-            return c
-        return self.mul(a, b) if c == 0.0 else self.op("fma", a, b, c)
-
-
 def _at(series: Series, k: int) -> Operand:
     return series[k] if k < len(series) else 0.0
 
@@ -85,7 +43,7 @@ class _Expansion:
     """The series of every value, extended order by order."""
 
     def __init__(self, recurrences: Recurrences) -> None:
-        self.lines = _Lines()
+        self.lines = Lines()
         self.recurrences = recurrences
         self.rate = dict(zip(recurrences.states, recurrences.rates, strict=True))
         self.series: dict[str, Series] = {state: [state] for state in recurrences.states}
@@ -239,7 +197,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
 _SETTINGS = ("largest_", "direction_", "floor_")
 
 
-def _finish(lines: _Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
+def _finish(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
     """Return the new state, the size of the step and the check, from the series of the rates."""
     largest, direction, floor = _SETTINGS
     size = lines.op("min", _radius(lines, recurrences, rates, order, floor), largest)
@@ -260,7 +218,7 @@ def controlled(recurrences: Recurrences, rates: list[list[str]], order: int) -> 
 
     `rates` names the coefficients 0 to order - 1 of each rate.
     """
-    lines = _Lines()
+    lines = Lines()
     outputs = _finish(lines, recurrences, [list(rate) for rate in rates], order)
     return lines.body, outputs
 
@@ -275,7 +233,7 @@ def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
     return run(kernel, [eliminate_dead_code])
 
 
-def _weights(lines: _Lines, h: Operand, order: int) -> list[Operand]:
+def _weights(lines: Lines, h: Operand, order: int) -> list[Operand]:
     """Return h**(k+1) / (k+1), by which coefficient k of a rate moves the state."""
     powers: list[Operand] = [h]
     for k in range(2, order + 1):
@@ -283,7 +241,7 @@ def _weights(lines: _Lines, h: Operand, order: int) -> list[Operand]:
     return [lines.mul(power, 1.0 / (k + 1)) for k, power in enumerate(powers)]
 
 
-def _radius(lines: _Lines, recurrences: Recurrences, rates: list[Series], order: int, floor: Operand) -> Operand:
+def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, floor: Operand) -> Operand:
     """Return the step that the last two coefficients of the state allow, read off those of its rate.
 
     The scale is the largest component that anything depends on, but at least the floor; quadratures count in
@@ -302,7 +260,7 @@ def _radius(lines: _Lines, recurrences: Recurrences, rates: list[Series], order:
     return lines.op("rough_exp2", lines.op("add", lines.op("min", *steps), safety))
 
 
-def _norm(lines: _Lines, values: list[Operand], least: Operand) -> Operand:
+def _norm(lines: Lines, values: list[Operand], least: Operand) -> Operand:
     total = least
     for value in values:
         if value != 0.0:

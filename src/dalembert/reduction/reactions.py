@@ -74,16 +74,29 @@ def requested_outputs(
     needed = _needed_unknowns(equations, nodes)
     lost = [name for name in needed if name in undetermined]
     if lost:
-        raise ConstraintError(
-            f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
-            " they have no power on any coordinate, or only a combination of them has. Give the scene a coordinate"
-            " along the reaction and a constraint that holds it"
-        )
+        raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
     if needed:
         replace.update(_solve(equations, values, accelerations))
     found = graph.substitute(list(nodes.values()), replace)
     return Requested(dict(zip(nodes, found, strict=True)), undetermined)
+
+
+def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
+    """Return why reactions cannot be computed, and what to do."""
+    names = equations.symbols.unknowns
+    silent = [x for x in lost if all(row[names.index(x)].is_zero for row in equations.reactions)]
+    rest = [x for x in lost if x not in silent]
+    why = []
+    if silent:
+        why.append(f"{list_names(silent)} appear in no equation, because they have no power on any coordinate")
+    if rest:
+        why.append(f"only a combination of {list_names(rest)} with others appears in the equations")
+    return (
+        f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
+        f" {'; '.join(why)}. Give back the coordinate that hides each, with"
+        " scene.release(coordinate, point or frame, direction)"
+    )
 
 
 def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) -> list[str]:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, UnknownNameError, unknown_name
+from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from .estimate import ErrorEstimate
 
 if TYPE_CHECKING:
     import xarray
@@ -85,12 +86,31 @@ class Sweep:
     ) -> None:
         self._program, self._constants = program, constants
         self.initial, self.parameters = varied
+        self._estimate: ErrorEstimate | None = None
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.y, self.samples, self.t_eval = y, samples, t_eval
         self.axes, self.stats = dict(axes), stats
 
     def __len__(self) -> int:
         return len(self.y)
+
+    def with_twin(self, twin: Sweep) -> Sweep:
+        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
+        self._estimate = ErrorEstimate(self, twin)
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
+
+        Raises
+        ------
+        OptionError
+            Where the sweep was not told to estimate its errors.
+        """
+        if self._estimate is None:
+            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
+        return self._estimate
 
     @property
     def success(self) -> NDArray[np.bool_]:

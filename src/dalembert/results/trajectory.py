@@ -14,6 +14,7 @@ from ..integrators.problem import DenseOutput
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from .estimate import ErrorEstimate
 
 if TYPE_CHECKING:
     import xarray
@@ -70,11 +71,30 @@ class Trajectory:
         dense: DenseOutput | None,
     ) -> None:
         self._program, self._c, self._dense = program, constants, dense
+        self._estimate: ErrorEstimate | None = None
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
         x = interpret_rows(program.kernel("expand"), t, y, constants)
         self.q, self.qdot = x[:, :size], x[:, size:]
+
+    def with_twin(self, twin: Trajectory) -> Trajectory:
+        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
+        self._estimate = ErrorEstimate(self, twin)
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
+
+        Raises
+        ------
+        OptionError
+            Where the run was not told to estimate its error.
+        """
+        if self._estimate is None:
+            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
+        return self._estimate
 
     @property
     def success(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_nam
 from ..integrators.problem import IntegrationProblem, prescribed
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
+from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
@@ -95,6 +97,7 @@ class CompiledModel:
         max_step: float = np.inf,
         max_steps: int = 1_000_000,
         dense: bool = True,
+        error_estimate: bool = False,
     ) -> Trajectory:
         """Simulate one trajectory.
 
@@ -119,6 +122,9 @@ class CompiledModel:
             Attempted steps after which the run ends with a status.
         dense : bool
             Whether the trajectory can be evaluated between the recorded times.
+        error_estimate : bool
+            Whether to run a twin at a hundredth of the tolerances beside it, from which
+            ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
 
         Returns
         -------
@@ -148,19 +154,31 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
+        run = self._run(problem, chosen, begin)
+        if error_estimate:
+            finer = replace(
+                problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
+            )
+            twin = self._run(finer, self._method(method, finer.rtol, finer.atol), time.perf_counter())
+            run.with_twin(twin)
+        return run
+
+    def _run(self, problem: IntegrationProblem, method: str, begin: float) -> Trajectory:
+        """Integrate one problem; its run time counts from `begin`, less what was compiled."""
         ready = time.perf_counter()
         if self.layout.state:
-            self._engine.prepare(problem, chosen)
+            self._engine.prepare(problem, method)
         compiled = time.perf_counter() - ready
-        solution = self._engine.integrate(problem, chosen) if self.layout.state else prescribed(problem)
+        solution = self._engine.integrate(problem, method) if self.layout.state else prescribed(problem)
         statistics = RunStatistics(
-            method=chosen,
+            method=method,
             steps=solution.steps,
             rejected=solution.rejected,
             evaluations=solution.evaluations,
             compile_seconds=sum(self.stages.seconds.values()) + compiled,
             run_seconds=time.perf_counter() - begin - compiled,
         )
+        c = problem.constants
         return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
 
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
@@ -220,6 +238,7 @@ class CompiledModel:
         max_steps: int = 1_000_000,
         threads: int | None = None,
         progress: bool = False,
+        error_estimate: bool = False,
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -239,6 +258,9 @@ class CompiledModel:
             Threads to use; by default as many as there are processors.
         progress : bool
             Whether to show a bar with cases per second (needs tqdm).
+        error_estimate : bool
+            Whether to run every case once more at a hundredth of the tolerances, from which
+            ``sweep.error_estimate["x"]`` estimates the global errors.
 
         Returns
         -------
@@ -273,24 +295,28 @@ class CompiledModel:
             max_steps=max_steps,
         )
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        axes = {} if grid is None else grid.axes
+        done = self._run_cases(cases, settings, axes, begin)
+        if error_estimate:
+            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
+            finer = replace(finer, method=self._method(method, finer.rtol, finer.atol))
+            done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
+        return done
+
+    def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
+        """Run all cases; the run time counts from `begin`."""
         done = run_cases(self._engine, cases, settings)
         statistics = SweepStatistics(
-            method=chosen,
-            threads=count,
+            method=settings.method,
+            threads=settings.threads,
             steps=int(done.ends[:, 2].sum()),
             compile_seconds=sum(self.stages.seconds.values()),
             run_seconds=time.perf_counter() - begin,
         )
+        samples = None if settings.t_eval is None else done.samples
+        varied = (cases.initial, cases.parameters)
         return Sweep(
-            self._program,
-            cases.constants,
-            (cases.initial, cases.parameters),
-            done.ends,
-            done.y,
-            None if t_eval is None else done.samples,
-            t_eval,
-            {} if grid is None else grid.axes,
-            statistics,
+            self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
 
     def _start(self, given: Iterable[str]) -> Start:

@@ -51,7 +51,11 @@ def turned(scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame, matrix: 
     """Return the matrix from components on `parent` to those on `frame` with the rotations given back."""
     for item in scene.releases:
         if item.target is frame:
-            matrix = matrix * _rotation(item.direction.to_matrix(parent), item.coordinate).T
+            own = item.direction.to_matrix(frame)
+            if own.has(AppliedUndef):
+                matrix = matrix * _rotation(item.direction.to_matrix(parent), item.coordinate).T
+            else:
+                matrix = _rotation(own, item.coordinate).T * matrix
     return matrix
 
 

@@ -15,6 +15,7 @@ from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
 from . import changes
+from .belonging import foreign_points
 from .expressions import ExpressionReader
 from .model import (
     Action,
@@ -34,6 +35,10 @@ from .tree import Tree
 __all__ = ["read"]
 
 TIME = "t"
+_IMPLIED = (
+    "is already implied by the parametrization: it vanishes whatever the coordinates. Remove it; for the reaction that it"
+    " would hold, give a coordinate back with scene.release(coordinate, point or frame, direction)"
+)
 RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 
@@ -97,6 +102,16 @@ class _SceneReader:
             if isinstance(item, sp.Basic)
         }
         symbols = self._symbols()
+        if not self.faults:
+            self.faults += foreign_points(
+                self.graph,
+                [self.expressions.leaves[q] for q in self.coordinates],
+                self.frame_models,
+                self.point_models,
+                [body for body in bodies if body is not None],
+                [action for action in actions if action is not None],
+                symbols.unknowns,
+            )
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
@@ -280,6 +295,8 @@ class _SceneReader:
         node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
         if node.deps & self._mask("rates"):
             self.faults.append(f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint")
+        elif node.is_zero and len(self.expressions.faults) == before:
+            self.faults.append(f"{label} ({_short(constraint)}) {_IMPLIED}")
         elif not node.deps & self._mask("coordinates") and len(self.expressions.faults) == before:
             self.faults.append(f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing")
         return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
@@ -289,7 +306,9 @@ class _SceneReader:
         before = len(self.expressions.faults)
         node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
         rates = self._mask("rates")
-        if not node.deps & rates and len(self.expressions.faults) == before:
+        if node.is_zero and len(self.expressions.faults) == before:
+            self.faults.append(f"{label} ({_short(constraint)}) {_IMPLIED}")
+        elif not node.deps & rates and len(self.expressions.faults) == before:
             self.faults.append(
                 f"{label} ({_short(constraint)}) contains no rate; add a constraint on positions with"
                 " add_holonomic_constraints"

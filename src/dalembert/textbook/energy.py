@@ -11,7 +11,7 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError
 from ..scene.identity import vanishes
-from .geometry import Geometry
+from .geometry import Geometry, squares
 from .printing import text
 
 if TYPE_CHECKING:
@@ -34,30 +34,35 @@ def readable(expression: Any, limit: int = READABLE) -> Any:
     expanded = sp.expand(expression)
     if not expanded.has(sp.sin, sp.cos, sp.tan, sp.cot):
         return expanded
-    forms = [expanded, _squares(expanded, sp.cos, sp.sin), _squares(expanded, sp.sin, sp.cos)]
+    forms = [expanded, squares(expanded, sp.cos, sp.sin), squares(expanded, sp.sin, sp.cos)]
     if expanded.count_ops() <= IDENTITIES:
         forms.append(sp.trigsimp(expanded))
-    angles = {f.args[0] for f in expanded.atoms(sp.sin, sp.cos)}
-    kept = [form for form in forms if {f.args[0] for f in form.atoms(sp.sin, sp.cos)} <= angles]
+    angles = _angles(expanded)
+    kept = [form for form in forms if all(_plain_sum(angle) for angle in _angles(form) - angles)]
     return min(kept, key=lambda e: (e.count_ops(), str(e)))
+
+
+def _angles(expression: Any) -> set[Any]:
+    return {f.args[0] for f in expression.atoms(sp.sin, sp.cos)}
+
+
+def _plain_sum(angle: Any) -> bool:
+    """Return whether an angle is a sum or difference of others, such as theta_1 - theta_2, without multiples."""
+    return all(abs(factor) == 1 for factor in angle.as_coefficients_dict().values())
 
 
 def readable_fraction(expression: Any) -> Any:
     """Return a quotient of polynomials with numerator and denominator made readable."""
-    numerator, denominator = sp.fraction(sp.sympify(expression))
+    expression = sp.sympify(expression)
+    if expression.count_ops() > 5 * READABLE:
+        return expression
+    numerator, denominator = sp.fraction(expression)
     if denominator.is_number or not denominator.has(sp.sin, sp.cos):
         return sp.factor_terms(readable(expression))
     top, bottom = (sp.factor_terms(readable(e, limit=2000)) for e in (numerator, denominator))
     if bottom.could_extract_minus_sign():
         top, bottom = -top, -bottom
     return sp.factor_terms(top) / bottom
-
-
-def _squares(expression: Any, old: Any, new: Any) -> Any:
-    """Return an expanded expression with every old(a)^2 replaced by 1 - new(a)^2."""
-    powers = [p for p in expression.atoms(sp.Pow) if isinstance(p.base, old) and p.exp.is_Integer and p.exp > 1]
-    table = {p: (1 - new(p.base.args[0]) ** 2) ** (p.exp // 2) * p.base ** (p.exp % 2) for p in powers}
-    return sp.expand(expression.xreplace(table))
 
 
 def kinetic_energy(geometry: Geometry, body: Any) -> sp.Expr:

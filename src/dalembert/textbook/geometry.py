@@ -19,18 +19,29 @@ from ..scene import Scene
 from ..scene.changes import moved, substituted, turned
 from ..scene.tree import Tree
 
-__all__ = ["Geometry", "tidy"]
+__all__ = ["Geometry", "squares", "tidy"]
 
 LARGE = 60
 """Operations beyond which an entry is no longer simplified."""
 
 
 def tidy(expression: Any, limit: int = LARGE) -> Any:
-    """Return an expression simplified by trigonometric identities, where it is small enough."""
+    """Return an expression with sin^2 + cos^2 = 1 used where that makes it shorter, if it is small enough."""
     expression = sp.sympify(expression)
     if not expression.has(sp.sin, sp.cos) or expression.count_ops() > limit:
         return expression
-    return sp.trigsimp(expression)
+    expanded = sp.expand(expression)
+    forms = [expression, expanded, squares(expanded, sp.cos, sp.sin), squares(expanded, sp.sin, sp.cos)]
+    return min(forms, key=lambda e: e.count_ops())
+
+
+def squares(expression: Any, old: Any, new: Any) -> Any:
+    """Return an expanded expression with every old(a)^2 replaced by 1 - new(a)^2."""
+    powers = [p for p in expression.atoms(sp.Pow) if isinstance(p.base, old) and p.exp.is_Integer and p.exp > 1]
+    if not powers:
+        return expression
+    table = {p: (1 - new(p.base.args[0]) ** 2) ** (p.exp // 2) * p.base ** (p.exp % 2) for p in powers}
+    return sp.expand(expression.xreplace(table))
 
 
 @final

@@ -1,9 +1,9 @@
 """Small linear systems with trigonometric entries, solved in closed form.
 
-Entries become elements of the field of rational functions in the sines, cosines, symbols and rates
-that occur; sin^2 = 1 - cos^2 is used after every operation, so that a pivot is zero exactly when
-its normal form is. Matrices too large for that are eliminated as they stand, with pivots tested
-numerically.
+Entries become elements of the field of rational functions in the symbols and rates that occur and
+in u = tan(angle / 2) for every angle, with sin = 2 u / (1 + u^2) and cos = (1 - u^2) / (1 + u^2). Common
+factors cancel there, sin^2 + cos^2 is 1, and a pivot is zero exactly when it is identically zero. Matrices too
+large for that are eliminated as they stand, with pivots tested numerically.
 """
 
 from __future__ import annotations
@@ -24,62 +24,78 @@ SMALL = 2500
 
 @final
 class Field:
-    """Rational functions in the generators of some expressions, with sin^2 + cos^2 = 1."""
+    """Rational functions in the generators of some expressions, and in the half-angle tangents.
+
+    Attributes
+    ----------
+    elements : list
+        The expressions as elements of the field, in order.
+    """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        plain = [self._plain(e) for e in expressions]
+        plain = [_sines(e) for e in expressions]
         angles = sorted({f.args[0] for e in plain for f in e.atoms(sp.sin, sp.cos)}, key=sp.default_sort_key)
-        self._names: dict[Any, Any] = {}
-        relations = []
-        for i, angle in enumerate(angles):
-            s, c = sp.Symbol(f"s_{i}"), sp.Symbol(f"c_{i}")
-            self._names[sp.sin(angle)], self._names[sp.cos(angle)] = s, c
-            relations.append(s**2 + c**2 - 1)
-        leaves = sorted(
-            {a for e in plain for a in e.atoms(sp.Derivative, sp.core.function.AppliedUndef)},
-            key=lambda a: (-a.count(sp.Derivative), sp.default_sort_key(a)),
-        )
-        for i, leaf in enumerate(leaves):
-            self._names[leaf] = sp.Symbol(f"v_{i}")
-        self._back = {symbol: leaf for leaf, symbol in self._names.items()}
-        named = [e.xreplace(self._names) for e in plain]
-        symbols = sorted({s for e in (*named, *relations) for s in e.free_symbols}, key=self._order)
-        if not symbols:
-            symbols = [sp.Symbol("unit")]
-        self.field, elements = sfield([*named, *relations, *symbols], *symbols, order="lex")
-        count = len(named)
-        self.elements = elements[:count]
-        self._relations = [e.numer for e in elements[count : count + len(relations)]]
-        self.elements = [self.normal(e) for e in self.elements]
+        self._angles = dict(zip(sp.symbols(f"u_:{len(angles)}"), angles, strict=True)) if angles else {}
+        table: dict[Any, Any] = {}
+        for u, angle in self._angles.items():
+            table[sp.sin(angle)], table[sp.cos(angle)] = 2 * u / (1 + u**2), (1 - u**2) / (1 + u**2)
+        kinds = (sp.Derivative, sp.core.function.AppliedUndef)
+        found = {a for e in plain for a in e.xreplace(table).atoms(*kinds)}
+        rates = sorted(found, key=lambda a: (not isinstance(a, sp.Derivative), sp.default_sort_key(a)))
+        leaves = {leaf: sp.Symbol(f"v_{i}") for i, leaf in enumerate(rates)}
+        named = [e.xreplace(table).xreplace(leaves) for e in plain]
+        symbols = sorted({s for e in named for s in e.free_symbols}, key=lambda s: s.name) or [sp.Symbol("unit")]
+        self._back = {symbol: leaf for leaf, symbol in leaves.items()}
+        self._symbols = symbols
+        self._moving = [i for i, s in enumerate(symbols) if s in self._back or s in self._angles]
+        _, self.elements = sfield(named, *symbols)
 
-    @staticmethod
-    def _order(symbol: Any) -> tuple[int, str]:
-        """Put the sines first, so that their squares are the leading terms of the relations."""
-        return (0 if symbol.name.startswith("s_") else 1, symbol.name)
+    def weight(self, element: Any) -> tuple[int, int]:
+        """Rank a pivot: numbers, then parameters, then functions of the configuration; short ones first."""
+        degrees = [max(a, b) for a, b in zip(element.numer.degrees(), element.denom.degrees(), strict=True)]
+        moving = any(degrees[i] > 0 for i in self._moving)
+        return (2 if moving else 1 if any(d > 0 for d in degrees) else 0, len(element.numer) + len(element.denom))
 
-    @staticmethod
-    def _plain(e: Any) -> Any:
-        e = sp.sympify(e)
-        if e.has(sp.tan, sp.cot, sp.sec, sp.csc):
-            e = e.replace(sp.tan, lambda x: sp.sin(x) / sp.cos(x)).replace(sp.cot, lambda x: sp.cos(x) / sp.sin(x))
-            e = e.replace(sp.sec, lambda x: 1 / sp.cos(x)).replace(sp.csc, lambda x: 1 / sp.sin(x))
+    def expression(self, element: Any) -> Any:
+        """Return the SymPy expression of an element, half-angle tangents turned back into sines and cosines."""
+        if not self._angles:
+            return element.as_expr(*self._symbols).xreplace(self._back)
+        places = {i: u for i, u in enumerate(self._symbols) if u in self._angles}
+        degrees = [max(a, b) for a, b in zip(element.numer.degrees(), element.denom.degrees(), strict=True)]
+        half = {i: (max(degrees[i], 0) + 1) // 2 for i in places}
+        parts = []
+        for polynomial in (element.numer, element.denom):
+            total = []
+            for powers, coefficient in polynomial.terms():
+                term = polynomial.ring.domain.to_sympy(coefficient)
+                for i, power in enumerate(powers):
+                    if i in places:
+                        term *= _half_angle(power, half[i], self._angles[places[i]])
+                    else:
+                        term *= self._back.get(self._symbols[i], self._symbols[i]) ** power
+                total.append(term)
+            parts.append(sp.expand(sp.Add(*total)))
+        return parts[0] / parts[1]
+
+
+def _half_angle(power: int, half: int, angle: Any) -> Any:
+    """Return u^power / (1 + u^2)^half, times 2^half, in the sine and cosine of the angle."""
+    s, c = sp.sin(angle), sp.cos(angle)
+    odd = power % 2
+    return s**odd * (1 - c) ** (power // 2) * (1 + c) ** (half - power // 2 - odd)
+
+
+def _sines(e: Any) -> Any:
+    """Return an expression with sines and cosines of single angles in place of other circular functions."""
+    e = sp.sympify(e)
+    if e.has(sp.tan, sp.cot, sp.sec, sp.csc):
+        e = e.replace(sp.tan, lambda x: sp.sin(x) / sp.cos(x)).replace(sp.cot, lambda x: sp.cos(x) / sp.sin(x))
+        e = e.replace(sp.sec, lambda x: 1 / sp.cos(x)).replace(sp.csc, lambda x: 1 / sp.sin(x))
+    if e.has(sp.sin, sp.cos):
         e = e.replace(
             lambda f: isinstance(f, sp.sin | sp.cos) and (f.args[0].is_Add or f.args[0].is_Mul), sp.expand_trig
         )
-        return sp.nsimplify(e, rational=True) if e.has(sp.Float) else e
-
-    def normal(self, element: Any) -> Any:
-        """Return the element with every sin^2 replaced by 1 - cos^2."""
-        if not self._relations or not element:
-            return element
-        numerator = element.numer.rem(self._relations)
-        if not numerator:
-            return self.field.zero
-        return self.field.new(numerator, element.denom.rem(self._relations))
-
-    def expression(self, element: Any) -> Any:
-        """Return the SymPy expression of an element."""
-        return element.as_expr().xreplace(self._back)
+    return sp.nsimplify(e, rational=True) if e.has(sp.Float) else e
 
 
 def _fits(entries: Sequence[Any]) -> bool:
@@ -96,11 +112,11 @@ def row_echelon(matrix: Any) -> tuple[Any, tuple[int, ...]]:
     if _fits(list(matrix)):
         field = Field(list(matrix))
         work = [[field.elements[i * columns + j] for j in range(columns)] for i in range(rows)]
-        pivots = _eliminate(work, columns, field.normal, lambda e: not e, lambda e: _weight(field.expression(e)))
+        pivots = _eliminate(work, columns, lambda e: not e, field.weight)
         back = [[field.expression(e) for e in row] for row in work]
     else:
         back = [list(matrix.row(i)) for i in range(rows)]
-        pivots = _eliminate(back, columns, lambda e: e, vanishes, _weight)
+        pivots = _eliminate(back, columns, vanishes, _weight)
     return sp.Matrix(back), pivots
 
 
@@ -110,7 +126,7 @@ def _weight(entry: Any) -> tuple[int, int]:
     return (0 if entry.is_number else 2 if moving else 1, int(entry.count_ops()))
 
 
-def _eliminate(work: list[list[Any]], columns: int, normal: Any, zero: Any, weight: Any) -> tuple[int, ...]:
+def _eliminate(work: list[list[Any]], columns: int, zero: Any, weight: Any) -> tuple[int, ...]:
     """Bring `work` to reduced row echelon form in place; return the pivot columns, one a row, in row order."""
     pivots: list[int] = []
     row = 0
@@ -128,11 +144,11 @@ def _eliminate(work: list[list[Any]], columns: int, normal: Any, zero: Any, weig
         _, i, j = best
         work[row], work[i] = work[i], work[row]
         pivot = work[row][j]
-        work[row] = [normal(e / pivot) if e != 0 else e for e in work[row]]
+        work[row] = [e / pivot if e != 0 else e for e in work[row]]
         for k in range(len(work)):
             factor = work[k][j]
             if k != row and not zero(factor):
-                work[k] = [normal(a - factor * b) if b != 0 else a for a, b in zip(work[k], work[row], strict=True)]
+                work[k] = [a - factor * b if b != 0 else a for a, b in zip(work[k], work[row], strict=True)]
         pivots.append(j)
         row += 1
     return tuple(pivots)
@@ -153,12 +169,12 @@ def solve(matrix: Any, right: Sequence[Any]) -> list[Any]:
         field = Field(list(whole))
         columns = size + 1
         work = [[field.elements[i * columns + j] for j in range(columns)] for i in range(size)]
-        pivots = _eliminate(work, size, field.normal, lambda e: not e, lambda e: _weight(field.expression(e)))
+        pivots = _eliminate(work, size, lambda e: not e, field.weight)
         if len(pivots) < size:
             raise ZeroDivisionError("singular")
         return [field.expression(work[pivots.index(j)][size]) for j in range(size)]
     work = [list(whole.row(i)) for i in range(size)]
-    pivots = _eliminate(work, size, lambda e: e, vanishes, _weight)
+    pivots = _eliminate(work, size, vanishes, _weight)
     if len(pivots) < size:
         raise ZeroDivisionError("singular")
     return [work[pivots.index(j)][size] for j in range(size)]

@@ -21,15 +21,25 @@ __all__ = ["Reactions", "Solution"]
 class Solution:
     """The motion that Lagrange equations, constraints and ideal joints determine.
 
+    Released coordinates are imposed again once T has been differentiated, as the text does with y = 0.
+
     Reactions have no power in the virtual motions S that the constraints leave free. The projection of the
     Lagrange equations on S is free of them (section 13.6: Maggi's equations); with the constraints
     differentiated it gives the accelerations, and the Lagrange equations then give the reactions.
     """
 
-    def __init__(self, system: PlainSystem, states: States, unknowns: Sequence[Any]) -> None:
+    def __init__(
+        self, system: PlainSystem, states: States, unknowns: Sequence[Any], released: Mapping[Any, Any] | None = None
+    ) -> None:
         self.system, self.states, self.unknowns = system, states, tuple(unknowns)
-        self.power = system.power.applyfunc(system.scene)
-        self.jacobian = system.jacobian.applyfunc(system.scene)
+        self._released = dict(released or {})
+        self.power = self._imposed(system.power)
+        self.jacobian = self._imposed(system.jacobian)
+
+    def _imposed(self, matrix: Any) -> Any:
+        """Return a matrix in the scene's symbols, released coordinates set to the values that they keep."""
+        matrix = matrix.applyfunc(self.system.scene)
+        return matrix.applyfunc(lambda e: e.xreplace(self._released)) if self._released else matrix
 
     @cached_property
     def mass(self) -> Any:
@@ -47,7 +57,7 @@ class Solution:
         return self._readable(self.system.gamma)
 
     def _readable(self, matrix: Any) -> Any:
-        return matrix.applyfunc(self.system.scene).applyfunc(readable)
+        return self._imposed(matrix).applyfunc(readable)
 
     @cached_property
     def rows(self) -> list[int]:
@@ -72,8 +82,9 @@ class Solution:
             return [sp.eye(size)[:, i] for i in range(size)]
         return null_space(self.jacobian.extract(self.rows, list(range(size))))
 
+    @cached_property
     def accelerations(self) -> list[Any]:
-        """Return q_ddot in terms of q, q_dot and t."""
+        """q_ddot in terms of q, q_dot and t, as elimination leaves them."""
         size = len(self.system.q)
         rows = [self.jacobian.row(i) for i in self.rows]
         right = [self.gamma[i] for i in self.rows]
@@ -87,17 +98,18 @@ class Solution:
                 "the equations do not determine the accelerations: a coordinate moves no inertia in a direction that"
                 " the constraints leave free. Give the bodies it moves mass or inertia, or drop the coordinate"
             ) from None
-        return [readable_fraction(e) for e in found]
+        return found
 
-    def residual(self, accelerations: Sequence[Any]) -> list[Any]:
-        """Return M q_ddot - forcing, which the reactions must balance."""
-        return list(self.mass * sp.Matrix(list(accelerations)) - self.forcing)
+    @cached_property
+    def residual(self) -> list[Any]:
+        """M q_ddot - forcing, which the reactions must balance."""
+        return list(self.mass * sp.Matrix(self.accelerations) - self.forcing)
 
-    def multipliers(self, accelerations: Sequence[Any]) -> list[Any]:
+    def multipliers(self) -> list[Any]:
         """Return the multiplier of every constraint in terms of q, q_dot and t."""
         if len(self.rows) < self.jacobian.shape[0]:
             raise ConstraintError("the multipliers of constraints that depend on each other are not determined")
-        return self._solve(self.jacobian.T, accelerations)
+        return self._solve(self.jacobian.T)
 
     def undetermined(self) -> list[int]:
         """Return the unknowns that no equation fixes, each tested at random states."""
@@ -121,7 +133,7 @@ class Solution:
                 return False
         return True
 
-    def reactions(self, accelerations: Sequence[Any]) -> dict[Any, Any]:
+    def reactions(self) -> dict[Any, Any]:
         """Return the determined unknowns in terms of q, q_dot and t."""
         lost = self.undetermined()
         columns = [i for i in range(len(self.unknowns)) if i not in self.powerless()]
@@ -134,16 +146,15 @@ class Solution:
             if rank(power[:, [*independent, i]]) > len(independent):
                 independent.append(i)
         matrix = self.power.extract(list(range(self.power.shape[0])), independent)
-        found = self._solve(matrix, accelerations)
+        found = self._solve(matrix)
         return {self.unknowns[i]: e for i, e in zip(independent, found, strict=True) if i not in lost}
 
-    def _solve(self, matrix: Any, accelerations: Sequence[Any]) -> list[Any]:
+    def _solve(self, matrix: Any) -> list[Any]:
         """Solve matrix x = residual for independent columns, from rows with simple pivots."""
         _, rows = row_echelon(matrix.T)
         chosen = sorted(rows)
-        residual = self.residual(accelerations)
         square = matrix.extract(chosen, list(range(matrix.shape[1])))
-        return [readable_fraction(e) for e in solve(square, [residual[i] for i in chosen])]
+        return [readable_fraction(e) for e in solve(square, [self.residual[i] for i in chosen])]
 
 
 @final

@@ -15,7 +15,7 @@ from ..scene import Scene, Unknown
 from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian
-from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
+from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable, readable_fraction
 from .geometry import Geometry
 from .ideal import ideal_conditions, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
@@ -210,17 +210,18 @@ class LagrangeView:
 
     @cached_property
     def _solution(self) -> Solution:
-        return Solution(self.system, self._states, self.unknowns)
-
-    @cached_property
-    def _accelerations(self) -> tuple[Any, ...]:
-        return tuple(self._solution.accelerations())
+        released: dict[Any, Any] = {}
+        for item in self.scene.releases:
+            if item.coordinate in self.coordinates:
+                value = self.geometry.put(item.value).xreplace(released)
+                released |= {item.coordinate.diff(self.time): value.diff(self.time), item.coordinate: value}
+        return Solution(self.system, self._states, self.unknowns, released)
 
     @cached_property
     def equations_of_motion(self) -> dict[Any, Any]:
         """q_ddot -> expression in coordinates, rates and time, unknowns eliminated."""
         second = [q.diff(self.time, 2) for q in self.coordinates]
-        return dict(zip(second, self._accelerations, strict=True))
+        return {a: readable_fraction(e) for a, e in zip(second, self._solution.accelerations, strict=True)}
 
     @cached_property
     def undetermined(self) -> tuple[Any, ...]:
@@ -256,13 +257,13 @@ class LagrangeView:
             for x in self.undetermined
         }
         remedy = "Give back the coordinate that hides it: scene.release(coordinate, point or frame, direction)"
-        return Reactions(solution.reactions(self._accelerations) if self.unknowns else {}, missing, remedy)
+        return Reactions(solution.reactions() if self.unknowns else {}, missing, remedy)
 
     @cached_property
     def multipliers(self) -> dict[Any, Any]:
         """Multiplier lambda_i -> expression, for the constraints in their order."""
         names = self._multiplier_names()
-        return dict(zip(names, self._solution.multipliers(self._accelerations), strict=True)) if names else {}
+        return dict(zip(names, self._solution.multipliers(), strict=True)) if names else {}
 
     def _multiplier_names(self) -> list[Any]:
         return [sp.Symbol(f"lambda_{i + 1}") for i in range(len(self.constraints))]

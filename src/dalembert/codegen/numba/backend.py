@@ -20,9 +20,11 @@ from numba import types
 
 from ... import __version__
 from ...integrators.digest import generator_digest
+from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
+from ...ir.runge_kutta import memory_size
 from ...ir.taylor import order_for
 from ...runtime.cache import load_from_disk, load_in_memory
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
@@ -93,22 +95,27 @@ class NumbaEngine(Engine):
     parallel: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: Taylor steps run in lanes, refilled as cases end."""
-        if method != "taylor":
-            super().integrate_block(block, method, result)
-            return
+        """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
         from ...integrators.numba.lanes import sweeping_loop
         from ...integrators.numba.series import clipped_tolerance
 
-        (k, n), wanted = block.y.shape, len(block.t_eval)
-        tolerance = clipped_tolerance(block.rtol, block.atol)
-        order, lanes = order_for(tolerance), native_lanes()
-        codes = [self.steps.taylor(order, lanes, dense=wanted > 0)]
-        codes += [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
-        limits = np.array([block.max_step, max(block.atol / tolerance, 1e-300), block.max_steps])
+        (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
+        limits = [block.max_step, float(block.max_steps)]
+        if method == "taylor":
+            tolerance = clipped_tolerance(block.rtol, block.atol)
+            order = order_for(tolerance)
+            codes, shape = (self.steps.taylor(order, lanes, dense=wanted > 0), 0), (order, 0)
+            limits += [max(block.atol / tolerance, 1e-300)]
+        else:
+            tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
+            codes = self.steps.attempt(tableau, lanes, dense=wanted > 0)
+            shape = (tableau.degree, memory_size(n, self.steps.carried))
+            limits += [block.rtol, max(block.atol, SMALLEST_SCALE)]
+        projections = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
+        arrays = block.y, block.c, block.spans, block.t_eval
         sweeping_loop()(
-            *codes, limits, block.y, block.c, block.spans, block.t_eval, order, result.y, result.ends, samples, lanes
+            (*codes, *projections), np.array(limits), *arrays, shape, result.y, result.ends, samples, lanes
         )
 
     def prepared(

@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import final
 
 from ...errors import CacheWarning
+from ...integrators.tableau import Tableau
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
+from ...ir.runge_kutta import start_kernel
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
+from .attempts import attempt_assembly
 from .driver import driver_text
 from .llvm import Compiled, assembly, compile_object, load_object, target_name
 from .series_loops import loop_assembly
@@ -62,6 +65,24 @@ class StepLibrary:
         if not self.unrolls(order):
             return loop_assembly(name, known, order, lanes, dense=dense)
         return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
+
+    def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
+        """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
+        rhs, carried = self._program.kernel("rhs"), self.carried
+
+        def text() -> str:
+            return attempt_assembly("attempt", rhs, tableau, lanes, dense=dense, carried=carried)
+
+        def start() -> Kernel:
+            return start_kernel(rhs, tableau, carried=carried)
+
+        name = f"{tableau.name}{'_dense' if dense else ''}"
+        return self._entry(name, lanes, text, "attempt"), self._address(f"{tableau.name}_start", lanes, start)
+
+    @property
+    def carried(self) -> bool:
+        """Whether the slopes at the end of a step are those at the start of the next: where no projection moves it."""
+        return "project_position" not in self._program and "project_velocity" not in self._program
 
     def kernel(self, name: str, lanes: int = 1) -> int:
         """Return the address of a kernel of the program as it stands, 0 where it has none."""

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from dalembert.integrators.digest import integrator_digest
-from dalembert.integrators.gains import SMALLEST_PREVIOUS, STRETCH
+from dalembert.integrators.gains import SMALLEST_PREVIOUS, SMALLEST_SCALE, STRETCH
 from dalembert.integrators.numba.control import growth, reduction, smallest_step
 from dalembert.integrators.numba.jit import VECTOR, call_kernel, compiled, compiled_and_cached, kernel_address
 from dalembert.integrators.numba.packing import PACKED_TABLEAU, POINT, PackedTableau, pack
@@ -89,7 +89,6 @@ _NON_FINITE = int(Status.NON_FINITE)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 
 _CAPACITY = 64
-_SMALLEST_SCALE = 1e-150
 
 
 def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: IntegrationProblem) -> Solution:
@@ -117,7 +116,7 @@ def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: Integrati
         float(problem.t0),
         float(problem.t1),
         float(problem.rtol),
-        max(float(problem.atol), _SMALLEST_SCALE),
+        max(float(problem.atol), SMALLEST_SCALE),
         float(problem.first_step or 0.0),
         float(problem.max_step),
         int(problem.max_steps),

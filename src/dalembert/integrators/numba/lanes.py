@@ -18,10 +18,11 @@ from numba import types
 from numpy.typing import NDArray
 
 from ..digest import integrator_digest
+from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
-from .jit import compiled, compiled_and_cached
+from .jit import MATRIX, VECTOR, compiled, compiled_and_cached
 
 __all__ = ["sweeping_loop"]
 
@@ -31,8 +32,9 @@ _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 _MAX_CORRECTIONS = 10
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
+_LINEAR = 1e-4
 _RUNNING, _IDLE = -1, -2
-_DONE, _MOVING, _FAILED = 0, 1, 2
+_NONE, _WANTED, _SETTLED, _FAILED = 0, 1, 2, 3
 
 
 @cache
@@ -52,46 +54,80 @@ def sweeping_loop() -> Callable[..., int]:
 
 @compiled
 def _project(
-    kernel: int,
-    tries: int,
+    position: int,
+    velocity: int,
     clock: FloatArray,
     states: FloatArray,
     first: int,
     constants: FloatArray,
     delta: FloatArray,
-    moving: NDArray[np.int64],
+    marks: NDArray[np.int64],
     n: int,
 ) -> None:
-    """Correct the lanes that are marked as moving until they are done or have failed."""
-    left = 0
-    for lane in range(moving.size):
-        left += 1 if moving[lane] == _MOVING else 0
-    for attempt in range(tries):
-        if left == 0:
-            break
-        call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
-        for lane in range(moving.size):
-            if moving[lane] != _MOVING:
-                continue
-            change = finite = 0.0
-            for m in range(n):
-                states[first + m, lane] += delta[m, lane]
-                change = max(change, abs(delta[m, lane]) / (1e-3 + abs(states[first + m, lane])))
-                finite += 0.0 * delta[m, lane]
-            if finite != 0.0 or (attempt == tries - 1 and not change <= 1e-4):
-                moving[lane] = _FAILED
-                left -= 1
-            elif not change > _QUADRATIC:
-                moving[lane] = _DONE
-                left -= 1
-    for lane in range(moving.size):
-        if moving[lane] == _MOVING:
-            moving[lane] = _DONE
+    """Project the states of the lanes that are marked to be; those where that fails are marked so."""
+    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+        left = 0
+        for lane in range(marks.size):
+            left += 1 if marks[lane] == _WANTED else 0
+        if kernel == 0:
+            left = 0
+        for attempt in range(tries):
+            if left == 0:
+                break
+            call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
+            for lane in range(marks.size):
+                if marks[lane] != _WANTED:
+                    continue
+                change = finite = 0.0
+                for m in range(n):
+                    states[first + m, lane] += delta[m, lane]
+                    change = max(change, abs(delta[m, lane]) / (1e-3 + abs(states[first + m, lane])))
+                    finite += 0.0 * delta[m, lane]
+                if finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
+                    marks[lane] = _FAILED
+                    left -= 1
+                elif not change > _QUADRATIC:
+                    marks[lane] = _SETTLED
+                    left -= 1
+        for lane in range(marks.size):
+            if marks[lane] == _SETTLED:
+                marks[lane] = _WANTED
+
+
+@compiled
+def _begin(
+    code: int,
+    first: int,
+    y: FloatArray,
+    c: FloatArray,
+    spans: FloatArray,
+    limits: FloatArray,
+    fresh: FloatArray,
+    clock: FloatArray,
+    constants: FloatArray,
+    settings: FloatArray,
+) -> None:
+    """Fill in the memory of the cases from number `first` on, as many as there are lanes, into columns of `fresh`."""
+    count, n = y.shape
+    lanes = clock.shape[1]
+    for lane in range(lanes):
+        i = min(first + lane, count - 1)
+        for m in range(n):
+            fresh[m, lane] = y[i, m]
+        for m in range(c.shape[1]):
+            constants[m, lane] = c[i if c.shape[0] > 1 else 0, m]
+        clock[0, lane] = spans[i, 0]
+        settings[0, lane] = min(limits[0], abs(spans[i, 1] - spans[i, 0]))
+        settings[1, lane] = 1.0 if spans[i, 1] >= spans[i, 0] else -1.0
+        for m in range(2, limits.size):
+            settings[m, lane] = limits[m]
+    call_code(code, row(clock, 0), row(fresh, 0), row(constants, 0), row(settings, 0), row(fresh, n))
 
 
 @compiled
 def _project_samples(
-    codes: tuple[int, int, int, int],
+    position: int,
+    velocity: int,
     t_eval: FloatArray,
     c: FloatArray,
     inside: NDArray[np.bool_],
@@ -103,7 +139,7 @@ def _project_samples(
     """Project the samples that were interpolated, a pack at a time; what does not converge stays as it is."""
     lanes, wanted = constants.shape[1], t_eval.size
     clock, states = np.zeros((1, lanes)), np.zeros((n, lanes))
-    places, moving = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
+    places, marks = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
     filled, total = 0, inside.size
     for place in range(total + 1):
         if place < total and inside[place // wanted, place % wanted]:
@@ -112,20 +148,15 @@ def _project_samples(
                 states[m, filled] = samples[i, j * n + m]
             for m in range(c.shape[1]):
                 constants[m, filled] = c[i if c.shape[0] > 1 else 0, m]
-            clock[0, filled], places[filled], moving[filled] = t_eval[j], place, _MOVING
+            clock[0, filled], places[filled], marks[filled] = t_eval[j], place, _WANTED
             filled += 1
         if filled < lanes and (place < total or filled == 0):
             continue
         for lane in range(filled, lanes):
-            moving[lane] = _DONE
-        if codes[2] != 0:
-            _project(codes[2], _MAX_CORRECTIONS, clock, states, 0, constants, delta, moving, n)
-            for lane in range(filled):
-                moving[lane] = _MOVING if moving[lane] == _DONE else _FAILED
-        if codes[3] != 0:
-            _project(codes[3], 2, clock, states, 0, constants, delta, moving, n)
+            marks[lane] = _NONE
+        _project(position, velocity, clock, states, 0, constants, delta, marks, n)
         for lane in range(filled):
-            if moving[lane] == _DONE:
+            if marks[lane] == _WANTED:
                 for m in range(n):
                     samples[places[lane] // wanted, places[lane] % wanted * n + m] = states[m, lane]
         filled = 0
@@ -150,28 +181,24 @@ def _entry_point(digest: str) -> Callable[..., int]:
         degree, memory = shape
         count, n = y.shape
         wanted = t_eval.size
+        projected = position != 0 or velocity != 0
         largest, budget = limits[0], limits[1]
-        remembered = n + 2 + memory
-        rows = remembered + (n * (degree + 1) if wanted else 0)
+        held = n + 2 + memory
+        rows = held + (n * (degree + 1) if wanted else 0)
         # A step reads the state in one half and writes the other, which then is the state.
         states = np.zeros((2 * rows, lanes))
-        fresh = np.zeros((remembered, lanes))
-        constants = np.ones((c.shape[1], lanes))
-        settings = np.zeros((limits.size, lanes))
+        constants, constants_ahead = np.ones((c.shape[1], lanes)), np.ones((c.shape[1], lanes))
+        settings, settings_ahead = np.zeros((limits.size, lanes)), np.zeros((limits.size, lanes))
+        clock, clock_ahead = np.zeros((1, lanes)), np.zeros((1, lanes))
+        fresh, delta = np.zeros((n + held, lanes)), np.zeros((n, lanes))
         for m in range(2, limits.size):
-            settings[m, :] = limits[m]
-        delta = np.zeros((n, lanes))
-        clock = np.zeros((1, lanes))
-        before = np.zeros(lanes)
-        end = np.zeros(lanes)
-        case = np.full(lanes, -1)
-        steps = np.zeros(lanes)
-        attempts = np.zeros(lanes)
-        sampled = np.zeros(lanes, np.int64)
-        sampled_before = np.zeros(lanes, np.int64)
-        status = np.full(lanes, _IDLE)
-        moving = np.zeros(lanes, np.int64)
-        inside = np.zeros((count, wanted), np.bool_)
+            for lane in range(lanes):
+                settings[m, lane] = limits[m]
+        before, end, steps, attempts = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
+        case, status = np.full(lanes, -1), np.full(lanes, _IDLE)
+        sampled, sampled_before = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
+        marks = np.zeros(lanes, np.int64)
+        inside = np.zeros((count if wanted and projected else 0, wanted), np.bool_)
         coming, active, old, new = 0, 0, 0, rows
         while True:
             for lane in range(lanes):
@@ -193,13 +220,16 @@ def _entry_point(digest: str) -> Callable[..., int]:
                         active -= 1
                     if coming == count:
                         break
-                    i = coming  # take the next
+                    i = coming  # and take the next
+                    if start != 0:
+                        if i % lanes == 0:
+                            _begin(
+                                start, i, y, c, spans, limits, fresh, clock_ahead, constants_ahead, settings_ahead
+                            )
+                        for m in range(held):
+                            states[old + m, lane] = fresh[n + m, i % lanes]
                     coming += 1
                     active += 1
-                    if start != 0 and i % lanes == 0:
-                        # The memory of as many cases as there are lanes is filled in together, before the first is taken.
-                        # The other half of the states and delta are free at this point of the loop.
-                        pass
                     case[lane], steps[lane], attempts[lane], sampled[lane] = i, 0.0, 0.0, 0
                     for m in range(n):
                         states[old + m, lane] = y[i, m]
@@ -210,9 +240,74 @@ def _entry_point(digest: str) -> Callable[..., int]:
                     settings[1, lane] = 1.0 if end[lane] >= clock[0, lane] else -1.0
                     status[lane] = _SUCCESS if end[lane] == clock[0, lane] else _RUNNING
             if active == 0:
-                return coming
+                break
+            call_code(step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new))
+            for lane in range(lanes):
+                marks[lane] = _NONE
+                if status[lane] != _RUNNING:
+                    continue
+                now, size = clock[0, lane], states[new + n, lane]
+                rest = abs(end[lane] - now)
+                broken = states[new + n + 1, lane] != 0.0
+                smallest = _SMALLEST * abs(now) + 1e-30 * rest
+                attempts[lane] += 1.0
+                if memory > 0:
+                    kept = size != 0.0
+                    stuck = not kept and not states[new + n + 2, lane] >= smallest
+                else:
+                    stuck = broken or (size < rest and size < smallest)
+                    kept = not stuck
+                if stuck:
+                    status[lane] = _NON_FINITE if broken else _STEP_TOO_SMALL
+                    for m in range(n):
+                        states[new + m, lane] = states[old + m, lane]
+                    continue
+                if not kept:
+                    if attempts[lane] >= budget:
+                        status[lane] = _MAX_STEPS
+                    continue
+                t = end[lane] if size == rest else now + settings[1, lane] * size
+                sampled_before[lane] = sampled[lane]
+                while sampled[lane] < wanted and (t_eval[sampled[lane]] - t) * settings[1, lane] < 0.0:
+                    x = t_eval[sampled[lane]] - now
+                    if memory > 0:
+                        x /= settings[1, lane] * size
+                    for m in range(n):
+                        value = 0.0
+                        for k in range(degree, -1, -1):
+                            value = value * x + states[new + held + m * (degree + 1) + k, lane]
+                        samples[case[lane], sampled[lane] * n + m] = value
+                    if projected:
+                        inside[case[lane], sampled[lane]] = True
+                    sampled[lane] += 1
+                before[lane], clock[0, lane], marks[lane] = now, t, _WANTED
+                steps[lane] += 1.0
+                if size == rest:
+                    status[lane] = _SUCCESS
+                elif attempts[lane] >= budget:
+                    status[lane] = _MAX_STEPS
+            old, new = new, old
+            if not projected:
+                continue
+            _project(position, velocity, clock, states, old, constants, delta, marks, n)
+            for lane in range(lanes):
+                if marks[lane] != _FAILED:
+                    continue
+                # Go back to the state before the step, and try a smaller one where the step can.
+                size = REDUCTION_BLIND * abs(clock[0, lane] - before[lane])
+                for m in range(held):
+                    states[old + m, lane] = states[new + m, lane]
+                clock[0, lane], sampled[lane] = before[lane], sampled_before[lane]
+                steps[lane] -= 1.0
+                status[lane] = _PROJECTION_FAILED
+                if memory > 0 and size >= _SMALLEST * abs(before[lane]) + 1e-30 * abs(end[lane] - before[lane]):
+                    status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
+                    states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
+        if wanted and projected:
+            _project_samples(position, velocity, t_eval, c, inside, samples, constants, delta, n)
         return coming
 
     integer = types.intp
-    signature = ()
-    return compiled_and_cached(loop, signature)
+    numbers = types.UniTuple(integer, 4), types.UniTuple(integer, 2)
+    arrays = (VECTOR, MATRIX, MATRIX, MATRIX, VECTOR)
+    return compiled_and_cached(loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, integer))

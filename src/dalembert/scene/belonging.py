@@ -1,0 +1,108 @@
+"""Whether the point of a joint is a point of its body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from ..ir.graph import Graph, Node
+from .model import Action, BodyModel, FrameModel, Pieces, PointModel
+
+__all__ = ["foreign_points"]
+
+
+def foreign_points(
+    graph: Graph,
+    coordinates: Sequence[Node],
+    frames: Mapping[int, FrameModel],
+    points: Mapping[int, PointModel],
+    bodies: Sequence[BodyModel],
+    actions: Sequence[Action],
+    unknowns: Iterable[str],
+) -> list[str]:
+    """Return a fault for every action with unknowns at a point that moves with another body than its own.
+
+    A contact may travel over its body, and a pair of opposite actions with the same unknowns may act between
+    two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies, but not this
+    one, is the wrong point or the wrong body.
+    """
+    poses = [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
+    searched = graph.mask(unknowns)
+    faults = []
+    for action in actions:
+        held = _inputs(action) & searched
+        if action.kind != "screw" or action.target is None or action.at is None or not held:
+            continue
+        others = 0
+        for number, pose in enumerate(poses):
+            if number != action.target:
+                others |= pose
+        strange = _apart(frames, points, bodies[action.target], action.at) & others & ~poses[action.target]
+        shared = any(
+            other.kind == "screw" and other.target != action.target and _inputs(other) & held for other in actions
+        )
+        names = [str(q.payload) for q in coordinates if q.deps & strange]
+        if names and not shared:
+            body, point = bodies[action.target].name, points[action.at].name
+            faults.append(
+                f"joint {action.name!r} acts on {body!r} at {point!r}, which is not a point of that body: its place on the"
+                f" body changes with {', '.join(names)}, which does not move {body!r}. Name the body that"
+                f" {point!r} belongs to, or locate the point from {body!r}"
+            )
+    return faults
+
+
+def _inputs(action: Action) -> int:
+    """Return the inputs that an action's vectors contain, as a mask."""
+    mask = 0
+    for piece in (*action.force, *action.torque):
+        for component in piece.components:
+            mask |= component.deps
+    return mask
+
+
+def _frame(frames: Mapping[int, FrameModel], number: int) -> int:
+    mask = 0
+    current: int | None = number
+    while current is not None:
+        model = frames[current]
+        for row in model.rotation or ():
+            for entry in row:
+                mask |= entry.deps
+        current = model.parent
+    return mask
+
+
+def _pieces(frames: Mapping[int, FrameModel], pieces: Pieces) -> int:
+    mask = 0
+    for piece in pieces:
+        mask |= _frame(frames, piece.frame)
+        for component in piece.components:
+            mask |= component.deps
+    return mask
+
+
+def _path(points: Mapping[int, PointModel], number: int) -> list[int]:
+    path = []
+    current: int | None = number
+    while current is not None:
+        path.append(current)
+        current = points[current].parent
+    return path[::-1]
+
+
+def _point(frames: Mapping[int, FrameModel], points: Mapping[int, PointModel], number: int) -> int:
+    mask = 0
+    for node in _path(points, number):
+        mask |= _pieces(frames, points[node].position)
+    return mask
+
+
+def _apart(frames: Mapping[int, FrameModel], points: Mapping[int, PointModel], body: BodyModel, at: int) -> int:
+    """Return what the vector from the mass centre to a point depends on, the body's own pose aside."""
+    ahead, behind = _path(points, at), _path(points, body.centre)
+    while ahead and behind and ahead[0] == behind[0]:
+        del ahead[0], behind[0]
+    mask = 0
+    for node in (*ahead, *behind):
+        mask |= _pieces(frames, points[node].position)
+    return mask

@@ -1,0 +1,159 @@
+"""The compiled model: what it explains, and how runs that cannot be finished end."""
+
+import functools
+import re
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.codegen import BACKENDS
+from dalembert.errors import MissingExtraError
+from dalembert.integrators.status import Status
+from dalembert.ir.program import describe_counts
+from dalembert.reduction import FORMULATIONS
+
+
+@functools.cache
+def compiled(scene, backend="numpy", formulation="auto"):
+    try:
+        return da.compile_model(da.scenes.ALL[scene](), backend=backend, formulation=formulation)
+    except MissingExtraError:
+        pytest.skip(f"the extra for {backend} is not installed")
+
+
+# -- explain ------------------------------------------------------------------------------
+
+
+def test_explanation_of_the_sleigh():
+    model = compiled("chaplygin_sleigh")
+    text = model.explain()
+    lines = {line.split("  ")[0]: line for line in text.splitlines()}
+    assert text.splitlines()[0].startswith("chaplygin_sleigh: 3 coordinates, 1 constraints (0 holonomic), 3 unknown")
+    assert "minimal: independent speeds: v_S_x, theta_dot" in lines["formulation"]
+    assert "v_S_y is given by a nonholonomic constraint" in text
+    assert "x, y, theta, v_S_x, theta_dot" in lines["state"]
+    assert "numpy" in lines["backend"] and "dop853" in lines["method"]
+    assert describe_counts(model.stages.program.kernel("rhs")) in lines["right side"]
+    assert "X, Y, N" in lines["left out"] and "nothing depends on x, y" in lines["left out"]
+
+
+@pytest.mark.parametrize("scene", ["chaplygin_sleigh", "rolling_sphere"])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_operation_counts_of_every_formulation_are_those_of_compiling_it(scene, formulation):
+    text = compiled(scene, formulation=formulation).explain()
+    for other in FORMULATIONS:
+        count = describe_counts(compiled(scene, formulation=other).stages.program.kernel("rhs"))
+        assert f"{other}: {count}" in re.search("^formulations .*$", text, re.MULTILINE)[0]
+
+
+def test_explaining_changes_nothing():
+    model = compiled("rolling_sphere", formulation="projected")
+    source = model.source
+    assert re.sub(r"\d+ ms", "", model.explain()) == re.sub(r"\d+ ms", "", model.explain())
+    again = da.compile_model(da.scenes.rolling_sphere(), backend="numpy", formulation="projected")
+    assert again.source == source == model.source
+
+
+def test_model_shows_what_it_is():
+    model = compiled("chaplygin_sleigh")
+    assert repr(model) == "<CompiledModel 'chaplygin_sleigh': minimal, numpy>"
+    assert (model.name, model.backend, model.formulation) == ("chaplygin_sleigh", "numpy", "minimal")
+    assert "def rhs(t, y, c)" in model.source
+    stages = model.stages
+    assert stages.rendered.program is stages.program
+    assert stages.reduced.equations is stages.equations
+    assert stages.scene.name == stages.model.name == stages.program.name == "chaplygin_sleigh"
+    assert list(stages.seconds) == ["backend", "read", "derive", "reduce", "lower", "render", "load"]
+    assert all(seconds >= 0 for seconds in stages.seconds.values())
+
+
+# -- runs that cannot be finished ---------------------------------------------------------
+
+RUNS = [(backend, "auto") for backend in BACKENDS] + [("numba", "dop853"), ("numba", "tsit5"), ("numpy", "lsoda")]
+runs = pytest.mark.parametrize(("backend", "method"), RUNS, ids=["-".join(run) for run in RUNS])
+
+
+@runs
+def test_sphere_in_the_pole_of_its_angles_ends_with_a_status(backend, method):
+    """At theta = 0 the angles do not determine each other's rates: NaN in the right-hand side."""
+    model = compiled("rolling_sphere", backend)
+    initial = {"x": 0, "y": 0, "psi": 0, "theta": 0, "phi": 0, "psi_dot": 1.0, "theta_dot": 0.3, "phi_dot": 0.2}
+    trajectory = model.simulate((0, 1), initial, {"m": 1, "r": 1, "g": 9.81}, method=method, max_steps=1000)
+    assert not trajectory.success
+    assert trajectory.status is not Status.SUCCESS
+    assert len(trajectory.message) > 20
+    assert len(trajectory.t) == len(trajectory.q) == len(trajectory["energy"])
+
+
+def explosion():
+    """Finite-time blow-up: x'' = 2 x**3 is solved by 1/(1 - t)."""
+    x = dynamicsymbols("x")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("explosion", frame=N, origin=O, coordinates=[x])
+    P = O.locatenew("P", x * N.x)
+    m = sp.Symbol("m", positive=True)
+    scene.add_bodies(Particle("p", P, m))
+    scene.add_loads((P, 2 * m * x**3 * N.x))
+    return scene
+
+
+@functools.cache
+def exploding(backend):
+    try:
+        return da.compile_model(explosion(), backend=backend)
+    except MissingExtraError:
+        pytest.skip(f"the extra for {backend} is not installed")
+
+
+@runs
+def test_blow_up_ends_with_a_status_near_the_singularity(backend, method):
+    trajectory = exploding(backend).simulate(
+        (0, 2), {"x": 1.0, "x_dot": 1.0}, {"m": 1.0}, method=method, max_steps=5000
+    )
+    assert not trajectory.success
+    assert 0.9 < trajectory.t[-1] < 1.1
+    finite = trajectory.t < 0.9
+    np.testing.assert_allclose(trajectory["x"][finite], 1 / (1 - trajectory.t[finite]), rtol=1e-4)
+
+
+@runs
+def test_step_budget_ends_with_a_status(backend, method):
+    model = compiled("chaplygin_sleigh", backend)
+    initial = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+    trajectory = model.simulate(
+        (0, 1e4), initial, {"m": 1, "b": 0.3, "I_C": 0.5}, method=method, max_steps=20, max_step=0.5
+    )
+    assert trajectory.status is Status.MAX_STEPS
+    assert "max_steps" in trajectory.message
+    assert trajectory.stats.steps + trajectory.stats.rejected <= 20
+    assert 0 < trajectory.t[-1] < 1e4
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_span_of_zero_length_and_backward_runs(backend):
+    model = compiled("chaplygin_sleigh", backend)
+    initial = {"x": 0.1, "y": 0.2, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+    p = {"m": 1, "b": 0.3, "I_C": 0.5}
+    still = model.simulate((1, 1), initial, p)
+    assert still.success
+    np.testing.assert_allclose(still.q[-1], [0.1, 0.2, 0.2], rtol=1e-15)
+    there = model.simulate((0, 2), initial, p, rtol=1e-11, atol=1e-13)
+    end = dict(zip((*model.layout.coordinates, *model.layout.rates), (*there.q[-1], *there.qdot[-1]), strict=True))
+    back = model.simulate((2, 0), end, p, rtol=1e-11, atol=1e-13)
+    assert back.success and back.t[-1] == 0
+    np.testing.assert_allclose(back.q[-1], [0.1, 0.2, 0.2], atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_backends_agree_on_a_motion(backend):
+    initial = {"x": 0.1, "y": 0.2, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+    p = {"m": 1, "b": 0.3, "I_C": 0.5}
+    times = np.linspace(0, 3, 7)
+    expected = compiled("chaplygin_sleigh").simulate((0, 3), initial, p, t_eval=times, rtol=1e-11, atol=1e-13)
+    found = compiled("chaplygin_sleigh", backend).simulate((0, 3), initial, p, t_eval=times, rtol=1e-11, atol=1e-13)
+    np.testing.assert_array_equal(found.t, times)
+    np.testing.assert_allclose(found.q, expected.q, atol=2e-9)
+    np.testing.assert_allclose(found.qdot, expected.qdot, atol=2e-9)
