@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
 from .compiler import compile_model
+from .results.grid import grid
 from .scene import Joint, Scene, unknowns
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ __all__ = [
     "__version__",
     "compile_model",
     "errors",
+    "grid",
     "lagrange",
     "scenes",
     "unknowns",

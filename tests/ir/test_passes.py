@@ -38,7 +38,7 @@ def kernels(draw, name="rhs"):
     """Return a random kernel, rich in products and quotients of parameters and states."""
     names = [load.target for load in LOADS]
     body = []
-    for place in range(draw(st.integers(1, 25))):
+    for place in range(draw(st.integers(1, 18))):
         op = draw(st.sampled_from(["mul", "div", "mul", "div", "add", "sub", "neg", "sin", "less", "select", "abs"]))
         operand = st.one_of(st.sampled_from(names), st.sampled_from(names[-6:]), st.sampled_from((2.0, -0.5, 3.25)))
         args = tuple(draw(operand) for _ in range(OPERATIONS[op].arity))
@@ -71,7 +71,7 @@ def values(kernel, arguments=ARGUMENTS):
 
 
 @pytest.mark.parametrize("step", PASSES, ids=lambda step: step.__name__)
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_pass_keeps_the_values(step, data):
     kernel = data.draw(kernels())
@@ -83,7 +83,7 @@ def test_pass_keeps_the_values(step, data):
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(kernels("rhs"), kernels("energy"))
 def test_hoisting_keeps_the_values(first, second):
     expected = [values(first), values(second)]
@@ -97,7 +97,7 @@ def test_hoisting_keeps_the_values(first, second):
         assert found == pytest.approx(outputs, rel=1e-7, abs=1e-7)
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(kernels())
 def test_nothing_of_parameters_alone_stays_after_hoisting(kernel):
     (hoisted,) = hoist_parameters([kernel], PARAMETERS).kernels
@@ -106,7 +106,7 @@ def test_nothing_of_parameters_alone_stays_after_hoisting(kernel):
         assert not all(not isinstance(arg, str) or arg in constant for arg in line.args), line
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(kernels())
 def test_dead_code_is_gone_and_live_code_stays(kernel):
     after = eliminate_dead_code(kernel)
@@ -117,7 +117,7 @@ def test_dead_code_is_gone_and_live_code_stays(kernel):
     assert eliminate_dead_code(after) == after
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(kernels())
 def test_a_divisor_divides_once(kernel):
     after = share_reciprocals(kernel)
@@ -125,7 +125,7 @@ def test_a_divisor_divides_once(kernel):
     assert len(divisors) == len(set(divisors))
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(kernels())
 def test_grouping_products_leaves_no_more_work_an_evaluation(kernel):
     def work(k):

@@ -91,6 +91,9 @@ def test_accelerations_without_constraints_solve_the_mass_matrix(name, formulati
 JOINTS = ("revolute", "skew revolute", "prismatic", "planar", "spherical")
 
 
+FREEDOM = {"planar": 3, "spherical": 3}
+
+
 @st.composite
 def mechanisms(draw):
     """Return how to build a tree of one to three bodies, each hung on the one before or on the referential."""
@@ -150,8 +153,8 @@ def build(mechanism):
     return scene
 
 
-@settings(max_examples=12)
-@given(mechanisms(), st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+@given(mechanisms().filter(lambda m: sum(FREEDOM.get(joint, 1) for joint, *_ in m) <= 5), st.integers(0, 2**32 - 1))
 def test_random_mechanisms(mechanism, seed):
     scene = build(mechanism)
     model = da.compile_model(scene, backend="numpy", formulation="augmented")

@@ -13,6 +13,7 @@ from dalembert.reduction import reduce
 from dalembert.scene.reading import read
 from mechanics.chains import KINDS, chain, random_parameters, recursion
 
+pytestmark = pytest.mark.xdist_group("chains")  # one process holds the sizes
 kinds = pytest.mark.parametrize("kind", KINDS)
 
 
@@ -42,19 +43,19 @@ def sizes(kind, n):
     return {"graph": len(equations.graph.nodes), **counts}
 
 
-def exponent(kind, what, small, large):
-    return math.log(sizes(kind, large)[what] / sizes(kind, small)[what]) / math.log(large / small)
+LIMITS = {"mass_matrix": 2.2, "forcing": 1.3, "rhs": 3.1, "graph": 3.1}
 
 
 @kinds
-@pytest.mark.parametrize(("what", "limit"), [("mass_matrix", 2.2), ("forcing", 1.3), ("rhs", 3.1), ("graph", 3.1)])
-def test_operations_grow_no_faster_than(kind, what, limit):
+def test_operations_grow_no_faster_than_they_must(kind):
     """Between 10 and 40 links the mass matrix grows as n^2, the forcing as n, and the unrolled solve as n^3."""
-    assert exponent(kind, what, 10, 20) <= limit
-    assert exponent(kind, what, 20, 40) <= limit
+    for what, limit in LIMITS.items():
+        for small, large in ((10, 20), (20, 40)):
+            growth = math.log2(sizes(kind, large)[what] / sizes(kind, small)[what])
+            assert growth <= limit, (what, small, large)
 
 
-@pytest.mark.parametrize(("kind", "nodes", "rhs"), [("planar", 16_000, 6_000), ("spatial", 24_000, 8_000)])
+@pytest.mark.parametrize(("kind", "nodes", "rhs"), [("planar", 11_500, 6_500), ("spatial", 15_000, 9_500)])
 def test_twenty_links_stay_small(kind, nodes, rhs):
     """What stands for five seconds from Scene to Program, without a clock."""
     size = sizes(kind, 20)

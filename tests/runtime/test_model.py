@@ -72,7 +72,9 @@ def test_model_shows_what_it_is():
 
 # -- runs that cannot be finished ---------------------------------------------------------
 
-RUNS = [(backend, "auto") for backend in BACKENDS] + [("numba", "dop853"), ("numba", "tsit5"), ("numpy", "lsoda")]
+# test_jax_backend has its own runs that fail: each of its methods compiles anew.
+FAST = tuple(backend for backend in BACKENDS if backend != "jax")
+RUNS = [(backend, "auto") for backend in FAST] + [("numba", "dop853"), ("numba", "tsit5"), ("numpy", "lsoda")]
 runs = pytest.mark.parametrize(("backend", "method"), RUNS, ids=["-".join(run) for run in RUNS])
 
 
@@ -132,7 +134,7 @@ def test_step_budget_ends_with_a_status(backend, method):
     assert 0 < trajectory.t[-1] < 1e4
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", FAST)
 def test_span_of_zero_length_and_backward_runs(backend):
     model = compiled("chaplygin_sleigh", backend)
     initial = {"x": 0.1, "y": 0.2, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}

@@ -32,8 +32,8 @@ BACKENDS: dict[str, Callable[[], Backend]] = {"numba": _numba, "jax": _jax, "num
 """Every backend by name; each is imported when first asked for."""
 
 
-def backend_named(name: str) -> Backend:
+def backend_named(name: object) -> Backend:
     """Return a backend; ``OptionError`` for an unknown name, ``MissingExtraError`` where its package is missing."""
-    if name not in BACKENDS:
+    if not isinstance(name, str) or name not in BACKENDS:
         raise OptionError(unknown_name("backend", str(name), BACKENDS))
     return BACKENDS[name]()

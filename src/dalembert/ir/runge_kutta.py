@@ -297,7 +297,8 @@ def _array(names: Sequence[Operand], array: str, first: int) -> tuple[Load, ...]
 
 
 def _constants(rhs: Kernel) -> tuple[Load, ...]:
-    return tuple(replace(load, target=f"c_{load.index}_") for load in rhs.loads if load.array == "c")
+    used = sorted({load.index or 0 for load in rhs.loads if load.array == "c"})
+    return tuple(Load(f"c_{index}_", "c", index) for index in used)
 
 
 def _finite(lines: Lines, value: Operand) -> Operand:

@@ -26,6 +26,8 @@ TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""
 
 _NOTHING = 1e-4
+_RANK = 1e-18
+"""Square of the share of the constraint Jacobian below which a column does not count."""
 
 
 @final
@@ -41,7 +43,8 @@ class Start:
     given : tuple of str
         Names of coordinates and rates.
     labels : tuple of (str, str)
-        "positions" or "rates", and the label of the constraint.
+        "positions" or "rates", and the label of the constraint; or "coordinates left out" or "rates left out", and
+        the name of what the constraints must fix, which they do where the first number is at most the second.
     """
 
     kernel: Kernel
@@ -71,6 +74,8 @@ class _Starting:
         self.q = self.graph.adopt(equations.q)
         self.qdot = self.graph.adopt(equations.qdot)
         self.values: dict[Node, Node] = {}
+        self.fixed: list[tuple[Node, Node]] = []
+        self.fixed_labels: list[tuple[str, str]] = []
 
     def build(self) -> Start:
         positions = [row for row in self.rows if row.position is not None]
@@ -88,6 +93,8 @@ class _Starting:
         limits = [self._limit(row, around, scale) for _, row, around, scale in left]
         state = self._state()
         checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
+        checks += [self._at([node])[0] for pair in self.fixed for node in pair]
+        labels += self.fixed_labels
         inputs: dict[Node, tuple[str, int | None]] = {self.graph.input(self.symbols.time): ("t", None)}
         inputs |= {self.graph.input(name): ("c", i) for i, name in enumerate(self.symbols.parameters)}
         inputs |= {self.graph.input(name): ("y", i) for i, name in enumerate(self.given)}
@@ -111,16 +118,24 @@ class _Starting:
         linear = all(self.graph.freed_of(entry, missing) is not None for row in columns for entry in row)
         if not linear:
             self._refuse("coordinates", names, why)
-        self._solve(residual, columns, missing, names, ("coordinates", why))
+        self._solve(residual, columns, jacobian, missing, names, ("coordinates", why))
 
     def _solve_velocities(self, residual: list[Node], jacobian: Matrix) -> None:
         places, missing, names = self._missing(self.qdot, self.symbols.rates)
         if missing:
             columns = [self._at([row[i] for i in places]) for row in jacobian]
-            self._solve(self._at(residual), columns, missing, names, ("rates", "the constraints do not fix them"))
+            whole = [self._at(row) for row in jacobian]
+            why = "the constraints do not fix them"
+            self._solve(self._at(residual), columns, whole, missing, names, ("rates", why))
 
     def _solve(
-        self, residual: list[Node], columns: Matrix, missing: list[Node], names: list[str], complaint: tuple[str, str]
+        self,
+        residual: list[Node],
+        columns: Matrix,
+        whole: Matrix,
+        missing: list[Node],
+        names: list[str],
+        complaint: tuple[str, str],
     ) -> None:
         """Take the missing values to be the least-squares solution of constraints that are linear in them."""
         if not columns:
@@ -135,6 +150,10 @@ class _Starting:
         except SingularMatrix:
             self._refuse(complaint[0], names, complaint[1])
             raise
+        size = self.graph.sum(entry * entry for row in whole for entry in row)
+        for place, pivot in zip(normal.order, normal.pivots, strict=True):
+            self.fixed.append((self.graph.node(_RANK) * size, pivot))
+            self.fixed_labels.append((f"{complaint[0]} left out", names[place]))
         found = normal.solve([-value for value in matvec(self.graph, across, rest)])
         self.values |= dict(zip(missing, found, strict=True))
 

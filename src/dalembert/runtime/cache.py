@@ -15,19 +15,16 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
 
 from ..errors import CacheWarning
 from ..naming import Namer
 
-__all__ = ["ENVIRONMENT_VARIABLE", "directory", "load_from_disk", "load_in_memory", "store"]
+__all__ = ["ENVIRONMENT_VARIABLE", "directory", "load_from_disk", "load_in_memory", "rebuilding", "store"]
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_CACHE_DIR"
-
-T = TypeVar("T")
 
 
 def directory() -> Path:
@@ -47,7 +44,7 @@ def store(name: str, digest: str, source: str) -> Path:
         held = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         held = None
-    except (OSError, UnicodeDecodeError):
+    except UnicodeDecodeError:
         held = ""
     if held == source:
         return path
@@ -67,26 +64,29 @@ def _discard(path: Path) -> None:
     shutil.rmtree(path.parent / "__pycache__", ignore_errors=True)
 
 
-def load_from_disk(name: str, digest: str, source: str, check: Callable[[ModuleType], T]) -> T:
-    """Return ``check(module)`` for the module that holds `source`, loaded from the cache.
-
-    `check` makes the backend load its compiled code; when it fails, what was kept beside the module is
-    discarded, and it is tried once more.
-    """
-    path = store(name, digest, source)
+def load_from_disk(name: str, digest: str, source: str) -> ModuleType:
+    """Return the module that holds `source`, from the cache; in memory, with a warning, if that cannot be used."""
     try:
-        return check(_import(path, digest))
+        return _import(store(name, digest, source), digest)
+    except OSError as failure:
+        text = f"the module cache {directory()} cannot be used ({failure}); nothing is kept. Set {ENVIRONMENT_VARIABLE}"
+        warnings.warn(f"{text} to a folder that can be written", CacheWarning, stacklevel=2)
+        return load_in_memory(digest, source)
+
+
+@contextlib.contextmanager
+def rebuilding(file: str | None, again: Callable[[], object]) -> Iterator[None]:
+    """Guard the loading of compiled code kept beside the module `file`: if it fails, discard that and do it `again`."""
+    try:
+        yield
     except Exception as failure:  # a damaged file may fail in any way; a real fault fails again below
-        kept = path.parent / "__pycache__"
-        if not kept.is_dir() or not any(kept.glob("*.nb?")):
+        kept = None if file is None else Path(file).parent / "__pycache__"
+        if kept is None or not any(kept.glob("*.nb?")):
             raise
-        warnings.warn(
-            f"compiled code cached in {kept} could not be used ({failure}) and is rebuilt",
-            CacheWarning,
-            stacklevel=2,
-        )
-        _discard(path)
-        return check(_import(path, digest))
+        text = f"compiled code cached in {kept} could not be used ({failure}) and is rebuilt"
+        warnings.warn(text, CacheWarning, stacklevel=3)
+        shutil.rmtree(kept, ignore_errors=True)
+        again()
 
 
 def _import(path: Path, digest: str) -> ModuleType:
@@ -101,7 +101,7 @@ def _import(path: Path, digest: str) -> ModuleType:
 
 
 @contextlib.contextmanager
-def _no_bytecode():  # type: ignore[no-untyped-def]
+def _no_bytecode() -> Iterator[None]:
     """Keep Python from caching bytecode, which it would trust by time stamp alone."""
     held, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:

@@ -74,13 +74,12 @@ def _formulations(stages: Stages) -> dict[str, str]:
     from ..scene.reading import read
 
     counts: dict[str, str] = {}
-    fresh = derive(read(stages.scene))
     for name in FORMULATIONS:
         if name == stages.program.formulation:
             counts[name] = describe_counts(stages.program.kernel("rhs"))
             continue
         try:
-            other = lower(reduce(fresh, name))
+            other = lower(reduce(derive(read(stages.scene)), name))
         except (FormulationError, ConstraintError):
             counts[name] = "cannot serve"
             continue

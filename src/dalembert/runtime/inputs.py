@@ -62,12 +62,19 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
     ValueInputError
         For values that are not finite numbers.
     """
-    values = resolve("parameter", parameters, layout.parameters, layout.aliases)
-    missing = [name for name in layout.parameters if name not in values]
+    complaint = None
+    try:
+        values = resolve("parameter", parameters, layout.parameters, layout.aliases)
+        given = set(values)
+    except UnknownNameError as unknown:
+        complaint = str(unknown)
+        given = {layout.aliases.get(str(key), str(key)) for key in parameters}
+    missing = [name for name in layout.parameters if name not in given]
     if missing:
-        raise UnknownNameError(
-            f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
-        )
+        need = f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
+        complaint = need if complaint is None else f"{complaint}\n{need}"
+    if complaint is not None:
+        raise UnknownNameError(complaint)
     return np.array([values[name] for name in layout.parameters], dtype=float)
 
 
@@ -112,6 +119,14 @@ def initial_state(
     given = np.array([[values[name] for name in start.given]])
     out = interpret_rows(start.kernel, np.array([t]), given, c)[0]
     y, checks = out[: len(state)], out[len(state) :].reshape(-1, 2)
+    for what in ("coordinates", "rates"):
+        rows = zip(start.labels, checks, strict=True)
+        loose = [name for (kind, name), (least, pivot) in rows if kind == f"{what} left out" and least > pivot]
+        if loose:
+            raise InitialStateError(
+                f"initial values are missing for the {what} {list_names(loose)}: the constraints do not fix them at"
+                " this configuration, and nothing defaults to zero"
+            )
     for what in ("positions", "rates"):
         faults = [
             f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
@@ -126,6 +141,8 @@ def initial_state(
             )
     if not np.all(np.isfinite(out)):
         lost = [name for name, value in zip(state, y, strict=True) if not np.isfinite(value)]
+        rows = zip(start.labels, checks, strict=True)
+        lost = lost or list(dict.fromkeys(label for (_, label), pair in rows if not np.all(np.isfinite(pair))))
         raise InitialStateError(
             f"the state cannot be formed at the initial values: {list_names(lost)} is not finite there, because the"
             " coordinates are singular at this configuration, or because the constraints do not fix there what was"

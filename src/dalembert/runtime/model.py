@@ -326,10 +326,10 @@ class CompiledModel:
             self._starts[key] = starting(self.stages.reduced, sorted(key))
         return self._starts[key]
 
-    def _method(self, method: str, rtol: float, atol: float) -> str:
+    def _method(self, method: Any, rtol: float, atol: float) -> str:
         if method == "auto":
             return self._engine.automatic(self.methods, rtol, atol)
-        if method not in self._methods:
+        if not isinstance(method, str) or method not in self._methods:
             raise OptionError(
                 unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
             )
@@ -374,7 +374,12 @@ class CompiledModel:
         qdot = np.zeros_like(q) if qdot is None else _rows("qdot", qdot, size)
         single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
         q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
-        count = max(len(q), len(qdot), np.size(t))
+        sizes = {"q": len(q), "qdot": len(qdot), "t": np.size(t)}
+        counts = set(sizes.values()) - {1}
+        if len(counts) > 1:
+            given = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+            raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {given}")
+        count = counts.pop() if counts else 1
         y = np.empty((count, 2 * size))
         y[:, :size], y[:, size:] = q, qdot
         times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (count,)))

@@ -22,8 +22,8 @@ def foreign_points(
     """Return a fault for every action with unknowns at a point that moves with another body than its own.
 
     A contact may travel over its body, and a pair of opposite actions with the same unknowns may act between
-    two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies, but not this
-    one, is the wrong point or the wrong body.
+    two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies,
+    but not this one, is the wrong point or the wrong body.
     """
     poses = [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
     searched = graph.mask(unknowns)
@@ -44,8 +44,8 @@ def foreign_points(
         if names and not shared:
             body, point = bodies[action.target].name, points[action.at].name
             faults.append(
-                f"joint {action.name!r} acts on {body!r} at {point!r}, which is not a point of that body: its place on the"
-                f" body changes with {', '.join(names)}, which does not move {body!r}. Name the body that"
+                f"joint {action.name!r} acts on {body!r} at {point!r}, which is not a point of that body: its place on"
+                f" the body changes with {', '.join(names)}, which does not move {body!r}. Name the body that"
                 f" {point!r} belongs to, or locate the point from {body!r}"
             )
     return faults

@@ -174,8 +174,9 @@ def _solved(scene: Scene, coordinate: Any) -> Any:
     name = _name(coordinate)
     if holding:
         why = (
-            f"no holonomic constraint gives {name} in closed form ({', '.join(f'{c} = 0' for c in holding)} is not affine"
-            f" in it): give the branch yourself, impose({name}, expression), or impose another of its coordinates"
+            f"no holonomic constraint gives {name} in closed form ({', '.join(f'{c} = 0' for c in holding)} is not"
+            f" affine in it): give the branch yourself, impose({name}, expression), or impose another of its"
+            " coordinates"
         )
     else:
         why = f"no holonomic constraint contains {name}; give its value, impose({name}, expression)"

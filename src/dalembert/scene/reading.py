@@ -36,8 +36,8 @@ __all__ = ["read"]
 
 TIME = "t"
 _IMPLIED = (
-    "is already implied by the parametrization: it vanishes whatever the coordinates. Remove it; for the reaction that it"
-    " would hold, give a coordinate back with scene.release(coordinate, point or frame, direction)"
+    "is already implied by the parametrization: it vanishes whatever the coordinates. Remove it; for the reaction that"
+    " it would hold, give a coordinate back with scene.release(coordinate, point or frame, direction)"
 )
 RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 

@@ -119,8 +119,9 @@ def check_kinetic_energy(
             scene,
             [
                 "the kinetic energy given is right only where the constraints hold: it was simplified with"
-                f" {named} before differentiation. Its value is correct, but its derivatives are not, because coordinates and"
-                " rates must be independent variables in it (assumption 13.1.2, remark 13.4.8), and the Lagrange"
+                f" {named} before differentiation. Its value is correct, but its derivatives are not, because "
+                f"coordinates"
+                " and rates must be independent variables in it (assumption 13.1.2, remark 13.4.8), and the Lagrange"
                 f" equations that would follow are wrong. It lacks {text(readable(-difference))}. Leave the constraint"
                 " out of the kinetic energy, or let dalembert derive it"
             ],

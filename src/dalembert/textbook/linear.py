@@ -16,7 +16,7 @@ from sympy.polys.fields import sfield
 
 from ..scene.identity import vanishes
 
-__all__ = ["Field", "null_space", "row_echelon", "solve"]
+__all__ = ["Field", "Plain", "arithmetic", "null_space", "row_echelon", "solve"]
 
 SMALL = 2500
 """Operations of a system up to which it is treated in the field of rational functions."""
@@ -49,6 +49,10 @@ class Field:
         self._symbols = symbols
         self._moving = [i for i, s in enumerate(symbols) if s in self._back or s in self._angles]
         _, self.elements = sfield(named, *symbols)
+
+    def zero(self, element: Any) -> bool:
+        """Return whether an element is identically zero."""
+        return not element
 
     def weight(self, element: Any) -> tuple[int, int]:
         """Rank a pivot: numbers, then parameters, then functions of the configuration; short ones first."""
@@ -98,91 +102,87 @@ def _sines(e: Any) -> Any:
     return sp.nsimplify(e, rational=True) if e.has(sp.Float) else e
 
 
-def _fits(entries: Sequence[Any]) -> bool:
-    return sum(sp.sympify(e).count_ops() for e in entries) <= SMALL
+@final
+class Plain:
+    """SymPy expressions as they stand, for systems that are too large for a `Field`; the same methods."""
+
+    def __init__(self, expressions: Sequence[Any]) -> None:
+        self.elements = [sp.sympify(e) for e in expressions]
+
+    def zero(self, element: Any) -> bool:
+        """Return whether an element is identically zero, by its values at random points."""
+        return vanishes(element)
+
+    def weight(self, element: Any) -> tuple[int, int]:
+        """Rank a pivot: numbers, then parameters, then functions of the configuration; short ones first."""
+        moving = element.has(sp.core.function.AppliedUndef, sp.Derivative)
+        return (0 if element.is_number else 2 if moving else 1, int(element.count_ops()))
+
+    def expression(self, element: Any) -> Any:
+        """Return the element."""
+        return element
+
+
+def arithmetic(expressions: Sequence[Any]) -> Field | Plain:
+    """Return the arithmetic in which expressions are to be combined, holding them as its `elements`."""
+    small = sum(sp.sympify(e).count_ops() for e in expressions) <= SMALL
+    return Field(expressions) if small else Plain(expressions)
 
 
 def row_echelon(matrix: Any) -> tuple[Any, tuple[int, ...]]:
-    """Return the reduced row echelon form of a matrix and its pivot columns.
+    """Return the reduced row echelon form of a matrix and its pivot columns, one a row, in row order.
 
     Pivots that are numbers or parameters are preferred to those that depend on the configuration.
     """
-    matrix = sp.Matrix(matrix)
     rows, columns = matrix.shape
-    if _fits(list(matrix)):
-        field = Field(list(matrix))
-        work = [[field.elements[i * columns + j] for j in range(columns)] for i in range(rows)]
-        pivots = _eliminate(work, columns, lambda e: not e, field.weight)
-        back = [[field.expression(e) for e in row] for row in work]
-    else:
-        back = [list(matrix.row(i)) for i in range(rows)]
-        pivots = _eliminate(back, columns, vanishes, _weight)
-    return sp.Matrix(back), pivots
+    field = arithmetic(list(matrix))
+    work = [field.elements[i * columns : (i + 1) * columns] for i in range(rows)]
+    pivots = _eliminate(field, work, columns)
+    return sp.Matrix(rows, columns, [field.expression(e) for row in work for e in row]), pivots
 
 
-def _weight(entry: Any) -> tuple[int, int]:
-    """Rank a pivot: numbers, then parameters, then functions of the configuration."""
-    moving = entry.has(sp.core.function.AppliedUndef, sp.Derivative)
-    return (0 if entry.is_number else 2 if moving else 1, int(entry.count_ops()))
-
-
-def _eliminate(work: list[list[Any]], columns: int, zero: Any, weight: Any) -> tuple[int, ...]:
-    """Bring `work` to reduced row echelon form in place; return the pivot columns, one a row, in row order."""
-    pivots: list[int] = []
-    row = 0
-    while row < len(work):
-        best: Any = None
-        for i in range(row, len(work)):
-            for j in range(columns):
-                if j in pivots or zero(work[i][j]):
-                    continue
-                rank = (*weight(work[i][j]), j, i)
-                if best is None or rank < best[0]:
-                    best = (rank, i, j)
-        if best is None:
-            break
-        _, i, j = best
-        work[row], work[i] = work[i], work[row]
-        pivot = work[row][j]
-        work[row] = [e / pivot if e != 0 else e for e in work[row]]
-        for k in range(len(work)):
-            factor = work[k][j]
-            if k != row and not zero(factor):
-                work[k] = [a - factor * b if b != 0 else a for a, b in zip(work[k], work[row], strict=True)]
-        pivots.append(j)
-        row += 1
-    return tuple(pivots)
-
-
-def solve(matrix: Any, right: Sequence[Any]) -> list[Any]:
-    """Return x with matrix x = right for a square regular matrix, by elimination with the best pivots.
+def solve(field: Field | Plain, matrix: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
+    """Return x with matrix x = right, elements of `field`, for a square regular matrix.
 
     Raises
     ------
     ZeroDivisionError
         When the matrix is singular for every value of its symbols.
     """
-    matrix = sp.Matrix(matrix)
-    size = matrix.shape[0]
-    whole = matrix.row_join(sp.Matrix(size, 1, list(right)))
-    if _fits(list(whole)):
-        field = Field(list(whole))
-        columns = size + 1
-        work = [[field.elements[i * columns + j] for j in range(columns)] for i in range(size)]
-        pivots = _eliminate(work, size, lambda e: not e, field.weight)
-        if len(pivots) < size:
-            raise ZeroDivisionError("singular")
-        return [field.expression(work[pivots.index(j)][size]) for j in range(size)]
-    work = [list(whole.row(i)) for i in range(size)]
-    pivots = _eliminate(work, size, vanishes, _weight)
+    size = len(matrix)
+    work = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    pivots = _eliminate(field, work, size)
     if len(pivots) < size:
-        raise ZeroDivisionError("singular")
+        raise ZeroDivisionError("the matrix is singular")
     return [work[pivots.index(j)][size] for j in range(size)]
+
+
+def _eliminate(field: Field | Plain, work: list[list[Any]], columns: int) -> tuple[int, ...]:
+    """Bring `work` to reduced row echelon form in place, with pivots in the first `columns` columns."""
+    pivots: list[int] = []
+    for row in range(len(work)):
+        ranks = [
+            (*field.weight(work[i][j]), j, i)
+            for i in range(row, len(work))
+            for j in range(columns)
+            if j not in pivots and not field.zero(work[i][j])
+        ]
+        if not ranks:
+            break
+        *_, j, i = min(ranks)
+        work[row], work[i] = work[i], work[row]
+        pivot = work[row][j]
+        work[row] = [e / pivot if e != 0 else e for e in work[row]]
+        for k in range(len(work)):
+            factor = work[k][j]
+            if k != row and not field.zero(factor):
+                work[k] = [a - factor * b if b != 0 else a for a, b in zip(work[k], work[row], strict=True)]
+        pivots.append(j)
+    return tuple(pivots)
 
 
 def null_space(matrix: Any) -> list[Any]:
     """Return columns that span the null space, freed of denominators so that they stay regular where they can."""
-    matrix = sp.Matrix(matrix)
     count = matrix.shape[1]
     reduced, pivots = row_echelon(matrix)
     basis = []
@@ -191,11 +191,10 @@ def null_space(matrix: Any) -> list[Any]:
         column[j] = sp.S.One
         for row, pivot in enumerate(pivots):
             column[pivot] = -reduced[row, j]
-        if _fits(column):
-            denominators = [sp.denom(sp.together(e)) for e in column]
-            common = denominators[0]
-            for d in denominators[1:]:
-                common = sp.lcm(common, d)
+        if sum(e.count_ops() for e in column) <= SMALL:
+            common = sp.S.One
+            for e in column:
+                common = sp.lcm(common, sp.denom(sp.together(e)))
             column = [sp.cancel(e * common) for e in column]
         basis.append(sp.Matrix(column))
     return basis

@@ -11,7 +11,7 @@ import sympy as sp
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from .energy import readable, readable_fraction
-from .linear import null_space, row_echelon, solve
+from .linear import Field, Plain, arithmetic, null_space, row_echelon, solve
 from .numeric import PlainSystem, States, rank, undetermined
 
 __all__ = ["Reactions", "Solution"]
@@ -75,41 +75,76 @@ class Solution:
                 rows.append(i)
         return rows
 
+    @cached_property
     def free(self) -> list[Any]:
-        """Return the virtual motions that the constraints leave free, as columns of q_dot."""
+        """The virtual motions that the constraints leave free, as columns of q_dot."""
         size = len(self.system.q)
         if not self.rows:
             return [sp.eye(size)[:, i] for i in range(size)]
         return null_space(self.jacobian.extract(self.rows, list(range(size))))
 
     @cached_property
-    def accelerations(self) -> list[Any]:
-        """q_ddot in terms of q, q_dot and t, as elimination leaves them."""
-        size = len(self.system.q)
-        rows = [self.jacobian.row(i) for i in self.rows]
-        right = [self.gamma[i] for i in self.rows]
-        for direction in self.free():
-            rows.append((direction.T * self.mass).applyfunc(readable))
-            right.append(readable((direction.T * self.forcing)[0]))
+    def _field(self) -> tuple[Field | Plain, dict[str, list[list[Any]]]]:
+        """One arithmetic for all matrices, and their elements in it; directions are the columns of `free` as rows."""
+        matrices = {
+            "mass": self.mass,
+            "forcing": self.forcing.T,
+            "power": self.power,
+            "jacobian": self.jacobian,
+            "gamma": self.gamma.T,
+            "free": sp.Matrix([list(s) for s in self.free]) if self.free else sp.zeros(0, len(self.system.q)),
+        }
+        field = arithmetic([e for matrix in matrices.values() for e in matrix])
+        elements, start = {}, 0
+        for name, matrix in matrices.items():
+            rows, columns = matrix.shape
+            flat = field.elements[start : start + rows * columns]
+            elements[name] = [flat[i * columns : (i + 1) * columns] for i in range(rows)]
+            start += rows * columns
+        return field, elements
+
+    @cached_property
+    def _accelerations(self) -> list[Any]:
+        field, held = self._field
+        mass, (forcing,), (gamma,) = held["mass"], held["forcing"], held["gamma"] or [[]]
+        rows = [held["jacobian"][i] for i in self.rows]
+        right = [gamma[i] for i in self.rows]
+        for direction in held["free"]:
+            rows.append([_dot(direction, column) for column in zip(*mass, strict=True)])
+            right.append(_dot(direction, forcing))
         try:
-            found = solve(sp.Matrix(rows) if rows else sp.zeros(size, size), right)
+            return solve(field, rows, right)
         except ZeroDivisionError:
             raise ConstraintError(
                 "the equations do not determine the accelerations: a coordinate moves no inertia in a direction that"
                 " the constraints leave free. Give the bodies it moves mass or inertia, or drop the coordinate"
             ) from None
-        return found
 
-    @cached_property
-    def residual(self) -> list[Any]:
-        """M q_ddot - forcing, which the reactions must balance."""
-        return list(self.mass * sp.Matrix(self.accelerations) - self.forcing)
+    def accelerations(self) -> list[Any]:
+        """Return q_ddot in terms of q, q_dot and t."""
+        field, _ = self._field
+        return [readable_fraction(field.expression(e)) for e in self._accelerations]
 
     def multipliers(self) -> list[Any]:
         """Return the multiplier of every constraint in terms of q, q_dot and t."""
         if len(self.rows) < self.jacobian.shape[0]:
             raise ConstraintError("the multipliers of constraints that depend on each other are not determined")
-        return self._solve(self.jacobian.T)
+        return self._balance("jacobian", self.rows)
+
+    def _balance(self, name: str, vectors: Sequence[int]) -> list[Any]:
+        """Return the weights of independent vectors that sum up to M q_ddot - forcing.
+
+        The vectors are columns of the reactions' powers, or rows of the constraint Jacobian.
+        """
+        field, held = self._field
+        symbolic = self.power if name == "power" else self.jacobian.T
+        _, rows = row_echelon(symbolic.extract(list(range(symbolic.shape[0])), list(vectors)).T)
+        chosen = sorted(rows)
+        forcing = held["forcing"][0]
+        residual = [_dot(held["mass"][i], self._accelerations) - forcing[i] for i in chosen]
+        columns = held["power"] if name == "power" else list(zip(*held["jacobian"], strict=True))
+        square = [[columns[i][j] for j in vectors] for i in chosen]
+        return [readable_fraction(field.expression(e)) for e in solve(field, square, residual)]
 
     def undetermined(self) -> list[int]:
         """Return the unknowns that no equation fixes, each tested at random states."""
@@ -145,16 +180,14 @@ class Solution:
         for i in columns:
             if rank(power[:, [*independent, i]]) > len(independent):
                 independent.append(i)
-        matrix = self.power.extract(list(range(self.power.shape[0])), independent)
-        found = self._solve(matrix)
+        found = self._balance("power", independent)
         return {self.unknowns[i]: e for i, e in zip(independent, found, strict=True) if i not in lost}
 
-    def _solve(self, matrix: Any) -> list[Any]:
-        """Solve matrix x = residual for independent columns, from rows with simple pivots."""
-        _, rows = row_echelon(matrix.T)
-        chosen = sorted(rows)
-        square = matrix.extract(chosen, list(range(matrix.shape[1])))
-        return [readable_fraction(e) for e in solve(square, [self.residual[i] for i in chosen])]
+
+def _dot(a: Any, b: Any) -> Any:
+    """Return the sum of products of elements."""
+    terms = [x * y for x, y in zip(a, b, strict=True) if x != 0 and y != 0]
+    return sum(terms[1:], terms[0]) if terms else a[0] - a[0]
 
 
 @final

@@ -15,7 +15,7 @@ from ..scene import Scene, Unknown
 from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian
-from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable, readable_fraction
+from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
 from .geometry import Geometry
 from .ideal import ideal_conditions, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
@@ -170,7 +170,7 @@ class LagrangeView:
         found: dict[Any, None] = {}
         for joint in self.scene.joints:
             for vector in (joint.force, joint.torque):
-                for matrix, _ in () if vector == 0 else vector.args:
+                for matrix, _ in self.geometry.vector(vector).args:
                     found |= dict.fromkeys(
                         x for e in matrix for x in sp.preorder_traversal(e) if isinstance(x, Unknown)
                     )
@@ -178,7 +178,7 @@ class LagrangeView:
 
     def ideal_conditions(self, joint: Any) -> list[sp.Expr]:
         """Return the expressions that must vanish for the joint to be ideal, X = 0 and the like."""
-        return ideal_conditions(self.actions, self.actions.joint(joint), self.unknowns, self._solution.free())
+        return ideal_conditions(self.actions, self.actions.joint(joint), self.unknowns, self._solution.free)
 
     @cached_property
     def vanishing(self) -> tuple[Any, ...]:
@@ -221,7 +221,7 @@ class LagrangeView:
     def equations_of_motion(self) -> dict[Any, Any]:
         """q_ddot -> expression in coordinates, rates and time, unknowns eliminated."""
         second = [q.diff(self.time, 2) for q in self.coordinates]
-        return {a: readable_fraction(e) for a, e in zip(second, self._solution.accelerations, strict=True)}
+        return dict(zip(second, self._solution.accelerations(), strict=True))
 
     @cached_property
     def undetermined(self) -> tuple[Any, ...]:
@@ -281,7 +281,7 @@ class LagrangeView:
         """Return the equations projected on the virtual motions that the constraints leave free (Maggi, Kane)."""
         left = sp.Matrix([self.lagrange_expression(q) for q in self.coordinates])
         right = sp.Matrix([readable(self.actions.given_power(q)) for q in self.coordinates])
-        free = self._solution.free()
+        free = self._solution.free
         return [sp.Eq(readable((s.T * left)[0]), readable((s.T * right)[0]), evaluate=False) for s in free]
 
     @cached_property

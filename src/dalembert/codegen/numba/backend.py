@@ -26,7 +26,7 @@ from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import order_for
-from ...runtime.cache import load_from_disk, load_in_memory
+from ...runtime.cache import load_from_disk, load_in_memory, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
@@ -41,7 +41,7 @@ __all__ = ["NumbaBackend"]
 
 _VECTOR = types.float64[::1]
 SIGNATURE = types.void(types.float64, _VECTOR, _VECTOR, _VECTOR)
-OPTIONS = 'cache={}, nogil=True, error_model="numpy", fastmath={{"contract"}}'
+OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
 @final
@@ -57,7 +57,9 @@ class NumbaEngine(Engine):
     def _compiled(self, name: str) -> Any:
         kernel = getattr(self._module, name)
         if not kernel.signatures:
-            kernel.compile(SIGNATURE)
+            file = getattr(self._module, "__file__", None)
+            with rebuilding(file, lambda: kernel.compile(SIGNATURE)):
+                kernel.compile(SIGNATURE)
         return kernel
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -96,7 +98,7 @@ class NumbaEngine(Engine):
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
-        from ...integrators.numba.lanes import sweeping_loop
+        from ...integrators.numba.lanes import sample_projection, sweeping_loop
         from ...integrators.numba.series import clipped_tolerance
 
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
@@ -111,12 +113,13 @@ class NumbaEngine(Engine):
             codes = self.steps.attempt(tableau, lanes, dense=wanted > 0)
             shape = (tableau.degree, memory_size(n, self.steps.carried))
             limits += [block.rtol, max(block.atol, SMALLEST_SCALE)]
-        projections = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
+        projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
-        arrays = block.y, block.c, block.spans, block.t_eval
-        sweeping_loop()(
-            (*codes, *projections), np.array(limits), *arrays, shape, result.y, result.ends, samples, lanes
-        )
+        inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
+        arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
+        sweeping_loop()((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes)
+        if np.any(inside):
+            sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
@@ -155,7 +158,7 @@ class NumbaBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render_source("numba.py.j2", program, PYTHON, OPTIONS.format(cache))
+        source = render_source("numba.py.j2", program, PYTHON, OPTIONS)
         versions = f"{__version__} {sys.version_info[:3]} {numba.__version__} {llvmlite.__version__}"
         digest = digest_of(self.name, versions, generator_digest(), source)
         return RenderedModule(self.name, program, source, digest)
@@ -166,8 +169,6 @@ class NumbaBackend(Backend):
         if not cache:
             return NumbaEngine(program, load_in_memory(rendered.digest, rendered.source), None)
 
-        def engine(module: ModuleType) -> NumbaEngine:
-            assert module.__file__ is not None
-            return NumbaEngine(program, module, Path(module.__file__).parent)
-
-        return load_from_disk(program.name, rendered.digest, rendered.source, engine)
+        module = load_from_disk(program.name, rendered.digest, rendered.source)
+        file = getattr(module, "__file__", None)
+        return NumbaEngine(program, module, None if file is None else Path(file).parent)

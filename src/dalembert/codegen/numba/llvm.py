@@ -150,7 +150,8 @@ def prelude(lanes: int) -> str:
 def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool = True) -> str:
     """Return a module of LLVM assembly with each kernel under the name given.
 
-    Without `shared`, what every module needs is left out. For one lane, ``NAME_numba`` beside it is the same function under numba's calling convention for
+    Without `shared`, what every module needs is left out. For one lane, ``NAME_numba`` beside it is the same
+    function under numba's calling convention for
     ``void(float64, float64[::1], float64[::1], float64[::1])``.
     """
     parts = [prelude(lanes)] if shared else [""]

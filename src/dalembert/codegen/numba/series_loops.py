@@ -8,6 +8,7 @@ number of operations alone, not with the order.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import final
 
 from ...ir.program import Assignment, Operand
@@ -83,10 +84,8 @@ class _Step:
         pieces = [items[first : first + _PIECE] for first in range(0, len(items), _PIECE)]
         parts = []
         for place, piece in enumerate(pieces):
-            parts.append(self._function(f"first.{place}", "ptr %n.work", lambda piece=piece: self._start(piece)))
-            parts.append(
-                self._function(f"next.{place}", "ptr %n.work, i64 %n.k", lambda piece=piece: self._extend(piece))
-            )
+            parts.append(self._function(f"first.{place}", "ptr %n.work", partial(self._start, piece)))
+            parts.append(self._function(f"next.{place}", "ptr %n.work, i64 %n.k", partial(self._extend, piece)))
         arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*STEP_ARGUMENTS, "out"))
         parts.append(self._function(name, arguments, lambda: self._step(len(pieces)), "define"))
         return "\n\n".join(parts)

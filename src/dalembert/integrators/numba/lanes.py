@@ -24,7 +24,7 @@ from ..status import Status
 from .code import call_code, row
 from .jit import MATRIX, VECTOR, compiled, compiled_and_cached
 
-__all__ = ["sweeping_loop"]
+__all__ = ["sample_projection", "sweeping_loop"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
@@ -35,21 +35,33 @@ _QUADRATIC = 1e-8
 _LINEAR = 1e-4
 _RUNNING, _IDLE = -1, -2
 _NONE, _WANTED, _SETTLED, _FAILED = 0, 1, 2, 3
+_FLAGS = types.Array(types.boolean, 2, "C")
 
 
 @cache
 def sweeping_loop() -> Callable[..., int]:
     """Return the loop, compiled or loaded from numba's disk cache.
 
-    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, lanes)`` runs the cases of y (k, n_y) with
-    constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what fills in its memory
+    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, inside, lanes)`` runs the cases of y (k, n)
+    with constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what fills in its memory
     before the first step, and the projections (0 for none). ``limits`` are the largest step, the number of steps, and
     what else the step reads behind step and direction. ``shape`` is the degree of its polynomials and the number of
     outputs that it remembers; polynomials of a step with a memory are in the fraction of the step, others in time.
     The loop writes final states to ``out`` (k, n_y), states at the times ``t_eval`` (m,) to ``samples`` (k, m * n_y),
-    and final time, status and steps to the rows of ``ends`` (k, 3).
+    and final time, status and steps to the rows of ``ends`` (k, 3). In ``inside`` (k, m) or (0, 0) it marks the
+    samples that were interpolated.
     """
-    return _entry_point(integrator_digest())
+    return _sweeping_loop(integrator_digest())
+
+
+@cache
+def sample_projection() -> Callable[..., None]:
+    """Return a loop that projects samples onto the constraints, compiled or loaded from numba's disk cache.
+
+    ``project(position, velocity, c, t_eval, inside, samples, lanes)`` corrects those of ``samples`` (k, m * n_y) that
+    are marked in ``inside`` (k, m), as many together as there are lanes. What does not converge stays as it is.
+    """
+    return _sample_projection(integrator_digest())
 
 
 @compiled
@@ -124,45 +136,7 @@ def _begin(
     call_code(code, row(clock, 0), row(fresh, 0), row(constants, 0), row(settings, 0), row(fresh, n))
 
 
-@compiled
-def _project_samples(
-    position: int,
-    velocity: int,
-    t_eval: FloatArray,
-    c: FloatArray,
-    inside: NDArray[np.bool_],
-    samples: FloatArray,
-    constants: FloatArray,
-    delta: FloatArray,
-    n: int,
-) -> None:
-    """Project the samples that were interpolated, a pack at a time; what does not converge stays as it is."""
-    lanes, wanted = constants.shape[1], t_eval.size
-    clock, states = np.zeros((1, lanes)), np.zeros((n, lanes))
-    places, marks = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
-    filled, total = 0, inside.size
-    for place in range(total + 1):
-        if place < total and inside[place // wanted, place % wanted]:
-            i, j = place // wanted, place % wanted
-            for m in range(n):
-                states[m, filled] = samples[i, j * n + m]
-            for m in range(c.shape[1]):
-                constants[m, filled] = c[i if c.shape[0] > 1 else 0, m]
-            clock[0, filled], places[filled], marks[filled] = t_eval[j], place, _WANTED
-            filled += 1
-        if filled < lanes and (place < total or filled == 0):
-            continue
-        for lane in range(filled, lanes):
-            marks[lane] = _NONE
-        _project(position, velocity, clock, states, 0, constants, delta, marks, n)
-        for lane in range(filled):
-            if marks[lane] == _WANTED:
-                for m in range(n):
-                    samples[places[lane] // wanted, places[lane] % wanted * n + m] = states[m, lane]
-        filled = 0
-
-
-def _entry_point(digest: str) -> Callable[..., int]:
+def _sweeping_loop(digest: str) -> Callable[..., int]:
     def loop(
         codes: tuple[int, int, int, int],
         limits: FloatArray,
@@ -174,6 +148,7 @@ def _entry_point(digest: str) -> Callable[..., int]:
         out: FloatArray,
         ends: FloatArray,
         samples: FloatArray,
+        inside: NDArray[np.bool_],
         lanes: int,
     ) -> int:
         digest  # noqa: B018
@@ -198,7 +173,7 @@ def _entry_point(digest: str) -> Callable[..., int]:
         case, status = np.full(lanes, -1), np.full(lanes, _IDLE)
         sampled, sampled_before = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
         marks = np.zeros(lanes, np.int64)
-        inside = np.zeros((count if wanted and projected else 0, wanted), np.bool_)
+        marked = inside.size > 0
         coming, active, old, new = 0, 0, 0, rows
         while True:
             for lane in range(lanes):
@@ -223,9 +198,7 @@ def _entry_point(digest: str) -> Callable[..., int]:
                     i = coming  # and take the next
                     if start != 0:
                         if i % lanes == 0:
-                            _begin(
-                                start, i, y, c, spans, limits, fresh, clock_ahead, constants_ahead, settings_ahead
-                            )
+                            _begin(start, i, y, c, spans, limits, fresh, clock_ahead, constants_ahead, settings_ahead)
                         for m in range(held):
                             states[old + m, lane] = fresh[n + m, i % lanes]
                     coming += 1
@@ -277,7 +250,7 @@ def _entry_point(digest: str) -> Callable[..., int]:
                         for k in range(degree, -1, -1):
                             value = value * x + states[new + held + m * (degree + 1) + k, lane]
                         samples[case[lane], sampled[lane] * n + m] = value
-                    if projected:
+                    if marked:
                         inside[case[lane], sampled[lane]] = True
                     sampled[lane] += 1
                 before[lane], clock[0, lane], marks[lane] = now, t, _WANTED
@@ -303,11 +276,49 @@ def _entry_point(digest: str) -> Callable[..., int]:
                 if memory > 0 and size >= _SMALLEST * abs(before[lane]) + 1e-30 * abs(end[lane] - before[lane]):
                     status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
                     states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
-        if wanted and projected:
-            _project_samples(position, velocity, t_eval, c, inside, samples, constants, delta, n)
         return coming
 
     integer = types.intp
     numbers = types.UniTuple(integer, 4), types.UniTuple(integer, 2)
     arrays = (VECTOR, MATRIX, MATRIX, MATRIX, VECTOR)
-    return compiled_and_cached(loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, integer))
+    return compiled_and_cached(loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, _FLAGS, integer))
+
+
+def _sample_projection(digest: str) -> Callable[..., None]:
+    def project(
+        position: int,
+        velocity: int,
+        c: FloatArray,
+        t_eval: FloatArray,
+        inside: NDArray[np.bool_],
+        samples: FloatArray,
+        lanes: int,
+    ) -> None:
+        digest  # noqa: B018
+        wanted, n = t_eval.size, samples.shape[1] // t_eval.size
+        clock, states, delta = np.zeros((1, lanes)), np.zeros((n, lanes)), np.zeros((n, lanes))
+        constants = np.ones((c.shape[1], lanes))
+        places, marks = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
+        filled, total = 0, inside.size
+        for place in range(total + 1):
+            i, j = place // wanted, place % wanted
+            if place < total and inside[i, j]:
+                for m in range(n):
+                    states[m, filled] = samples[i, j * n + m]
+                for m in range(c.shape[1]):
+                    constants[m, filled] = c[i if c.shape[0] > 1 else 0, m]
+                clock[0, filled], places[filled], marks[filled] = t_eval[j], place, _WANTED
+                filled += 1
+            if filled < lanes and (place < total or filled == 0):
+                continue
+            for lane in range(filled, lanes):
+                marks[lane] = _NONE
+            _project(position, velocity, clock, states, 0, constants, delta, marks, n)
+            for lane in range(filled):
+                if marks[lane] == _WANTED:
+                    for m in range(n):
+                        samples[places[lane] // wanted, places[lane] % wanted * n + m] = states[m, lane]
+            filled = 0
+
+    integer = types.intp
+    return compiled_and_cached(project, (integer, integer, MATRIX, VECTOR, _FLAGS, MATRIX, integer))

@@ -1,0 +1,158 @@
+"""Sweeps, grids, prepared runs and error estimates through the public API."""
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import OptionError, UnknownNameError, ValueInputError
+from dalembert.integrators.status import Status
+from oracles.sleigh_exact import sleigh_state
+
+START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}
+LENGTHS = np.linspace(0.1, 0.5, 41)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
+
+
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+def test_sweep_equals_single_runs(backend):
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend=backend, outputs=["X"])
+    lengths = LENGTHS[::10]
+    sweep = model.sweep((0, 3), START, {**PARAMETERS, "b": lengths}, rtol=1e-10)
+    assert np.all(sweep.success) and len(sweep) == len(lengths)
+    for i, b in enumerate(lengths):
+        single = model.simulate((0, 3), START, {**PARAMETERS, "b": b}, rtol=1e-10)
+        for name in ("x", "theta_dot", "energy", "X"):
+            assert sweep[name][i] == pytest.approx(single[name][-1], rel=1e-8, abs=1e-9)
+        assert sweep.final["y"][i] == pytest.approx(single["y"][-1], rel=1e-8)
+
+
+def test_threads_and_neighbours_do_not_change_a_bit(model):
+    parameters = {**PARAMETERS, "b": LENGTHS}
+    one = model.sweep((0, 5), START, parameters, threads=1)
+    two = model.sweep((0, 5), START, parameters, threads=2)
+    turned = model.sweep((0, 5), START, {**PARAMETERS, "b": LENGTHS[::-1].copy()})
+    spoilt = model.sweep((0, 5), START, {**PARAMETERS, "b": np.where(np.arange(41) == 7, np.nan, LENGTHS)})
+    assert np.array_equal(one.y, two.y) and np.array_equal(one.y, turned.y[::-1])
+    others = np.arange(41) != 7
+    assert np.array_equal(spoilt.y[others], one.y[others])
+    (failure,) = spoilt.failures()
+    assert failure.case == 7 and failure.status is Status.NON_FINITE and "NaN" in failure.message
+
+
+def test_a_contradiction_is_the_status_of_its_case(model):
+    rates = np.where(np.arange(5) == 2, 0.5, 0.98 * np.tan(0.2))
+    sweep = model.sweep((0, 1), {**START, "y_dot": rates}, PARAMETERS)
+    assert [Status(s) for s in sweep.status] == [Status.SUCCESS] * 2 + [Status.INITIAL_STATE] + [Status.SUCCESS] * 2
+
+
+def test_spans_of_each_case(model):
+    ends = np.linspace(0.5, 10.0, 23)
+    sweep = model.sweep((0, ends), START, PARAMETERS, rtol=1e-10)
+    assert np.array_equal(sweep.t, ends)
+    run = model.simulate((0, 10), START, PARAMETERS, rtol=1e-10)
+    assert np.allclose(sweep["x"], run(ends)["x"], atol=1e-8)
+
+
+def test_samples_at_common_times(model):
+    times = np.linspace(0, 4, 9)
+    sweep = model.sweep((0, 4), START, {**PARAMETERS, "b": LENGTHS}, t_eval=times, rtol=1e-10)
+    assert sweep["x"].shape == (41, 9)
+    single = model.simulate((0, 4), START, {**PARAMETERS, "b": LENGTHS[13]}, t_eval=times, rtol=1e-10)
+    assert np.allclose(sweep["theta"][13], single["theta"], atol=1e-8)
+    with pytest.raises(OptionError, match="common to all cases"):
+        model.sweep((0, np.array([1.0, 2.0])), START, PARAMETERS, t_eval=times)
+
+
+def test_grid_makes_named_axes(model):
+    pytest.importorskip("xarray")
+    start = {name: value for name, value in START.items() if name != "theta_dot"}
+    parameters = {"m": 1.0, "I_C": 0.5}
+    grid = da.grid(b=[0.1, 0.2, 0.3], theta_dot=[1.0, 2.0])
+    sweep = model.sweep((0, 2), start, parameters, grid=grid, t_eval=[0.0, 1.0, 2.0])
+    data = sweep.to_xarray()
+    assert dict(data.sizes) == {"b": 3, "theta_dot": 2, "time": 3}
+    single = model.simulate((0, 2), {**start, "theta_dot": 2.0}, {**parameters, "b": 0.3})
+    assert float(data["x"].sel(b=0.3, theta_dot=2.0, time=2.0)) == pytest.approx(single["x"][-1], abs=1e-7)
+    with pytest.raises(UnknownNameError, match="'bb'"):
+        model.sweep((0, 1), start, parameters, grid=da.grid(bb=[1.0]))
+    with pytest.raises(ValueInputError, match="give it once"):
+        model.sweep((0, 1), START, parameters, grid=grid)
+
+
+def test_input_that_is_wrong_for_all_cases(model):
+    with pytest.raises(ValueInputError, match="one length"):
+        model.sweep((0, 1), {**START, "x": np.zeros(3)}, {**PARAMETERS, "b": np.ones(4)})
+    with pytest.raises(UnknownNameError, match="missing parameters: m"):
+        model.sweep((0, 1), START, {"b": 0.3, "I_C": 0.5})
+    with pytest.raises(OptionError, match="threads"):
+        model.sweep((0, 1), START, PARAMETERS, threads=0)
+
+
+def test_progress_shows_a_bar(model, capsys):
+    pytest.importorskip("tqdm")
+    model.sweep((0, 1), START, {**PARAMETERS, "b": LENGTHS}, progress=True)
+    assert "41/41" in capsys.readouterr().err.replace(".0", "")
+
+
+def test_an_interrupt_keeps_what_is_finished(model, monkeypatch):
+    from dalembert.runtime import sweeping
+
+    held = sweeping._run_block
+    calls = []
+
+    def interrupted(*args):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        held(*args)
+
+    monkeypatch.setattr(sweeping, "_run_block", interrupted)
+    sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.linspace(0.1, 0.5, 640)}, threads=1)
+    statuses = {Status(s) for s in sweep.status}
+    assert statuses == {Status.SUCCESS, Status.INTERRUPTED}
+    assert np.all(sweep.success[: int(sweep.success.sum())])
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_prepared_run_gives_the_final_state(formulation, method):
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation=formulation)
+    run = model.prepare((0, 10), method=method, rtol=1e-11, atol=1e-11)
+    y = run(model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS))
+    single = model.simulate((0, 10), START, PARAMETERS, method=method, rtol=1e-11, atol=1e-11)
+    assert run.status is Status.SUCCESS
+    assert np.allclose(y, single.y[-1], rtol=1e-9, atol=1e-10)
+    assert (
+        model.prepare((0, 10), method=method, max_steps=3)(
+            model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS)
+        ).shape
+        == y.shape
+    )
+
+
+def test_prepared_run_reports_how_it_ended(model):
+    run = model.prepare((0, 10), method="taylor", max_steps=3)
+    run(model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS))
+    assert run.status is Status.MAX_STEPS
+    run(np.full(5, np.nan), model.parameter_vector(PARAMETERS))
+    assert run.status is Status.NON_FINITE
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_error_estimate_is_near_the_true_error(model, rtol):
+    sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": LENGTHS}, rtol=rtol, atol=rtol, error_estimate=True)
+    speed = 0.98 / np.cos(0.2)
+    exact = [sleigh_state(10, 1.0, b, 0.5, 0.0, 0.0, 0.2, speed, 2.0) for b in LENGTHS]
+    for name in ("x", "y", "theta"):
+        true = np.abs(sweep[name] - np.array([float(getattr(state, name)) for state in exact]))
+        ratio = sweep.error_estimate[name] / np.maximum(true, 1e-300)
+        assert np.mean((ratio > 0.1) & (ratio < 10.0)) >= 0.95
+    single = model.simulate((0, 10), START, PARAMETERS, rtol=rtol, atol=rtol, error_estimate=True)
+    assert single.error_estimate["x"].shape == single.t.shape
+    with pytest.raises(OptionError, match="error_estimate=True"):
+        _ = model.simulate((0, 1), START, PARAMETERS).error_estimate
