@@ -24,7 +24,7 @@ from dalembert.naming import Namer
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 TEMPLATES = {
-    "numba": ("numba.py.j2", PYTHON, 'cache=False, nogil=True, error_model="numpy"'),
+    "numba": ("numba.py.j2", PYTHON, 'nogil=True, error_model="numpy"'),
     "numpy": ("numpy.py.j2", NUMPY, ""),
     "jax": ("jax.py.j2", JAX, ""),
 }

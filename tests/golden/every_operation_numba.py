@@ -9,12 +9,13 @@ import math
 
 import numba
 
+CACHE = "__file__" in globals()
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def prepare(p, out):
     """Constants c from parameters p: 0 values, 0 flops."""
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def outputs(t, y, c, out):
     """Requested outputs from the state: 33 values, 10 flops, 1 pow, 1 sin, 1 cos, 1 tan, 1 asin, 1 acos, 1 atan, 1 atan2, 1 exp, 1 log, 1 sinh, 1 cosh, 1 tanh, 1 abs, 1 sign, 1 floor, 1 less, 1 less_equal, 1 select."""
     t_2 = t

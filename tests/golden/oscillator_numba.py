@@ -9,8 +9,9 @@ import math
 
 import numba
 
+CACHE = "__file__" in globals()
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def prepare(p, out):
     """Constants c from parameters p: 3 values, 1 flops."""
     f = p[0]
@@ -20,7 +21,7 @@ def prepare(p, out):
     out[1] = w
     out[2] = square
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def rhs(t, y, c, out):
     """Rate of the state: 2 values, 3 flops, 1 sin."""
     f = c[0]
@@ -35,7 +36,7 @@ def rhs(t, y, c, out):
     out[0] = x_dot
     out[1] = pull
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def expand(t, y, c, out):
     """q and q_dot from the state: 2 values, 0 flops."""
     x = y[0]
@@ -43,7 +44,7 @@ def expand(t, y, c, out):
     out[0] = x
     out[1] = x_dot
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def energy(t, y, c, out):
     """Kinetic and potential energy at y = (q, q_dot): 2 values, 5 flops."""
     square = c[2]
@@ -57,7 +58,7 @@ def energy(t, y, c, out):
     out[0] = kinetic
     out[1] = potential
 
-@numba.njit(cache=False, nogil=True, error_model="numpy")
+@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
 def mass_matrix(t, y, c, out):
     """Mass matrix, row by row, at y = (q, q_dot): 1 values, 0 flops."""
     out[0] = 1.0

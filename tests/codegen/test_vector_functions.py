@@ -1,0 +1,142 @@
+"""Functions on lanes: how accurate they are, and that no lane knows of its neighbours."""
+
+import ctypes
+import functools
+
+import mpmath
+import numpy as np
+import pytest
+
+from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
+from dalembert.ir.interpret import interpret
+from dalembert.ir.ops import ALL_OPERATIONS
+from dalembert.ir.program import Assignment, Kernel, Load
+
+LANES = (1, 2, 4)
+REPEATED = (1, native_lanes())
+
+
+@functools.cache
+def machine_code(names, lanes):
+    """Return a function from columns (arity, k) to the results (len(names), k) of the operations named."""
+    arity = max(ALL_OPERATIONS[name].arity for name in names)
+    loads = tuple(Load(f"a{i}", "y", i) for i in range(arity))
+    arguments = [tuple(load.target for load in loads[: ALL_OPERATIONS[name].arity]) for name in names]
+    body = tuple(Assignment(f"z_{name}", name, args) for name, args in zip(names, arguments, strict=True))
+    kernel = Kernel("k", ("y",), loads, body, tuple(line.target for line in body))
+    library = load_object(compile_object(assembly([("k", kernel)], lanes)))
+    code = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library.address("k"))
+
+    def run(columns):
+        columns = np.atleast_2d(np.asarray(columns, dtype=float))
+        count = columns.shape[1]
+        padded = np.concatenate([columns, np.repeat(columns[:, -1:], -count % lanes, axis=1)], axis=1)
+        out = np.empty((len(names), padded.shape[1]))
+        for first in range(0, padded.shape[1], lanes):
+            y, results = np.ascontiguousarray(padded[:, first : first + lanes]), np.empty((len(names), lanes))
+            code(y.ctypes.data, results.ctypes.data)
+            out[:, first : first + lanes] = results
+        return out[:, :count]
+
+    run.library = library  # the code is good as long as this lives
+    return run
+
+
+def units_in_the_last_place(found, x, function):
+    """Return how far `found` lies from function(x) in 50 digits, in units of the last place of the result."""
+    worst = 0.0
+    with mpmath.workdps(50):
+        for value, at in zip(found, x, strict=True):
+            exact = function(mpmath.mpf(float(at)))
+            unit = np.spacing(abs(float(exact))) or 5e-324
+            worst = max(worst, abs(float((mpmath.mpf(float(value)) - exact) / mpmath.mpf(float(unit)))))
+    return worst
+
+
+def angles():
+    rng = np.random.default_rng(11)
+    quarters = np.concatenate([np.arange(1, 40), rng.integers(1, 636_000, 400)]) * (np.pi / 2)
+    near = np.concatenate([quarters, np.nextafter(quarters, 0.0), np.nextafter(quarters, 1e9), quarters * (1 + 1e-12)])
+    spread = np.concatenate([rng.uniform(-1e6, 1e6, 800), rng.uniform(-4, 4, 800), 10.0 ** rng.uniform(-300, 6, 400)])
+    x = np.concatenate([near[near < 1e6], -near[:40], spread, [0.0, 1e6, -1e6, 999999.9999]])
+    return np.where(np.abs(x) <= 1e6, x, 1.0)
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_sine_and_cosine_are_accurate_to_two_units(lanes):
+    x = angles()
+    sine, cosine = machine_code(("sin", "cos"), lanes)(x)
+    assert units_in_the_last_place(sine, x, mpmath.sin) <= 2.0
+    assert units_in_the_last_place(cosine, x, mpmath.cos) <= 2.0
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_sine_and_cosine_of_large_angles_are_correct(lanes):
+    rng = np.random.default_rng(12)
+    x = np.concatenate([10.0 ** rng.uniform(6.0, 22.0, 300), -(10.0 ** rng.uniform(6.0, 22.0, 100)), [1e22, 1e300]])
+    sine, cosine = machine_code(("sin", "cos"), lanes)(x)
+    for found, function in ((sine, mpmath.sin), (cosine, mpmath.cos)):
+        with mpmath.workdps(350):
+            exact = np.array([float(function(mpmath.mpf(float(at)))) for at in x])
+        np.testing.assert_array_max_ulp(found, exact, 1)
+    for value in (np.nan, np.inf, -np.inf):
+        assert np.all(np.isnan(machine_code(("sin", "cos"), lanes)([value] * lanes)))
+
+
+@pytest.mark.parametrize("lanes", (2, 4, native_lanes()))
+def test_a_large_angle_changes_no_neighbour(lanes):
+    x = np.random.default_rng(13).uniform(-50.0, 50.0, 200 * lanes)
+    clean = machine_code(("sin", "cos"), lanes)(x)
+    for value in (1e7, 1e300, np.inf, np.nan):
+        spoilt = x.copy()
+        spoilt[1::lanes] = value
+        found = machine_code(("sin", "cos"), lanes)(spoilt)
+        others = np.arange(len(x)) % lanes != 1
+        np.testing.assert_array_equal(found[:, others], clean[:, others])
+
+
+@pytest.mark.parametrize("lanes", LANES)
+def test_rough_functions_are_as_good_as_they_say(lanes):
+    rng = np.random.default_rng(14)
+    x = np.concatenate([10.0 ** rng.uniform(-300, 300, 2000), 1.0 + np.linspace(0, 1, 500)])
+    assert np.abs(machine_code(("rough_log2",), lanes)(x)[0] - np.log2(x)).max() < 3e-5
+    y = np.concatenate([rng.uniform(-1000, 1000, 2000), np.linspace(-2, 2, 500)])
+    np.testing.assert_allclose(machine_code(("rough_exp2",), lanes)(y)[0], np.exp2(y), rtol=3e-6)
+    ends = machine_code(("rough_exp2",), lanes)([-1e9, -np.inf, 1e9, np.inf])[0]
+    assert np.all(ends[:2] < 1e-300) and np.all(ends[2:] > 1e300) and np.all(np.isfinite(ends))
+    assert machine_code(("rough_log2",), lanes)([0.0] * lanes)[0, 0] < -1000
+
+
+def operands(name):
+    """Return random operands (arity, 240), special values among them."""
+    rng = np.random.default_rng(15)
+    arity = ALL_OPERATIONS[name].arity
+    columns = rng.uniform(-3.0, 3.0, (arity, 240))
+    if name in ("asin", "acos"):
+        columns /= 3.0
+    if name in ("sqrt", "log", "pow", "rough_log2"):
+        columns = np.abs(columns)
+    if name in ("select", "less", "less_equal", "sign", "min", "max", "floor"):
+        columns[:, ::5] = np.round(columns[:, ::5])
+    return columns
+
+
+@pytest.mark.parametrize("lanes", REPEATED)
+@pytest.mark.parametrize("name", ALL_OPERATIONS)
+def test_every_operation_is_what_the_interpreter_says(name, lanes):
+    columns = operands(name)
+    found = machine_code((name,), lanes)(columns)[0]
+    loads = tuple(Load(f"a{i}", "y", i) for i in range(len(columns)))
+    kernel = Kernel("k", ("y",), loads, (Assignment("z", name, tuple(load.target for load in loads)),), ("z",))
+    expected = [interpret(kernel, {"y": column.tolist()})[0] for column in columns.T]
+    tolerance = {"rough_log2": 0.0, "rough_exp2": 3e-6}.get(name, 1e-15)
+    absolute = {"rough_log2": 3e-5, "fma": 2e-15}.get(name, 1e-300)
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=absolute)
+
+
+@pytest.mark.parametrize("name", ALL_OPERATIONS)
+def test_every_operation_gives_the_same_bits_in_every_lane(name):
+    columns = operands(name)
+    alone = machine_code((name,), 1)(columns)
+    for lanes in {2, 4, native_lanes()}:
+        np.testing.assert_array_equal(machine_code((name,), lanes)(columns), alone)
