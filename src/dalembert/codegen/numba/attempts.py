@@ -10,8 +10,10 @@ from .vector_functions import vector
 
 __all__ = ["LARGEST_INLINED", "attempt_assembly"]
 
-LARGEST_INLINED = 3000
-"""Operations of all evaluations of the right-hand side together, above which it is called instead of repeated."""
+LARGEST_INLINED = 1000
+"""Operations of all evaluations of the right-hand side together, above which it is called instead of repeated. Below,
+repeating it saves some 5% of the time of an attempt; above, calls are as fast and compile up to seven times faster
+(measured on chains of pendulums)."""
 
 
 def attempt_assembly(
