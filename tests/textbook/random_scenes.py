@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from dalembert.textbook.geometry import Geometry
 
 TIME = dynamicsymbols._t
 AXES = "xyz"
-COORDINATES = 6
+COORDINATES = 5
 
 
 @dataclass
@@ -111,14 +112,14 @@ def add_constraint(draw, draft):
         return
     P = draft.points[k].locatenew(f"C{X}", small_vector(draw, draft.frames[k]))
     normal = axis(draw, draft.frames[k] if kind == "blade" else N)
-    view = da.lagrange(scene)
+    geometry = Geometry(scene)
     if kind == "blade":
-        velocity = view.geometry.dot(view.geometry.velocity(P), normal)
+        velocity = geometry.dot(geometry.velocity(P), normal)
         if not velocity.has(sp.Derivative):
             return
         scene.add_nonholonomic_constraints(velocity + draft.symbol("v") * draw(st.integers(0, 1)))
     else:
-        height = view.geometry.dot(view.geometry.position(P), normal)
+        height = geometry.dot(geometry.position(P), normal)
         if not height.has(*scene.coordinates):
             return
         scene.add_holonomic_constraints(height - draft.symbol("height"))
@@ -144,7 +145,7 @@ def scenes(draw):
     """Return a scene of one to three bodies; what its constraints allow is for the test to find out."""
     N, O = ReferenceFrame("N"), Point("O")
     draft = Draft(da.Scene("random", frame=N, origin=O, coordinates=[]))
-    for k in range(draw(st.integers(1, 3))):
+    for k in range(draw(st.sampled_from([1, 2, 2, 3]))):
         if room(draft):
             add_body(draw, draft, k)
     if draw(st.booleans()):
