@@ -2,6 +2,7 @@
 
 import ctypes
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -242,7 +243,7 @@ def test_errors_fall_with_the_tolerance(setup):
     exact = setup.sweep(method="taylor", rtol=1e-14, atol=1e-14).y
     tolerances = (1e-4, 1e-6, 1e-8, 1e-10)
     errors = [np.abs(setup.sweep(rtol=tol, atol=tol).y - exact).max() for tol in tolerances]
-    assert all(b < 0.2 * a for a, b in zip(errors, errors[1:], strict=False))
+    assert all(b < 0.2 * a for a, b in itertools.pairwise(errors))
     assert all(error < 300 * tol for error, tol in zip(errors, tolerances, strict=True))
 
 
