@@ -261,7 +261,7 @@ def test_constraints_hold_at_ends_and_samples(method):
 @pytest.mark.parametrize("options", [(d, c) for d in (False, True) for c in (False, True)], ids=str)
 @pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda tableau: tableau.name)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_attempts_that_call_the_right_hand_side_compute_the_same_bits(formulation, tableau, options, lanes):
+def test_steps_that_call_the_right_hand_side_compute_the_same_bits(formulation, tableau, options, lanes):
     dense, carried = options
     program = compiled(pendulum, formulation).stages.program
     rhs, n = program.kernel("rhs"), len(program.layout.state)
@@ -272,11 +272,13 @@ def test_attempts_that_call_the_right_hand_side_compute_the_same_bits(formulatio
     arrays.append(np.repeat([[1.0], [1.0], [1e-3], [1e-3]], lanes, axis=1))
     results = []
     for inline in (False, True):
-        text = attempt_assembly("attempt", rhs, tableau, lanes, dense=dense, carried=carried, inline=inline)
+        text = attempt_assembly(rhs, tableau, lanes, dense=dense, carried=carried, inline=inline)
         library = load_object(compile_object(text))
         out = np.zeros((2 * n + 5 + n * (tableau.degree + 1), lanes))
-        code = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)(library.address("attempt"))
-        code(*(np.ascontiguousarray(a).ctypes.data for a in arrays), out.ctypes.data)
-        results.append(out)
+        first = np.zeros((2 * n + 5, lanes))
+        for name, target in (("attempt", out), ("start", first)):
+            code = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)(library.address(name))
+            code(*(a.ctypes.data for a in arrays), target.ctypes.data)
+        results.append(np.concatenate([out, first]))
     np.testing.assert_array_equal(*results)
     assert np.all(np.isfinite(results[0])) and np.any(results[0][n] == 0.05)

@@ -9,6 +9,7 @@ same code serves lanes that accept and lanes that reject.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ __all__ = [
     "fuse_products",
     "memory_size",
     "start_kernel",
+    "start_pieces",
 ]
 
 SETTINGS = ("largest step", "direction of time", "rtol", "atol")
@@ -63,15 +65,7 @@ def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
     where `dense`, the coefficients of each component in turn, in powers of the fraction of the step. The slopes can be
     carried from the end of a step to the next where nothing moves the state in between.
     """
-    attempt = _Attempt(rhs, tableau, carried=carried, dense=dense)
-    evaluate = _inlined(attempt.lines, fuse_products(rhs))
-    if not carried:
-        attempt.slopes[0] = evaluate("t_", attempt.y)
-    for stage in attempt.later_stages():
-        attempt.slopes[stage] = evaluate(attempt.time(stage), attempt.point(stage))
-    outputs = tuple(attempt.outputs())
-    kernel = Kernel("step", _ARGUMENTS, (*attempt.loads, *_constants(rhs)), tuple(attempt.lines.body), outputs)
-    return run(kernel, [eliminate_dead_code])
+    return _straight("attempt", rhs, _Attempt(rhs, tableau, carried=carried, dense=dense))
 
 
 def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
@@ -80,47 +74,27 @@ def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
     The size of the first step is that of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
     section II.4; it is 0 where the slopes are not finite.
     """
-    n = len(rhs.outputs)
-    lines, y = Lines(), _names("y", n)
-    evaluate = _inlined(lines, fuse_products(rhs))
-    first = evaluate("t_", y)
-    scales = [lines.op("div", 1.0, lines.fma(_RTOL, lines.op("abs", component), _ATOL)) for component in y]
+    return _straight("start", rhs, _Start(rhs, tableau, carried=carried))
 
-    def norm(values: Vector) -> Operand:
-        total: Operand = 0.0
-        for value, scale in zip(values, scales, strict=True):
-            scaled = lines.mul(value, scale)
-            total = lines.fma(scaled, scaled, total)
-        return lines.op("sqrt", lines.mul(total, 1.0 / n))
 
-    size, slope = norm(y), norm(first)
-    flat = lines.op("less", lines.op("min", size, slope), 1e-5)
-    h = lines.op("select", flat, 1e-6, lines.op("div", lines.mul(size, 0.01), lines.op("max", slope, 1e-5)))
-    h = lines.op("min", h, _LARGEST)
-    signed = lines.mul(h, _DIRECTION)
-    point = [lines.fma(signed, rate, component) for component, rate in zip(y, first, strict=True)]
-    second = evaluate(lines.add("t_", signed), point)
-    change = norm([lines.sub(b, a) for a, b in zip(first, second, strict=True)])
-    curvature = lines.op("div", change, h)
-    largest = lines.op("max", lines.op("max", slope, curvature), 1e-15)
-    exponent = 1.0 / (tableau.error_order + 1)
-    power = lines.op("sub", math.log2(0.01), lines.op("rough_log2", largest))
-    improved = lines.op("min", lines.mul(h, 100.0), lines.op("rough_exp2", lines.mul(power, exponent)))
-    h = lines.op("select", _finite(lines, curvature), lines.op("min", improved, _LARGEST), h)
-    h = lines.op("select", _finite(lines, slope), h, 0.0)
-    outputs = [*y, 0.0, 0.0, h, _LOG2_PREVIOUS, gains.LARGEST_GROWTH, *(first if carried else [])]
-    loads = (Load("t_", "t", None), *_array(y, "y", 0), *_array(_SETTINGS, "s", 0), *_constants(rhs))
-    kernel = Kernel("start", _ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
+def _straight(name: str, rhs: Kernel, parts: _Parts) -> Kernel:
+    evaluate = _inlined(parts.lines, fuse_products(rhs))
+    for stage in parts.stages():
+        parts.slopes[stage] = evaluate(parts.time(stage), parts.point(stage))
+    outputs = tuple(parts.outputs())
+    kernel = Kernel(name, _ARGUMENTS, (*parts.loads, *_constants(rhs)), tuple(parts.lines.body), outputs)
     return run(kernel, [eliminate_dead_code])
 
 
 @final
 @dataclass(frozen=True)
 class Pieces:
-    """An attempt in pieces, for a right-hand side too large to be repeated once a stage.
+    """An attempt or a start in pieces, for a right-hand side too large to be repeated once a stage.
 
     Attributes
     ----------
+    name : str
+        What the names of its kernels begin with.
     rhs : Kernel
         The right-hand side, of a state that holds only the components `moved`.
     moved : tuple of int
@@ -129,9 +103,10 @@ class Pieces:
         The number of each stage that is evaluated, in order, and a kernel of (t, y, s, k) that gives the point of
         its evaluation: the components `moved`, then the time. k holds the slopes of stage i from i * n_y on.
     finish : Kernel
-        The outputs of the attempt, from (t, y, s, k).
+        The outputs, from (t, y, s, k).
     """
 
+    name: str
     rhs: Kernel
     moved: tuple[int, ...]
     stages: tuple[tuple[int, Kernel], ...]
@@ -140,60 +115,135 @@ class Pieces:
 
 def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> Pieces:
     """Return the attempt of `attempt_kernel` in pieces; together they compute the same bits."""
+    return _pieces("attempt", rhs, lambda: _Attempt(rhs, tableau, carried=carried, dense=dense))
+
+
+def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Pieces:
+    """Return the start of `start_kernel` in pieces; together they compute the same bits."""
+    return _pieces("start", rhs, lambda: _Start(rhs, tableau, carried=carried))
+
+
+def _pieces(name: str, rhs: Kernel, make: Callable[[], _Parts]) -> Pieces:
     n = len(rhs.outputs)
-    arguments = ("t", "y", "s", "k")
     moved = tuple(sorted({load.index for load in rhs.loads if load.array == "y" and load.index is not None}))
 
-    def piece(name: str, build: Callable[[_Attempt], Vector]) -> Kernel:
-        attempt = _Attempt(rhs, tableau, carried=carried, dense=dense)
+    def piece(label: str, build: Callable[[_Parts], Vector]) -> Kernel:
+        parts = make()
         held: list[Load] = []
-        for stage in (*((0,) if not carried else ()), *attempt.later_stages()):
-            names = _names(f"k_{stage}", n)
-            attempt.slopes[stage] = names
-            held += _array(names, "k", stage * n)
-        outputs = build(attempt)
-        kernel = Kernel(name, arguments, (*attempt.loads, *held), tuple(attempt.lines.body), tuple(outputs))
+        for stage in parts.stages():
+            parts.slopes[stage] = _names(f"k_{stage}", n)
+            held += _array(parts.slopes[stage], "k", stage * n)
+        outputs = tuple(build(parts))
+        arguments = ("t", "y", "s", "k")
+        kernel = Kernel(f"{name}_{label}", arguments, (*parts.loads, *held), tuple(parts.lines.body), outputs)
         return run(kernel, [eliminate_dead_code])
 
-    def point(stage: int) -> Callable[[_Attempt], Vector]:
-        def build(attempt: _Attempt) -> Vector:
-            values = attempt.point(stage) if stage else attempt.y
-            return [*(values[i] for i in moved), attempt.time(stage) if stage else "t_"]
+    def point(stage: int) -> Callable[[_Parts], Vector]:
+        return lambda parts: [*(parts.point(stage)[i] for i in moved), parts.time(stage)]
 
-        return build
-
-    numbers = _Attempt(rhs, tableau, carried=carried, dense=dense).later_stages()
-    stages = [*(() if carried else (0,)), *numbers]
     places = {index: place for place, index in enumerate(moved)}
     loads = tuple(
         replace(load, index=places[load.index]) if load.array == "y" and load.index is not None else load
         for load in rhs.loads
     )
     return Pieces(
+        name=name,
         rhs=replace(fuse_products(rhs), loads=loads),
         moved=moved,
-        stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in stages),
-        finish=piece("finish", lambda attempt: attempt.outputs()),
+        stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in make().stages()),
+        finish=piece("finish", lambda parts: parts.outputs()),
     )
 
 
-@final
-class _Attempt:
-    """The parts of an attempt that are not evaluations of the right-hand side."""
+class _Parts(ABC):
+    """The parts of a step that are not evaluations of the right-hand side."""
 
-    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool, dense: bool) -> None:
-        self.lines, self.tableau, self.carried, self.dense = Lines(), tableau, carried, dense
-        self.n = len(rhs.outputs)
+    def __init__(self, rhs: Kernel) -> None:
+        self.lines, self.n = Lines(), len(rhs.outputs)
         self.y: Vector = _names("y", self.n)
-        first = _names("k_first", self.n)
-        self.slopes: dict[int, Vector] = {0: first} if carried else {}
-        self.loads = (
+        self.slopes: dict[int, Vector] = {}
+        self.loads: tuple[Load, ...] = (
             Load("t_", "t", None),
             *_array(self.y, "y", 0),
-            *_array(_CONTROL, "y", self.n + 2),
-            *(_array(first, "y", self.n + 2 + len(CONTROL)) if carried else ()),
             *_array(_SETTINGS, "s", 0),
         )
+
+    @abstractmethod
+    def stages(self) -> tuple[int, ...]:
+        """Return the stages that must be evaluated."""
+
+    @abstractmethod
+    def time(self, stage: int) -> Operand:
+        """Return the time of a stage."""
+
+    @abstractmethod
+    def point(self, stage: int) -> Vector:
+        """Return the state at which a stage is evaluated."""
+
+    @abstractmethod
+    def outputs(self) -> Vector:
+        """Return the outputs, once all slopes are known."""
+
+
+@final
+class _Start(_Parts):
+    """The choice of the first step, from the slopes at the initial state and after a small explicit Euler step."""
+
+    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool) -> None:
+        super().__init__(rhs)
+        self.exponent, self.carried = 1.0 / (tableau.error_order + 1), carried
+        scale = [self.lines.fma(_RTOL, self.lines.op("abs", component), _ATOL) for component in self.y]
+        self.weights = [self.lines.op("div", 1.0, value) for value in scale]
+
+    def stages(self) -> tuple[int, ...]:
+        return (0, 1)
+
+    def time(self, stage: int) -> Operand:
+        return self.lines.add("t_", self.lines.mul(self._trial(), _DIRECTION)) if stage else "t_"
+
+    def point(self, stage: int) -> Vector:
+        if stage == 0:
+            return self.y
+        h = self.lines.mul(self._trial(), _DIRECTION)
+        return [self.lines.fma(h, rate, y) for rate, y in zip(self.slopes[0], self.y, strict=True)]
+
+    def _norm(self, values: Vector) -> Operand:
+        total: Operand = 0.0
+        for value, weight in zip(values, self.weights, strict=True):
+            scaled = self.lines.mul(value, weight)
+            total = self.lines.fma(scaled, scaled, total)
+        return self.lines.op("sqrt", self.lines.mul(total, 1.0 / self.n))
+
+    def _trial(self) -> Operand:
+        """Return the size of the Euler step."""
+        lines, size, slope = self.lines, self._norm(self.y), self._norm(self.slopes[0])
+        flat = lines.op("less", lines.op("min", size, slope), 1e-5)
+        share = lines.op("div", lines.mul(size, 0.01), lines.op("max", slope, 1e-5))
+        return lines.op("min", lines.op("select", flat, 1e-6, share), _LARGEST)
+
+    def outputs(self) -> Vector:
+        lines, h, slope = self.lines, self._trial(), self._norm(self.slopes[0])
+        change = self._norm([lines.sub(b, a) for a, b in zip(self.slopes[0], self.slopes[1], strict=True)])
+        curvature = lines.op("div", change, h)
+        largest = lines.op("max", lines.op("max", slope, curvature), 1e-15)
+        power = lines.mul(lines.op("sub", math.log2(0.01), lines.op("rough_log2", largest)), self.exponent)
+        improved = lines.op("min", lines.mul(h, 100.0), lines.op("rough_exp2", power))
+        h = lines.op("select", _finite(lines, curvature), lines.op("min", improved, _LARGEST), h)
+        h = lines.op("select", _finite(lines, slope), h, 0.0)
+        return [*self.y, 0.0, 0.0, h, _LOG2_PREVIOUS, gains.LARGEST_GROWTH, *(self.slopes[0] if self.carried else [])]
+
+
+@final
+class _Attempt(_Parts):
+    """One attempt."""
+
+    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool, dense: bool) -> None:
+        super().__init__(rhs)
+        self.tableau, self.carried, self.dense = tableau, carried, dense
+        self.loads += _array(_CONTROL, "y", self.n + 2)
+        if carried:
+            self.slopes[0] = _names("k_first", self.n)
+            self.loads += _array(self.slopes[0], "y", self.n + 2 + len(CONTROL))
         lines = self.lines
         least = lines.mul(lines.op("abs", "t_"), _SMALLEST)
         proposed = lines.op("max", _PROPOSAL, least)
@@ -202,19 +252,20 @@ class _Attempt:
         self.h = lines.mul(self.size, _DIRECTION)
         self._points: dict[int, Vector] = {}
 
-    def later_stages(self) -> tuple[int, ...]:
-        """Return the stages that must be evaluated, the first left out."""
+    def stages(self) -> tuple[int, ...]:
         tableau = self.tableau
+        first = () if self.carried else (0,)
         end = (tableau.end,) if self.carried or self.dense or tableau.fsal else ()
-        return (*range(1, tableau.end), *end, *(range(tableau.end + 1, tableau.n_total) if self.dense else ()))
+        extra = range(tableau.end + 1, tableau.n_total) if self.dense else ()
+        return (*first, *range(1, tableau.end), *end, *extra)
 
     def time(self, stage: int) -> Operand:
-        """Return the time of a stage."""
         node = float(self.tableau.c[stage])
-        return self.lines.add("t_", self.h) if node == 1.0 else self.lines.fma(node, self.h, "t_")
+        if node in (0.0, 1.0):
+            return self.lines.add("t_", self.h) if node else "t_"
+        return self.lines.fma(node, self.h, "t_")
 
     def point(self, stage: int) -> Vector:
-        """Return the state at which a stage is evaluated."""
         if stage not in self._points:
             sums = self._sums(self.tableau.A[stage])
             self._points[stage] = [self.lines.fma(self.h, total, y) for total, y in zip(sums, self.y, strict=True)]
@@ -229,7 +280,6 @@ class _Attempt:
         return sums
 
     def outputs(self) -> Vector:
-        """Return the outputs of the attempt, once all slopes are known."""
         lines, new = self.lines, self.point(self.tableau.end)
         last = self.slopes[self.tableau.end] if self.carried else []
         square = self._error_square(new)

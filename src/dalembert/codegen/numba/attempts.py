@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...integrators.tableau import Tableau
 from ...ir.program import Kernel
-from ...ir.runge_kutta import Pieces, attempt_kernel, attempt_pieces
+from ...ir.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from .llvm import assembly
 from .vector_functions import vector
 
@@ -17,27 +17,33 @@ repeating it saves some 5% of the time of an attempt; above, calls are as fast a
 
 
 def attempt_assembly(
-    name: str, rhs: Kernel, tableau: Tableau, lanes: int, *, dense: bool, carried: bool, inline: bool | None = None
+    rhs: Kernel, tableau: Tableau, lanes: int, *, dense: bool, carried: bool, inline: bool | None = None
 ) -> str:
-    """Return a module whose function `name` is one attempt (see `dalembert.ir.runge_kutta`).
+    """Return a module with the functions ``attempt`` and ``start`` of `dalembert.ir.runge_kutta`.
 
     `inline` says whether the right-hand side is repeated once a stage; by default, its length decides.
     """
     if inline is None:
         inline = len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
     if inline:
-        return assembly([(name, attempt_kernel(rhs, tableau, dense=dense, carried=carried))], lanes)
-    pieces = attempt_pieces(rhs, tableau, dense=dense, carried=carried)
-    kernels = [("rhs", pieces.rhs), *((kernel.name, kernel) for _, kernel in pieces.stages), ("finish", pieces.finish)]
-    return f"{assembly(kernels, lanes)}\n\n{_chain(name, pieces, len(rhs.outputs), tableau.n_total, lanes)}"
+        attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried)
+        return assembly([("attempt", attempt), ("start", start_kernel(rhs, tableau, carried=carried))], lanes)
+    parts = (
+        attempt_pieces(rhs, tableau, dense=dense, carried=carried),
+        start_pieces(rhs, tableau, carried=carried),
+    )
+    kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
+    kernels += [pieces.finish for pieces in parts]
+    chains = [_chain(pieces, len(rhs.outputs), lanes) for pieces in parts]
+    return "\n\n".join([assembly([(kernel.name, kernel) for kernel in kernels], lanes), *chains])
 
 
-def _chain(name: str, pieces: Pieces, n: int, n_total: int, lanes: int) -> str:
+def _chain(pieces: Pieces, n: int, lanes: int) -> str:
     """Return the function that calls the pieces in turn; slopes and points lie on its stack."""
     v = vector(lanes)
     clock = len(pieces.moved)
     lines = [
-        f"%k = alloca [{n_total * n} x {v}], align 64",
+        f"%k = alloca [{(pieces.stages[-1][0] + 1) * n} x {v}], align 64",
         f"%point = alloca [{clock + 1} x {v}], align 64",
         f"%clock = getelementptr {v}, ptr %point, i64 {clock}",
     ]
@@ -45,9 +51,9 @@ def _chain(name: str, pieces: Pieces, n: int, n_total: int, lanes: int) -> str:
         lines += [
             f"call void @{kernel.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %point)",
             f"%slope.{stage} = getelementptr {v}, ptr %k, i64 {stage * n}",
-            f"call void @rhs(ptr %clock, ptr %point, ptr %c, ptr %slope.{stage})",
+            f"call void @{pieces.rhs.name}(ptr %clock, ptr %point, ptr %c, ptr %slope.{stage})",
         ]
     lines.append(f"call void @{pieces.finish.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %out)")
     arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in ("t", "y", "c", "s", "out"))
     body = "\n".join(f"  {line}" for line in lines)
-    return f"define void @{name}({arguments}) nounwind {{\n{body}\n  ret void\n}}"
+    return f"define void @{pieces.name}({arguments}) nounwind {{\n{body}\n  ret void\n}}"

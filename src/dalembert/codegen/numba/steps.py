@@ -16,7 +16,6 @@ from ...errors import CacheWarning
 from ...integrators.tableau import Tableau
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
-from ...ir.runge_kutta import start_kernel
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
 from .attempts import attempt_assembly
 from .driver import driver_text
@@ -71,13 +70,10 @@ class StepLibrary:
         rhs, carried = self._program.kernel("rhs"), self.carried
 
         def text() -> str:
-            return attempt_assembly("attempt", rhs, tableau, lanes, dense=dense, carried=carried)
-
-        def start() -> Kernel:
-            return start_kernel(rhs, tableau, carried=carried)
+            return attempt_assembly(rhs, tableau, lanes, dense=dense, carried=carried)
 
         name = f"{tableau.name}{'_dense' if dense else ''}"
-        return self._entry(name, lanes, text, "attempt"), self._address(f"{tableau.name}_start", lanes, start)
+        return self._entry(name, lanes, text, "attempt"), self._entry(name, lanes, text, "start")
 
     @property
     def carried(self) -> bool:
