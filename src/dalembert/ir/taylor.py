@@ -16,13 +16,18 @@ from .passes import eliminate_dead_code, run
 from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
 
-__all__ = ["SETTINGS", "STEP_ARGUMENTS", "controlled", "order_for", "series_kernel", "step_kernel"]
+__all__ = ["SETTINGS", "STEP_ARGUMENTS", "clipped_tolerance", "controlled", "order_for", "series_kernel", "step_kernel"]
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
 """What the argument s holds. The scale floor is atol / rtol, below which a state counts as that large."""
 
 Series = list[Operand]
+
+
+def clipped_tolerance(rtol: float, atol: float) -> float:
+    """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
+    return min(max(rtol or atol, 1e-18), 0.5)
 
 
 def order_for(tolerance: float) -> int:

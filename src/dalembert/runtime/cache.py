@@ -22,7 +22,7 @@ from types import ModuleType
 from ..errors import CacheWarning
 from ..naming import Namer
 
-__all__ = ["ENVIRONMENT_VARIABLE", "directory", "load_from_disk", "load_in_memory", "rebuilding", "store"]
+__all__ = ["ENVIRONMENT_VARIABLE", "directory", "keep", "load", "load_in_memory", "rebuilding", "store"]
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_CACHE_DIR"
 
@@ -64,23 +64,28 @@ def _discard(path: Path) -> None:
     shutil.rmtree(path.parent / "__pycache__", ignore_errors=True)
 
 
-def load_from_disk(name: str, digest: str, source: str) -> ModuleType:
-    """Return the module that holds `source`, from the cache; in memory, with a warning, if that cannot be used."""
+def keep(name: str, digest: str, source: str) -> Path | None:
+    """Return the path of `store`; None, with a warning, if the cache cannot be used."""
     try:
-        return _import(store(name, digest, source), digest)
+        return store(name, digest, source)
     except OSError as failure:
         text = f"the module cache {directory()} cannot be used ({failure}); nothing is kept. Set {ENVIRONMENT_VARIABLE}"
         warnings.warn(f"{text} to a folder that can be written", CacheWarning, stacklevel=2)
-        return load_in_memory(digest, source)
+        return None
+
+
+def load(path: Path | None, digest: str, source: str) -> ModuleType:
+    """Return the module that holds `source`: the file that `keep` returned, or one in memory."""
+    return load_in_memory(digest, source) if path is None else _import(path, digest)
 
 
 @contextlib.contextmanager
-def rebuilding(file: str | None, again: Callable[[], object]) -> Iterator[None]:
+def rebuilding(file: Path | None, again: Callable[[], object]) -> Iterator[None]:
     """Guard the loading of compiled code kept beside the module `file`: if it fails, discard that and do it `again`."""
     try:
         yield
     except Exception as failure:  # a damaged file may fail in any way; a real fault fails again below
-        kept = None if file is None else Path(file).parent / "__pycache__"
+        kept = None if file is None else file.parent / "__pycache__"
         if kept is None or not any(kept.glob("*.nb?")):
             raise
         text = f"compiled code cached in {kept} could not be used ({failure}) and is rebuilt"

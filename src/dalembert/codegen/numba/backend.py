@@ -7,31 +7,28 @@ integrators call many times is printed from the same program as LLVM assembly in
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
-import llvmlite
-import numba
 import numpy as np
-from numba import types
 
-from ... import __version__
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
-from ...ir.taylor import order_for
-from ...runtime.cache import load_from_disk, load_in_memory, rebuilding
+from ...ir.taylor import clipped_tolerance, order_for
+from ...runtime.cache import keep, load, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
-from .driver import call_driver
 from .llvm import native_lanes
+from .loops import toolchain
+from .prepared import prepared_run
 from .steps import StepLibrary
 
 if TYPE_CHECKING:
@@ -39,8 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NumbaBackend"]
 
-_VECTOR = types.float64[::1]
-SIGNATURE = types.void(types.float64, _VECTOR, _VECTOR, _VECTOR)
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
@@ -48,18 +43,27 @@ OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 class NumbaEngine(Engine):
     """Kernels of one module, and the integrators that run them."""
 
-    def __init__(self, program: Program, module: ModuleType, folder: Path | None) -> None:
+    def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
+        program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._parameters = len(program.layout.parameters)
-        self._module = module
-        self.steps = StepLibrary(program, folder)
+        self._rendered, self._path = rendered, path
+        self.steps = StepLibrary(program, None if path is None else path.parent)
+
+    @cached_property
+    def _module(self) -> ModuleType:
+        """The generated module. It imports numba, which takes longer than a simulation that does without it."""
+        return load(self._path, self._rendered.digest, self._rendered.source)
 
     def _compiled(self, name: str) -> Any:
         kernel = getattr(self._module, name)
         if not kernel.signatures:
-            file = getattr(self._module, "__file__", None)
-            with rebuilding(file, lambda: kernel.compile(SIGNATURE)):
-                kernel.compile(SIGNATURE)
+            from numba import types
+
+            vector = types.float64[::1]
+            signature = types.void(types.float64, vector, vector, vector)
+            with rebuilding(self._path, lambda: kernel.compile(signature)):
+                kernel.compile(signature)
         return kernel
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -72,8 +76,6 @@ class NumbaEngine(Engine):
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
         """See `Engine.automatic`: Taylor steps where they can be unrolled, else a Runge-Kutta pair."""
-        from ...integrators.numba.series import clipped_tolerance
-
         return "taylor" if self.steps.unrolls(order_for(clipped_tolerance(rtol, atol))) else "dop853"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
@@ -99,25 +101,15 @@ class NumbaEngine(Engine):
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
-        from ...integrators.numba.series import clipped_tolerance
 
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
-        limits = [block.max_step, float(block.max_steps)]
-        if method == "taylor":
-            tolerance = clipped_tolerance(block.rtol, block.atol)
-            order = order_for(tolerance)
-            codes, shape = (self.steps.taylor(order, lanes, dense=wanted > 0), 0), (order, 0)
-            limits += [max(block.atol / tolerance, 1e-300)]
-        else:
-            tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-            codes = self.steps.attempt(tableau, lanes, dense=wanted > 0)
-            shape = (tableau.degree, memory_size(n, self.steps.carried))
-            limits += [block.rtol, max(block.atol, SMALLEST_SCALE)]
+        codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=wanted > 0)
+        limits = [block.max_step, float(block.max_steps), *settings]
         projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        sweeping_loop()((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes)
+        sweeping_loop()((*codes, *projections), np.array(limits), *arrays, (degree, memory), *results, lanes)
         if np.any(inside):
             sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
@@ -125,20 +117,29 @@ class NumbaEngine(Engine):
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
     ) -> Callable[[FloatArray, FloatArray], Final]:
         """See `Engine.prepared`."""
-        if method != "taylor" or "project_velocity" in self._sizes:
-            return super().prepared(problem, method, constants)
-        from ...integrators.numba.series import clipped_tolerance
-
-        tolerance = clipped_tolerance(problem.rtol, problem.atol)
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
-        address = self.steps.run(order_for(tolerance), sizes)
-        return call_driver(address, sizes, problem, max(problem.atol / tolerance, 1e-300))
+        codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
+        position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
+        return prepared_run((self.steps.prepare(), *codes, position, velocity), sizes, memory, settings, problem)
+
+    def _stepping(
+        self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool
+    ) -> tuple[tuple[int, int], int, int, list[float]]:
+        """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings."""
+        if method == "taylor":
+            tolerance = clipped_tolerance(rtol, atol)
+            order = order_for(tolerance)
+            return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [max(atol / tolerance, 1e-300)]
+        tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
+        memory = memory_size(self._sizes["rhs"], self.steps.carried)
+        codes = self.steps.attempt(tableau, lanes, dense=dense)
+        return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
     def _kernels(self) -> list[int]:
         return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
-        from ...integrators.numba.series import StepCode, clipped_tolerance
+        from ...integrators.numba.series import StepCode
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
@@ -159,16 +160,10 @@ class NumbaBackend(Backend):
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
         source = render_source("numba.py.j2", program, PYTHON, OPTIONS)
-        versions = f"{__version__} {sys.version_info[:3]} {numba.__version__} {llvmlite.__version__}"
-        digest = digest_of(self.name, versions, generator_digest(), source)
+        digest = digest_of(self.name, toolchain(), generator_digest(), source)
         return RenderedModule(self.name, program, source, digest)
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`."""
-        program = rendered.program
-        if not cache:
-            return NumbaEngine(program, load_in_memory(rendered.digest, rendered.source), None)
-
-        module = load_from_disk(program.name, rendered.digest, rendered.source)
-        file = getattr(module, "__file__", None)
-        return NumbaEngine(program, module, None if file is None else Path(file).parent)
+        path = keep(rendered.program.name, rendered.digest, rendered.source) if cache else None
+        return NumbaEngine(rendered, path)

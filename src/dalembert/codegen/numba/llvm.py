@@ -193,11 +193,14 @@ def _under_numba(name: str) -> str:
 
 
 @cache
-def _machine(level: int) -> Any:
+def _target() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
+    return llvm.Target.from_default_triple()
+
+
+def _machine(level: int) -> Any:
+    return _target().create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=_features(), opt=level, jit=True, reloc="default", codemodel="jitdefault"
     )
 
@@ -230,10 +233,7 @@ class Compiled:
 
 def load_object(code: bytes) -> Compiled:
     """Return object code made by `compile_object`, ready to be called."""
-    machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=_features(), opt=2, jit=True, reloc="default", codemodel="jitdefault"
-    )
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return Compiled(engine)

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
 import threading
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from ...errors import CacheWarning
 from ...integrators.tableau import Tableau
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
 from .attempts import attempt_assembly
-from .driver import driver_text
-from .llvm import Compiled, assembly, compile_object, load_object, target_name
+from .llvm import Compiled, assembly, load_object
+from .objects import object_code
 from .series_loops import loop_assembly
 
 __all__ = ["StepLibrary"]
@@ -87,14 +82,10 @@ class StepLibrary:
         kernel = self._program.kernel(name)
         return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
 
-    def run(self, order: int, sizes: tuple[int, int, int]) -> int:
-        """Return the address of a whole run by Taylor steps (see `dalembert.codegen.numba.driver`)."""
-
-        def text() -> str:
-            prepare = assembly([("prepare", self._program.kernel("prepare"))], 1, shared=False)
-            return self._taylor_text("step", order, 1, False) + prepare + driver_text("step", *sizes)
-
-        return self._entry(f"run{order}", 1, text, "run")
+    def prepare(self) -> int:
+        """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
+        kernel = replace(self._program.kernel("prepare"), arguments=("p", "y", "c", "s"))
+        return self._address("prepare", 1, lambda: kernel)
 
     def numba_kernel(self, name: str) -> int:
         """Return the address of a kernel under numba's calling convention, 0 where the program has none."""
@@ -115,43 +106,5 @@ class StepLibrary:
         with self._lock:  # LLVM is not to be entered by two threads
             key = (name, lanes)
             if key not in self._loaded:
-                self._loaded[key] = load_object(self._object(name, lanes, text))
+                self._loaded[key] = load_object(object_code(self._folder, f"{name}_{lanes}", text))
             return self._loaded[key].address(function)
-
-    def _object(self, name: str, lanes: int, text: Callable[[], str]) -> bytes:
-        """Return object code from the folder, where it is there and whole, else compile it."""
-        if self._folder is None:
-            return compile_object(text())
-        key = hashlib.sha256(target_name().encode()).hexdigest()[:16]
-        path = self._folder / f"{name}_{lanes}_{key}.o"
-        held = _read(path)
-        if held is not None:
-            return held
-        code = compile_object(text())
-        _write(path, code)
-        return code
-
-
-def _read(path: Path) -> bytes | None:
-    """Return what `_write` wrote, or None where the file is missing or damaged."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return None
-    digest, code = data[:32], data[32:]
-    if hashlib.sha256(code).digest() == digest:
-        return code
-    warnings.warn(f"the cached code {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
-    return None
-
-
-def _write(path: Path, code: bytes) -> None:
-    """Write code with its digest, by an atomic rename; a folder that cannot be written keeps nothing."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(code).digest() + code)
-        os.replace(temporary, path)
-    except OSError:
-        return

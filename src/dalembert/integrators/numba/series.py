@@ -7,11 +7,12 @@ from typing import final
 
 import numpy as np
 
+from ...ir.taylor import clipped_tolerance
 from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
 from ..status import Status
 from .march import RUNNING, marching_loop
 
-__all__ = ["StepCode", "clipped_tolerance", "integrate"]
+__all__ = ["StepCode", "integrate"]
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
@@ -25,11 +26,6 @@ class StepCode:
     step: int
     position: int = 0
     velocity: int = 0
-
-
-def clipped_tolerance(rtol: float, atol: float) -> float:
-    """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
-    return min(max(rtol or atol, 1e-18), 0.5)
 
 
 def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:

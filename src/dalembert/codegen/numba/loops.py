@@ -1,0 +1,86 @@
+"""Integrator loops as machine code, made once per installation and called without numba.
+
+A loop is Python that numba compiles (`dalembert.integrators.numba.machine`); importing numba and loading what it
+keeps on disk would take longer than compiling a scene, so the code is kept as an object file of our own.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import sys
+import threading
+from functools import cache, cached_property
+from importlib.metadata import version
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...integrators.digest import generator_digest
+from ...runtime.cache import directory
+from ..rendering import digest_of
+from .llvm import Compiled, load_object
+from .objects import object_code
+
+__all__ = ["Loop", "loop_named", "toolchain"]
+
+_LOCK = threading.Lock()
+
+
+@cache
+def toolchain() -> str:
+    """Return the versions that compiled code depends on."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    return f"{__version__} {python} {version('numba')} {version('llvmlite')}"
+
+
+@final
+class Loop:
+    """The function ``LOOP`` of ``dalembert.integrators.numba.NAME``, with arguments of the types ``KINDS``."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    @cached_property
+    def _code(self) -> Compiled:
+        def text() -> str:
+            from ...integrators.numba.machine import loop_assembly
+
+            module = importlib.import_module(f"dalembert.integrators.numba.{self._name}")
+            return loop_assembly(module.LOOP, module.KINDS)
+
+        folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
+        with _LOCK:
+            return load_object(object_code(folder, self._name, text))
+
+    @cached_property
+    def call(self) -> Any:
+        """The function of one pointer to words; it releases the interpreter while it runs."""
+        return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._code.address("entry"))
+
+    def __call__(self, *arguments: Any) -> None:
+        """Run the loop on integers, tuples of integers and C-contiguous arrays."""
+        words = packed(arguments)
+        self.call(words.ctypes.data)
+
+
+def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
+    """Return arguments as words: integers as they are, an array as its address and its shape."""
+    words: list[int] = []
+    for argument in arguments:
+        if isinstance(argument, np.ndarray):
+            assert argument.flags.c_contiguous
+            words += [argument.__array_interface__["data"][0], *argument.shape]
+        elif isinstance(argument, tuple):
+            words += argument
+        else:
+            words.append(argument)
+    return np.array(words, dtype=np.int64)
+
+
+@cache
+def loop_named(name: str) -> Loop:
+    """Return the loop of a name, one for the process."""
+    return Loop(name)

@@ -1,0 +1,133 @@
+"""A run of one case from start to end, for prepared calls: nothing is recorded, nothing is allocated.
+
+It takes the step kernels of `dalembert.integrators.numba.lanes` on one lane: a Taylor step chooses its size and
+remembers nothing; an attempt of a Runge-Kutta step may be rejected, and what it remembers travels behind the state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from ..gains import REDUCTION_BLIND
+from ..problem import FloatArray
+from ..status import Status
+from .code import call_code, row
+from .jit import MATRIX, VECTOR, compiled
+
+__all__ = ["KINDS", "LOOP"]
+
+_SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
+_NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
+_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
+_MAX_CORRECTIONS = 10
+_SMALLEST = 16.0 * 2.220446049250313e-16
+_QUADRATIC, _LINEAR = 1e-8, 1e-4
+
+KINDS = (
+    types.UniTuple(types.intp, 5),
+    types.UniTuple(types.intp, 3),
+    VECTOR,
+    *(MATRIX,) * 6,
+    types.Array(types.int64, 1, "C"),
+)
+
+
+@compiled
+def _projected(
+    kernel: int, tries: int, clock: FloatArray, states: FloatArray, new: int, c: FloatArray, delta: FloatArray
+) -> bool:
+    """Add corrections to a row of `states` until they are small; return whether that came about."""
+    change = 0.0
+    for _ in range(tries):
+        call_code(kernel, row(clock, 0), row(states, new), row(c, 0), 0, row(delta, 0))
+        change = finite = 0.0
+        for m in range(delta.shape[1]):
+            states[new, m] += delta[0, m]
+            change = max(change, abs(delta[0, m]) / (1e-3 + abs(states[new, m])))
+            finite += 0.0 * delta[0, m]
+        if finite != 0.0:
+            return False
+        if change <= _QUADRATIC:
+            return True
+    return change <= _LINEAR
+
+
+@compiled
+def LOOP(
+    codes: tuple[int, int, int, int, int],
+    shape: tuple[int, int, int],
+    span: FloatArray,
+    p: FloatArray,
+    c: FloatArray,
+    settings: FloatArray,
+    clock: FloatArray,
+    states: FloatArray,
+    delta: FloatArray,
+    outcome: NDArray[np.int64],
+) -> None:
+    """Run from the state in row 0 of ``states`` (2, rows).
+
+    Parameters
+    ----------
+    codes : addresses
+        Constants from parameters, the step, what fills in its memory before the first step, and the projections; 0 for
+        what there is not.
+    shape : (int, int, int)
+        Number of components of the state, of what a step remembers, and of attempts allowed.
+    span : (3,)
+        Start, end and largest step [s].
+    p, c, settings, clock, delta : (1, n_p), (1, n_c), (1, ...), (1, 1), (1, n_y)
+        Parameters, and room for what is computed; ``settings`` holds the direction and what a step reads behind it.
+    outcome : (3,) int64
+        Gets the status, the row that holds the last state, and the number of steps.
+    """
+    prepare, step, start, position, velocity = codes
+    n, memory, budget = shape
+    t, t1, largest, direction = span[0], span[1], span[2], settings[0, 1]
+    call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
+    old = steps = attempts = 0
+    status = _SUCCESS if t == t1 else -1
+    if start != 0 and status < 0:
+        clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
+        call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
+        old = 1
+    while status < 0:
+        if attempts == budget:
+            status = _MAX_STEPS
+            break
+        attempts += 1
+        new, rest = 1 - old, abs(t1 - t)
+        clock[0, 0], settings[0, 0] = t, min(rest, largest)
+        call_code(step, row(clock, 0), row(states, old), row(c, 0), row(settings, 0), row(states, new))
+        size, broken = states[new, n], states[new, n + 1] != 0.0
+        smallest = _SMALLEST * abs(t) + 1e-30 * rest
+        if memory > 0:
+            kept = size != 0.0
+            stuck = not kept and not states[new, n + 2] >= smallest
+        else:
+            stuck = broken or (size < rest and size < smallest)
+            kept = not stuck
+        if stuck:
+            status = _NON_FINITE if broken else _STEP_TOO_SMALL
+            break
+        if kept:
+            last = size == rest
+            before, t = t, t1 if last else t + direction * size
+            clock[0, 0] = t
+            if (position != 0 and not _projected(position, _MAX_CORRECTIONS, clock, states, new, c, delta)) or (
+                velocity != 0 and not _projected(velocity, 2, clock, states, new, c, delta)
+            ):
+                # Go back, and try a smaller step where the step can.
+                smaller, t = REDUCTION_BLIND * size, before
+                if not (memory > 0 and smaller >= smallest):
+                    status = _PROJECTION_FAILED
+                    break
+                states[old, n + 2], states[old, n + 4] = smaller, 1.0
+                continue
+            steps += 1
+            if last:
+                status = _SUCCESS
+        old = new
+    outcome[0], outcome[1], outcome[2] = status, old, steps

@@ -1,0 +1,92 @@
+"""Loops as machine code: kept, checked when read, called without numba, and the same as in sweeps to the last bit."""
+
+import os
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.codegen.numba.loops import loop_named, packed
+from dalembert.errors import CacheWarning
+from dalembert.integrators.status import Status
+from dalembert.runtime.cache import ENVIRONMENT_VARIABLE
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
+
+RUN = """
+import sys
+import dalembert as da
+model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
+run = model.prepare((0, 1), method=sys.argv[1])
+p = {"m": 1, "b": 0.3, "I_C": 0.5}
+y = model.state({"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}, p)
+print("numba" in sys.modules, *run(y, model.parameter_vector(p)).tolist())
+"""
+
+
+def run_in_a_process(folder, method):
+    environment = {**os.environ, ENVIRONMENT_VARIABLE: str(folder)}
+    code = [sys.executable, "-W", "error::dalembert.errors.CacheWarning", "-c", RUN, method]
+    return subprocess.run(code, capture_output=True, text=True, check=True, env=environment).stdout.split()
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_second_process_does_without_numba(tmp_path, method):
+    first = run_in_a_process(tmp_path, method)
+    second = run_in_a_process(tmp_path, method)
+    assert first[0] == "True"
+    assert second[0] == "False"
+    assert first[1:] == second[1:]
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+def test_prepared_run_is_the_case_of_a_sweep(formulation, method):
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation=formulation)
+    lengths = np.linspace(0.1, 0.5, 7)
+    options = {"method": method, "rtol": 1e-9, "atol": 1e-9}
+    run, sweep = (
+        model.prepare((0, 10), **options),
+        model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, **options),
+    )
+    for i, b in enumerate(lengths):
+        p = {**PARAMETERS, "b": b}
+        np.testing.assert_array_equal(run(model.state(START, p), model.parameter_vector(p)), sweep.y[i])
+        assert run.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+def test_prepared_run_backwards_returns(method):
+    model = da.compile_model(da.scenes.chaplygin_sleigh())
+    start, p = model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS)
+    options = {"method": method, "rtol": 1e-12, "atol": 1e-12}
+    there, back = model.prepare((0, 2), **options), model.prepare((2, 0), **options)
+    np.testing.assert_allclose(back(there(start, p), p), start, atol=1e-10)
+
+
+def test_damaged_code_is_rebuilt_with_a_warning(tmp_path, monkeypatch):
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
+    loop_named.cache_clear()
+    assert loop_named("single").call is not None
+    (path,) = tmp_path.rglob("single_*.o")
+    path.write_bytes(path.read_bytes()[:-1])
+    loop_named.cache_clear()
+    with pytest.warns(CacheWarning, match="damaged and is rebuilt"):
+        assert loop_named("single").call is not None
+    loop_named.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert loop_named("single").call is not None
+    loop_named.cache_clear()
+
+
+def test_arguments_are_packed_as_addresses_and_shapes():
+    array = np.zeros((2, 3))
+    words = packed((7, (1, 2), array))
+    assert words.tolist() == [7, 1, 2, array.ctypes.data, 2, 3]
+    with pytest.raises(AssertionError):
+        packed((array[:, :2],))
