@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from exact import END, Case, final_error
+from cases import END, Problem
 
 import dalembert as da
 from dalembert.errors import ConstraintError, FormulationError, OptionError
@@ -72,23 +72,23 @@ def available_backends(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return found, missing
 
 
-def own(case: Case, backend: str, formulations: Sequence[str], methods: int | None = None) -> Iterator[Contender]:
+def own(problem: Problem, backend: str, formulations: Sequence[str], methods: int | None = None) -> Iterator[Contender]:
     """Yield dalembert's contenders: formulations that can serve times methods (the first few, or all)."""
     for formulation in formulations:
         try:
-            model = da.compile_model(da.scenes.ALL[case.scene](), backend=backend, formulation=formulation)
+            model = da.compile_model(problem.build(), backend=backend, formulation=formulation)
         except (FormulationError, ConstraintError):
             continue
         for method in model.methods[:methods]:
             try:
-                model.simulate((0, 0), case.initial, case.parameters, method=method)
+                model.simulate((0, 0), problem.initial, problem.parameters, method=method)
             except OptionError:  # a method that cannot be projected
                 continue
-            yield Contender(f"dalembert {backend}", formulation, method, _preparation(case, model, method))
+            yield Contender(f"dalembert {backend}", formulation, method, _preparation(problem, model, method))
 
 
-def _preparation(case: Case, model: Any, method: str) -> Callable[[float], Prepared]:
-    initial, parameters = case.initial, case.parameters
+def _preparation(problem: Problem, model: Any, method: str) -> Callable[[float], Prepared]:
+    initial, parameters = problem.initial, problem.parameters
     state, p = model.state(initial, parameters), model.parameter_vector(parameters)
 
     def prepare(rtol: float) -> Prepared:
@@ -103,10 +103,10 @@ def _preparation(case: Case, model: Any, method: str) -> Callable[[float], Prepa
 
         trajectory, end = call(), run()
         if not trajectory.success:
-            raise RuntimeError(f"{case.scene}, {method} at rtol {rtol:g}: {trajectory.message}")
+            raise RuntimeError(f"{problem.name}, {method} at rtol {rtol:g}: {trajectory.message}")
         if not np.allclose(end, trajectory.y[-1], rtol=1e-6, atol=1e-6):
-            raise RuntimeError(f"{case.scene}, {method} at rtol {rtol:g}: prepare() and simulate() end differently")
-        error = final_error(case, trajectory.q[-1], trajectory.qdot[-1])
+            raise RuntimeError(f"{problem.name}, {method} at rtol {rtol:g}: prepare() and simulate() end differently")
+        error = problem.error(trajectory.q[-1], trajectory.qdot[-1])
         return Prepared(run, call, error, trajectory.stats.steps, trajectory.stats.evaluations)
 
     return prepare

@@ -117,6 +117,7 @@ def show_precision(backends: Sequence[str]) -> None:
         rounds=5,
         seconds_each=0.1,
         slowest=0.05,
+        names=("sleigh", "sphere"),
         say=say,
     )
     say(

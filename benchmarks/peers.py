@@ -1,102 +1,47 @@
-"""Other solvers, on equations that a person has reduced by hand: SciPy's DOP853, and heyoka where it is installed."""
+"""Other solvers, on equations that a person reduced by hand: SciPy, and where installed heyoka, diffrax and CasADi."""
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from cases import END, Problem
 from contenders import Contender, Prepared, absolute
-from exact import END, SLEIGH, SPHERE, Case, final_error, spatial_angular_velocity
 from numpy.typing import NDArray
 
-__all__ = ["peers"]
+__all__ = ["heyoka_system", "installed", "peers"]
 
 FloatArray = NDArray[np.float64]
-Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A case in independent speeds.
-
-    Attributes
-    ----------
-    rhs : callable
-        (y, p, (sin, cos)) -> rates of the state, for numbers and for heyoka's expressions.
-    parameters : tuple of float
-        What it takes for p.
-    start : ndarray (n_y,)
-    to_scene : callable
-        State -> (q, q_dot).
-    """
-
-    rhs: Callable[[Any, Any, Functions], Sequence[Any]]
-    parameters: tuple[float, ...]
-    start: FloatArray
-    to_scene: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-
-
-def _sleigh_rhs(state: Any, p: Any, functions: Functions) -> Sequence[Any]:
-    _, _, theta, v, omega = state
-    sin, cos = functions
-    return v * cos(theta), v * sin(theta), omega, p[0] * (omega * omega), -p[1] * (v * omega)
-
-
-def _sphere_rhs(state: Any, p: Any, functions: Functions) -> Sequence[Any]:
-    _, _, psi, theta, _, ox, oy, oz = state
-    sin, cos = functions
-    sine, cosine = sin(psi), cos(psi)
-    phi_dot = (ox * sine - oy * cosine) / sin(theta)
-    still = 0.0 * ox
-    return (
-        *(p[0] * oy, -p[0] * ox),
-        *(oz - phi_dot * cos(theta), ox * cosine + oy * sine, phi_dot),
-        *(still, still, still),
-    )
-
-
-def _sleigh(case: Case) -> Reduced:
-    p, start = case.parameters, case.exact(0)
-
-    def to_scene(y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return y[:3], np.array([y[3] * math.cos(y[2]), y[3] * math.sin(y[2]), y[4]])
-
-    speeds = [start.qdot[0] * math.cos(start.q[2]) + start.qdot[1] * math.sin(start.q[2]), start.qdot[2]]
-    parameters = (p["b"], p["m"] * p["b"] / p["I_C"])
-    return Reduced(_sleigh_rhs, parameters, np.array([*start.q, *speeds]), to_scene)
-
-
-def _sphere(case: Case) -> Reduced:
-    start, parameters = case.exact(0), (case.parameters["r"],)
-
-    def to_scene(y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return y[:5], np.array(_sphere_rhs(y, parameters, (math.sin, math.cos))[:5])
-
-    omega = spatial_angular_velocity(start.q, start.qdot)
-    return Reduced(_sphere_rhs, parameters, np.array([*start.q, *omega]), to_scene)
-
-
-_REDUCED = {SLEIGH: _sleigh, SPHERE: _sphere}
-
-
-def peers(case: Case) -> Iterator[Contender]:
-    """Yield the peers that can solve a case here."""
-    reduced = _REDUCED[case](case)
-    yield Contender("SciPy", "by hand", "DOP853", lambda rtol: _scipy(case, reduced, rtol))
+def installed(name: str) -> Any:
+    """Return a module, or None where it is not installed."""
     try:
-        import heyoka
+        return importlib.import_module(name)
     except ImportError:
-        return
-    yield Contender("heyoka", "by hand", "taylor", lambda rtol: _heyoka(heyoka, case, reduced, rtol))
+        return None
 
 
-def _scipy(case: Case, reduced: Reduced, rtol: float) -> Prepared:
+def peers(problem: Problem) -> Iterator[Contender]:
+    """Yield the peers that can solve a problem here."""
+    yield Contender("SciPy", "by hand", "DOP853", lambda rtol: _scipy(problem, rtol))
+    if (heyoka := installed("heyoka")) is not None:
+        yield Contender("heyoka", "by hand", "taylor", lambda rtol: _heyoka(heyoka, problem, rtol))
+    if (diffrax := installed("diffrax")) is not None:
+        for name in ("Tsit5", "Dopri8"):
+            yield Contender("diffrax", "by hand", name, lambda rtol, name=name: _diffrax(diffrax, problem, name, rtol))
+    if (casadi := installed("casadi")) is not None:
+        yield Contender("CasADi", "by hand", "cvodes", lambda rtol: _casadi(casadi, problem, rtol))
+
+
+def _scipy(problem: Problem, rtol: float) -> Prepared:
     from scipy.integrate import solve_ivp
 
-    p, functions = reduced.parameters, (math.sin, math.cos)
+    reduced, functions = problem.reduced, (math.sin, math.cos)
+    p = reduced.parameters
 
     def rhs(_: float, y: FloatArray) -> Sequence[float]:
         return reduced.rhs(y.tolist(), p, functions)
@@ -105,16 +50,22 @@ def _scipy(case: Case, reduced: Reduced, rtol: float) -> Prepared:
         return solve_ivp(rhs, (0.0, END), reduced.start, method="DOP853", rtol=rtol, atol=absolute(rtol))
 
     solution = run()
-    error = final_error(case, *reduced.to_scene(solution.y[:, -1]))
+    error = problem.error(*reduced.to_scene(solution.y[:, -1]))
     return Prepared(run, None, error, len(solution.t) - 1, solution.nfev)
 
 
-def _heyoka(heyoka: Any, case: Case, reduced: Reduced, rtol: float) -> Prepared:
+def heyoka_system(heyoka: Any, problem: Problem) -> list[tuple[Any, Any]]:
+    """Return the equations as heyoka takes them."""
+    reduced = problem.reduced
     variables = [heyoka.expression(f"y{i}") for i in range(len(reduced.start))]
     p = [heyoka.par[i] for i in range(len(reduced.parameters))]
-    rates = reduced.rhs(variables, p, (heyoka.sin, heyoka.cos))
+    return list(zip(variables, reduced.rhs(variables, p, (heyoka.sin, heyoka.cos)), strict=True))
+
+
+def _heyoka(heyoka: Any, problem: Problem, rtol: float) -> Prepared:
+    reduced = problem.reduced
     integrator = heyoka.taylor_adaptive(
-        list(zip(variables, rates, strict=True)), reduced.start.tolist(), tol=rtol, pars=list(reduced.parameters)
+        heyoka_system(heyoka, problem), reduced.start.tolist(), tol=rtol, pars=list(reduced.parameters)
     )
 
     def run() -> Any:
@@ -123,4 +74,55 @@ def _heyoka(heyoka: Any, case: Case, reduced: Reduced, rtol: float) -> Prepared:
         return integrator.propagate_until(END)
 
     steps = run()[3]
-    return Prepared(run, None, final_error(case, *reduced.to_scene(integrator.state.copy())), steps)
+    return Prepared(run, None, problem.error(*reduced.to_scene(integrator.state.copy())), steps)
+
+
+def _diffrax(diffrax: Any, problem: Problem, method: str, rtol: float) -> Prepared:
+    import jax
+    import jax.numpy as jnp
+
+    reduced = problem.reduced
+
+    def rhs(_: Any, y: Any, p: Any) -> Any:
+        return jnp.stack(reduced.rhs(y, p, (jnp.sin, jnp.cos)))
+
+    def solve(y: Any, p: Any) -> Any:
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(rhs),
+            getattr(diffrax, method)(),
+            t0=0.0,
+            t1=END,
+            dt0=None,
+            y0=y,
+            args=p,
+            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=absolute(rtol)),
+            saveat=diffrax.SaveAt(t1=True),
+            max_steps=1_000_000,
+        )
+        return solution.ys[0], solution.stats["num_steps"]
+
+    with jax.enable_x64(True):
+        compiled = jax.jit(solve)
+        y, p = jnp.asarray(reduced.start), jnp.asarray(reduced.parameters)
+
+        def run() -> Any:
+            with jax.enable_x64(True):
+                return compiled(y, p)[0].block_until_ready()
+
+        end, steps = compiled(y, p)
+        return Prepared(run, None, problem.error(*reduced.to_scene(np.asarray(end))), int(steps))
+
+
+def _casadi(casadi: Any, problem: Problem, rtol: float) -> Prepared:
+    reduced = problem.reduced
+    y, p = casadi.SX.sym("y", len(reduced.start)), casadi.SX.sym("p", len(reduced.parameters))
+    parts = [[v[i] for i in range(v.numel())] for v in (y, p)]
+    rates = casadi.vertcat(*reduced.rhs(*parts, (casadi.sin, casadi.cos)))
+    options = {"reltol": rtol, "abstol": absolute(rtol), "max_num_steps": 1_000_000}
+    integrator = casadi.integrator("run", "cvodes", {"x": y, "p": p, "ode": rates}, 0.0, END, options)
+
+    def run() -> Any:
+        return integrator(x0=reduced.start, p=reduced.parameters)["xf"]
+
+    end = np.asarray(run()).ravel()
+    return Prepared(run, None, problem.error(*reduced.to_scene(end)))

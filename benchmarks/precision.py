@@ -1,4 +1,4 @@
-"""Speed against error: every backend, formulation and method, and peers, against exact solutions."""
+"""Speed against error: every backend, formulation and method, and peers, against references."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from cases import PROBLEMS
 from contenders import Contender, own
-from exact import SLEIGH, SPHERE, Case
 from measure import interleaved
 from peers import peers
 
-__all__ = ["CASES", "measure_contenders", "work_precision"]
+__all__ = ["measure_contenders", "work_precision"]
 
-CASES: dict[str, Case] = {"sleigh": SLEIGH, "sphere": SPHERE}
 Record = dict[str, Any]
 
 
@@ -26,6 +25,7 @@ def work_precision(
     rounds: int,
     seconds_each: float,
     slowest: float,
+    names: Sequence[str] = tuple(PROBLEMS),
     with_peers: bool = True,
     say: Callable[[str], None] = print,
 ) -> list[Record]:
@@ -43,16 +43,18 @@ def work_precision(
         See `measure.interleaved`.
     slowest : float
         A contender that takes longer for one run [s] is not run at tighter tolerances.
+    names : sequence of str
+        Names of the problems.
     with_peers : bool
-        Whether SciPy and heyoka are measured too.
+        Whether peers are measured too.
     say : callable
         Takes progress as text.
     """
     records: list[Record] = []
-    for name, case in CASES.items():
-        begin = time.perf_counter()
-        contenders = [c for backend in backends for c in own(case, backend, formulations, methods.get(backend))]
-        contenders += list(peers(case)) if with_peers else []
+    for name in names:
+        problem, begin = PROBLEMS[name], time.perf_counter()
+        contenders = [c for backend in backends for c in own(problem, backend, formulations, methods.get(backend))]
+        contenders += list(peers(problem)) if with_peers else []
         records += measure_contenders(name, contenders, tolerances, rounds, seconds_each, slowest)
         say(f"  {name}: {len(contenders)} contenders, {time.perf_counter() - begin:.0f} s")
     return records
