@@ -256,7 +256,7 @@ def readme_section(result: Record) -> str:
             " of a case (times those of dalembert's Taylor method on two threads):",
             _markdown_table(_EQUAL, _ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
             _chains_in_short(result["derivation"]),
-            "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (the loops of"
+            "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (loops of"
             " the library are compiled too) and with what that left behind:",
             _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
         ]
