@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -85,6 +85,14 @@ class Engine(ABC):
     @abstractmethod
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """Yield the solution of a problem in stretches, for those who may not want the rest of it.
+
+        Each has its accepted steps, from the end of the one before, and continuous output over them; the status of the
+        last is that of the whole. Here it is one stretch.
+        """
+        yield self.integrate(problem, method)
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]

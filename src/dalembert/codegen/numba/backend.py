@@ -8,7 +8,8 @@ integrators call many times is printed from the same program as LLVM assembly in
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -22,6 +23,7 @@ from ... import __version__
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
+from ...integrators.status import Status
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
@@ -41,6 +43,7 @@ __all__ = ["NumbaBackend"]
 
 _VECTOR = types.float64[::1]
 SIGNATURE = types.void(types.float64, _VECTOR, _VECTOR, _VECTOR)
+_FIRST_STRETCH, _LARGEST_STRETCH = 1, 256
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
@@ -93,6 +96,21 @@ class NumbaEngine(Engine):
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
         return explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`: a few steps at first, ever more later."""
+        self.prepare(problem, method)
+        left, size = problem.max_steps, _FIRST_STRETCH
+        while True:
+            solution = self.integrate(replace(problem, max_steps=min(size, left)), method)
+            left -= solution.steps + solution.rejected
+            yield solution
+            if solution.status is not Status.MAX_STEPS or left <= 0:
+                return
+            size = min(2 * size, _LARGEST_STRETCH)
+            if solution.steps:
+                step = abs(float(solution.t[-1] - solution.t[-2]))
+                problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
 
     parallel: ClassVar[bool] = True
 
