@@ -29,6 +29,7 @@ __all__ = [
     "attempt_kernel",
     "attempt_pieces",
     "fuse_products",
+    "inlined",
     "memory_size",
     "start_kernel",
 ]
@@ -64,7 +65,7 @@ def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
     carried from the end of a step to the next where nothing moves the state in between.
     """
     attempt = _Attempt(rhs, tableau, carried=carried, dense=dense)
-    evaluate = _inlined(attempt.lines, fuse_products(rhs))
+    evaluate = inlined(attempt.lines, fuse_products(rhs))
     if not carried:
         attempt.slopes[0] = evaluate("t_", attempt.y)
     for stage in attempt.later_stages():
@@ -82,7 +83,7 @@ def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
     """
     n = len(rhs.outputs)
     lines, y = Lines(), _names("y", n)
-    evaluate = _inlined(lines, fuse_products(rhs))
+    evaluate = inlined(lines, fuse_products(rhs))
     first = evaluate("t_", y)
     scales = [lines.op("div", 1.0, lines.fma(_RTOL, lines.op("abs", component), _ATOL)) for component in y]
 
@@ -306,7 +307,7 @@ def _finite(lines: Lines, value: Operand) -> Operand:
     return lines.op("less_equal", value, _HUGE)
 
 
-def _inlined(lines: Lines, rhs: Kernel) -> Slopes:
+def inlined(lines: Lines, rhs: Kernel) -> Slopes:
     """Return a function that writes the right-hand side into `lines` and gives its outputs."""
 
     def evaluate(t: Operand, y: Vector) -> Vector:

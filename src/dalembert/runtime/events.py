@@ -12,7 +12,7 @@ from ..codegen.base import FloatArray
 from ..errors import OptionError
 from ..integrators.watched import Jump, Rule, Watched
 from ..ir.interpret import interpret_rows
-from ..ir.program import Kernel
+from ..ir.program import Kernel, Program
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
@@ -99,14 +99,15 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
 class EventCode:
     """Events as kernels: what is watched, and for each event the map of a jump, which `start` makes consistent."""
 
+    program: Program
     events: tuple[Event, ...]
     watch: Watch
     jumps: tuple[Kernel | None, ...]
     start: Start
 
-    def watched(self, stages: Stages, c: FloatArray) -> Watched:
+    def watched(self, c: FloatArray) -> Watched:
         """Return what an integration with the constants c (n_c,) needs to know."""
-        program, watch = stages.program, self.watch
+        program, watch = self.program, self.watch
 
         def begins(t: float, y: FloatArray) -> FloatArray:
             return interpret_rows(watch.begins, np.array([t]), y.reshape(1, -1), c).reshape(-1, 3)
@@ -147,4 +148,4 @@ def compiled_events(stages: Stages, events: Sequence[Event], start: Callable[[It
         None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
         for event in events
     ]
-    return EventCode(tuple(events), watch, tuple(jumps), start((*layout.coordinates, *layout.rates)))
+    return EventCode(stages.program, tuple(events), watch, tuple(jumps), start((*layout.coordinates, *layout.rates)))

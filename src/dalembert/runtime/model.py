@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CompiledModel"]
 
+_NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
+
 
 @final
 class CompiledModel:
@@ -163,7 +165,7 @@ class CompiledModel:
         )
         watch = self._events(events)
         if watch is not None and error_estimate:
-            raise OptionError("error_estimate compares runs that step through the same motion; leave out the events")
+            raise OptionError(_NO_ESTIMATE)
         run = self._run(problem, chosen, begin, watch)
         if error_estimate:
             finer = replace(
@@ -216,7 +218,7 @@ class CompiledModel:
                 return self._engine.stretches(part, method)
             return iter([prescribed(part)])
 
-        return integrate_watched(stretches, problem, watch.watched(self.stages, problem.constants))
+        return integrate_watched(stretches, problem, watch.watched(problem.constants))
 
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
@@ -276,6 +278,7 @@ class CompiledModel:
         threads: int | None = None,
         progress: bool = False,
         error_estimate: bool = False,
+        events: Any = (),
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -298,6 +301,9 @@ class CompiledModel:
         error_estimate : bool
             Whether to run every case once more at a hundredth of the tolerances, from which
             ``sweep.error_estimate["x"]`` estimates the global errors.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+            and when first and last.
 
         Returns
         -------
@@ -331,7 +337,10 @@ class CompiledModel:
             max_step=max_step,
             max_steps=max_steps,
         )
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(_NO_ESTIMATE)
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
@@ -352,9 +361,11 @@ class CompiledModel:
         )
         samples = None if settings.t_eval is None else done.samples
         varied = (cases.initial, cases.parameters)
-        return Sweep(
+        run = Sweep(
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
+        watch = settings.watch
+        return run if watch is None else run.with_events([event.label for event in watch.events], done.happened)
 
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""

@@ -28,6 +28,7 @@ from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import order_for
+from ...ir.watch import quiet_kernel
 from ...runtime.cache import load_from_disk, load_in_memory, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
@@ -37,7 +38,9 @@ from .llvm import native_lanes
 from .steps import StepLibrary
 
 if TYPE_CHECKING:
+    from ...integrators.numba.scan import Watch
     from ...integrators.numba.series import StepCode
+    from ...runtime.events import EventCode
 
 __all__ = ["NumbaBackend"]
 
@@ -56,6 +59,7 @@ class NumbaEngine(Engine):
         self._parameters = len(program.layout.parameters)
         self._module = module
         self.steps = StepLibrary(program, folder)
+        self._watches: dict[tuple[EventCode, str, tuple[int, int], int], Watch] = {}
 
     def _compiled(self, name: str) -> Any:
         kernel = getattr(self._module, name)
@@ -119,23 +123,27 @@ class NumbaEngine(Engine):
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
         from ...integrators.numba.series import clipped_tolerance
 
+        if block.watch is not None and not block.y.shape[1]:
+            return super().integrate_block(block, method, result)
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
+        dense = wanted > 0 or block.watch is not None
         limits = [block.max_step, float(block.max_steps)]
         if method == "taylor":
             tolerance = clipped_tolerance(block.rtol, block.atol)
             order = order_for(tolerance)
-            codes, shape = (self.steps.taylor(order, lanes, dense=wanted > 0), 0), (order, 0)
+            codes, shape = (self.steps.taylor(order, lanes, dense=dense), 0), (order, 0)
             limits += [max(block.atol / tolerance, 1e-300)]
         else:
             tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-            codes = self.steps.attempt(tableau, lanes, dense=wanted > 0)
+            codes = self.steps.attempt(tableau, lanes, dense=dense)
             shape = (tableau.degree, memory_size(n, self.steps.carried))
             limits += [block.rtol, max(block.atol, SMALLEST_SCALE)]
         projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        sweeping_loop()((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes)
+        loop, watch = sweeping_loop(block.watch is not None), self._watch(block.watch, method, shape, lanes)
+        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, result.happened)
         if np.any(inside):
             sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
@@ -151,6 +159,36 @@ class NumbaEngine(Engine):
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         address = self.steps.run(order_for(tolerance), sizes)
         return call_driver(address, sizes, problem, max(problem.atol / tolerance, 1e-300))
+
+    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int) -> Watch:
+        """Return compiled events, for steps of a method with polynomials and a memory of that shape."""
+        from ...integrators.numba.scan import POINT_LANES, Watch
+
+        if code is None:
+            nothing = np.zeros(0, np.int64)
+            return Watch(*(0,) * 8, *(nothing,) * 4)
+        key = (code, method, shape, lanes)
+        if key not in self._watches:
+            steps, values = self.steps, code.watch.values
+            tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
+            jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
+            (degree, memory), n = shape, self._sizes["rhs"]
+            quiet = quiet_kernel(values, degree, n, n + 2 + memory, in_time=tableau is None)
+            self._watches[key] = Watch(
+                quiet=steps.further(quiet, lanes),
+                values=steps.further(values, POINT_LANES),
+                value=steps.further(values, 1),
+                begins=steps.further(code.watch.begins, 1),
+                start=steps.further(code.start.kernel, 1),
+                refill=0 if tableau is None else steps.beginning(tableau, 1),
+                given=len(code.start.given),
+                checks=2 * len(code.start.labels),
+                jumps=np.array(jumps, np.int64),
+                directions=np.array([event.direction for event in code.events], np.int64),
+                last=np.array([int(event.terminal) for event in code.events], np.int64),
+                used=np.array(sorted({load.index or 0 for load in values.loads if load.array == "y"}), np.int64),
+            )
+        return self._watches[key]
 
     def _kernels(self) -> list[int]:
         return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]

@@ -9,6 +9,7 @@ import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import final
 
@@ -73,11 +74,14 @@ class StepLibrary:
         def text() -> str:
             return attempt_assembly("attempt", rhs, tableau, lanes, dense=dense, carried=carried)
 
-        def start() -> Kernel:
-            return start_kernel(rhs, tableau, carried=carried)
-
         name = f"{tableau.name}{'_dense' if dense else ''}"
-        return self._entry(name, lanes, text, "attempt"), self._address(f"{tableau.name}_start", lanes, start)
+        return self._entry(name, lanes, text, "attempt"), self.beginning(tableau, lanes)
+
+    def beginning(self, tableau: Tableau, lanes: int) -> int:
+        """Return the address of what precedes the first attempt."""
+        rhs = self._program.kernel("rhs")
+        make = partial(start_kernel, rhs, tableau, carried=self.carried)
+        return self._address(f"{tableau.name}_start", lanes, make)
 
     @property
     def carried(self) -> bool:
@@ -90,6 +94,12 @@ class StepLibrary:
             return 0
         kernel = self._program.kernel(name)
         return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
+
+    def further(self, kernel: Kernel, lanes: int) -> int:
+        """Return the address of a kernel of (t, y, c) that is not the program's own."""
+        text = assembly([(kernel.name, replace(kernel, arguments=STEP_ARGUMENTS))], lanes)
+        name = f"{kernel.name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return self._entry(name, lanes, lambda: text, kernel.name)
 
     def run(self, order: int, sizes: tuple[int, int, int]) -> int:
         """Return the address of a whole run by Taylor steps (see `dalembert.codegen.numba.driver`)."""
