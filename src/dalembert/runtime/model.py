@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
-from ..integrators.problem import IntegrationProblem, prescribed
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
 from ..results.estimate import TIGHTER
@@ -19,6 +20,7 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
+from .events import EventCode, compiled_events, event_list
 from .explain import explain
 from .prepared import PreparedRun
 from .sweeping import Cases, Settings, available_threads, run_cases
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from ..compiler import Stages
 
 __all__ = ["CompiledModel"]
+
+_NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 
 @final
@@ -48,6 +52,7 @@ class CompiledModel:
         self._engine = engine
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
+        self._watches: dict[str, EventCode] = {}
 
     @property
     def name(self) -> str:
@@ -98,6 +103,7 @@ class CompiledModel:
         max_steps: int = 1_000_000,
         dense: bool = True,
         error_estimate: bool = False,
+        events: Any = (),
     ) -> Trajectory:
         """Simulate one trajectory.
 
@@ -125,6 +131,9 @@ class CompiledModel:
         error_estimate : bool
             Whether to run a twin at a hundredth of the tolerances beside it, from which
             ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
+            ``trajectory.events``, by name. A sign change at the very start is none.
 
         Returns
         -------
@@ -133,7 +142,7 @@ class CompiledModel:
 
         Raises
         ------
-        UnknownNameError, ValueInputError, InitialStateError, OptionError
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
         begin = time.perf_counter()
@@ -154,7 +163,10 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
-        run = self._run(problem, chosen, begin)
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(_NO_ESTIMATE)
+        run = self._run(problem, chosen, begin, watch)
         if error_estimate:
             finer = replace(
                 problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
@@ -163,13 +175,29 @@ class CompiledModel:
             run.with_twin(twin)
         return run
 
-    def _run(self, problem: IntegrationProblem, method: str, begin: float) -> Trajectory:
+    def _events(self, events: Any) -> EventCode | None:
+        """Return the kernels of events, made once for each set of them; None where there are none."""
+        listed = event_list(events, self.layout.aliases)
+        if not listed:
+            return None
+        key = repr(listed)
+        if key not in self._watches:
+            self._watches[key] = compiled_events(self.stages, listed, self._start)
+        return self._watches[key]
+
+    def _run(
+        self, problem: IntegrationProblem, method: str, begin: float, watch: EventCode | None = None
+    ) -> Trajectory:
         """Integrate one problem; its run time counts from `begin`, less what was compiled."""
         ready = time.perf_counter()
         if self.layout.state:
             self._engine.prepare(problem, method)
         compiled = time.perf_counter() - ready
-        solution = self._engine.integrate(problem, method) if self.layout.state else prescribed(problem)
+        occurrences: list[Occurrence] = []
+        if watch is not None:
+            solution, occurrences = self._watched(problem, method, watch)
+        else:
+            solution = self._engine.integrate(problem, method) if self.layout.state else prescribed(problem)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -179,7 +207,18 @@ class CompiledModel:
             run_seconds=time.perf_counter() - begin - compiled,
         )
         c = problem.constants
-        return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        return run if watch is None else run.with_events([event.label for event in watch.events], occurrences)
+
+    def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
+        """Integrate one problem with events."""
+
+        def stretches(part: IntegrationProblem) -> Iterator[Solution]:
+            if self.layout.state:
+                return self._engine.stretches(part, method)
+            return iter([prescribed(part)])
+
+        return integrate_watched(stretches, problem, watch.watched(problem.constants))
 
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
@@ -239,6 +278,7 @@ class CompiledModel:
         threads: int | None = None,
         progress: bool = False,
         error_estimate: bool = False,
+        events: Any = (),
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -261,6 +301,9 @@ class CompiledModel:
         error_estimate : bool
             Whether to run every case once more at a hundredth of the tolerances, from which
             ``sweep.error_estimate["x"]`` estimates the global errors.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+            and when first and last.
 
         Returns
         -------
@@ -294,7 +337,10 @@ class CompiledModel:
             max_step=max_step,
             max_steps=max_steps,
         )
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(_NO_ESTIMATE)
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
@@ -315,9 +361,11 @@ class CompiledModel:
         )
         samples = None if settings.t_eval is None else done.samples
         varied = (cases.initial, cases.parameters)
-        return Sweep(
+        run = Sweep(
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
+        watch = settings.watch
+        return run if watch is None else run.with_events([event.label for event in watch.events], done.happened)
 
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""

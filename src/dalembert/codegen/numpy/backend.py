@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -49,9 +49,17 @@ class NumpyEngine(Engine):
         """See `Engine.integrate`."""
         from ...integrators.scipy.solvers import integrate
 
+        return integrate(self._stepped(), method, problem)
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`: one step each."""
+        from ...integrators.scipy.solvers import stretches
+
+        return stretches(self._stepped(), method, problem)
+
+    def _stepped(self) -> Kernels:
         named = self._kernels
-        kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"))
-        return integrate(kernels, method, problem)
+        return Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"))
 
 
 @final
