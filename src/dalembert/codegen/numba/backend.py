@@ -32,6 +32,7 @@ from .prepared import prepared_run
 from .steps import StepLibrary
 
 if TYPE_CHECKING:
+    from ...integrators.numba.implicit import ImplicitCode
     from ...integrators.numba.series import StepCode
 
 __all__ = ["NumbaBackend"]
@@ -82,6 +83,8 @@ class NumbaEngine(Engine):
         """See `Engine.prepare`."""
         if method == "taylor":
             self._taylor(problem)
+        elif method == "radau":
+            self._implicit()
         else:
             self._kernels()
 
@@ -91,6 +94,10 @@ class NumbaEngine(Engine):
             from ...integrators.numba import series
 
             return series.integrate(self._taylor(problem), problem)
+        if method == "radau":
+            from ...integrators.numba import implicit
+
+            return implicit.integrate(self._implicit(), problem)
         from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
@@ -99,7 +106,10 @@ class NumbaEngine(Engine):
     parallel: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
+        """See `Engine.integrate_block`: explicit steps run in lanes, refilled as cases end."""
+        if method == "radau":
+            super().integrate_block(block, method, result)
+            return
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
 
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
@@ -138,6 +148,12 @@ class NumbaEngine(Engine):
     def _kernels(self) -> list[int]:
         return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
+    def _implicit(self) -> ImplicitCode:
+        from ...integrators.numba.implicit import ImplicitCode
+
+        rhs, *projections = self._kernels()
+        return ImplicitCode(rhs, *self.steps.derivative("rhs"), *projections)
+
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
         from ...integrators.numba.series import StepCode
 
@@ -155,6 +171,7 @@ class NumbaBackend(Backend):
         "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
+        "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
     }
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

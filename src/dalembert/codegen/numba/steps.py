@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
+from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
@@ -21,6 +22,9 @@ __all__ = ["StepLibrary"]
 
 Make = Callable[[], Kernel]
 _LOCK = threading.Lock()
+_LARGEST_JACOBIAN = 6000
+"""Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
+and some five times faster than column by column (measured on chains of pendulums)."""
 _LARGEST_UNROLLED = 10_000
 """Lines of straight-line code up to which a step is unrolled: it is some 1.5 to 3 times faster than loops, and takes
 a second to compile from there on (measured on chains of pendulums)."""
@@ -92,6 +96,20 @@ class StepLibrary:
         if name not in self._program:
             return 0
         return self._address(f"{name}_plain", 1, lambda: self._program.kernel(name), suffix="_numba")
+
+    def derivative(self, name: str) -> tuple[int, int]:
+        """Return the addresses, under numba's calling convention, of the derivative of a kernel by all of its state.
+
+        The first is the whole Jacobian, the second one column after the other (see `dalembert.ir.partials`); one of
+        them is 0.
+        """
+        kernel = self._program.kernel(name)
+        size = len(kernel.outputs)
+        if len(kernel.body) * size <= _LARGEST_JACOBIAN:
+            made = f"{name}_jacobian"
+            return self._address(made, 1, lambda: jacobian_kernel(kernel, size), suffix="_numba"), 0
+        made = f"{name}_tangent"
+        return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size), suffix="_numba")
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:

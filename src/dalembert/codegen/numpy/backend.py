@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, final
 
 import numpy as np
 
 from ... import __version__
 from ...integrators.problem import IntegrationProblem, Kernels, Solution
+from ...ir.interpret import interpret
+from ...ir.partials import jacobian_kernel
 from ...ir.program import Program
 from ...runtime.cache import load_in_memory
 from ..base import Backend, Engine, FloatArray, RenderedModule
@@ -17,10 +19,12 @@ from ..rendering import digest_of, render_source
 
 __all__ = ["NumpyBackend"]
 
+ArrayKernel = Callable[[float, FloatArray, FloatArray, FloatArray], None]
+
 
 def _filling(
-    kernel: Callable[..., tuple[float, ...]],
-) -> Callable[[float, FloatArray, FloatArray, FloatArray], None]:
+    kernel: Callable[..., Sequence[float]],
+) -> ArrayKernel:
     """Return a kernel that writes into an array."""
 
     def fill(t: float, y: FloatArray, c: FloatArray, out: FloatArray) -> None:
@@ -36,6 +40,8 @@ class NumpyEngine(Engine):
     def __init__(self, program: Program, namespace: dict[str, Any]) -> None:
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._kernels = {name: _filling(namespace[name]) for name in self._sizes if name != "prepare"}
+        self._program = program
+        self._jacobian: ArrayKernel | None = None
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`."""
@@ -47,11 +53,20 @@ class NumpyEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        from ...integrators.scipy.solvers import integrate
+        from ...integrators.scipy.solvers import IMPLICIT, integrate
 
         named = self._kernels
-        kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"))
+        jacobian = self._derivative() if method in IMPLICIT else None
+        kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
         return integrate(kernels, method, problem)
+
+    def _derivative(self) -> ArrayKernel:
+        """Return the Jacobian of the right-hand side, made when first asked for."""
+        if self._jacobian is None:
+            rhs = self._program.kernel("rhs")
+            made = jacobian_kernel(rhs, len(rhs.outputs))
+            self._jacobian = _filling(lambda t, y, c: interpret(made, {"t": t, "y": y, "c": c}))
+        return self._jacobian
 
 
 @final
