@@ -101,7 +101,7 @@ def differences(function):
     rhs = jitted(function)
 
     def jacobian(t, y, c, out):
-        n = math.isqrt(out.size)
+        n = int(math.sqrt(out.size) + 0.5)
         state, high, low = y[:n].copy(), np.empty(n), np.empty(n)
         for k in range(n):
             h = 1e-5 * max(1.0, abs(y[k]))

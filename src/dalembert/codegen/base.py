@@ -79,6 +79,14 @@ class Engine(ABC):
         """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better."""
         return methods[0]
 
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """Return the solution by `method`, unless that turns out to be unfit: with the method taken, and why."""
+        return self.integrate(problem, method), method, ""
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """Return the method to take in place of `method` for problems like this one, and why."""
+        return method, ""
+
     def prepare(self, problem: IntegrationProblem, method: str) -> None:  # noqa: B027
         """Compile what `integrate` will need for such a problem, where that is still to be done."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from .problem import FloatArray
 
 __all__ = [
+    "BETWEEN",
     "COMPLEX",
     "ERROR_ORDER",
     "ERROR_WEIGHTS",
@@ -30,6 +31,10 @@ NODES: FloatArray = np.array([(4.0 - np.sqrt(6.0)) / 10.0, (4.0 + np.sqrt(6.0)) 
 _POWERS = NODES[:, np.newaxis] ** np.arange(1, 4)
 INVERSE_POWERS: FloatArray = np.linalg.inv(_POWERS).astype(np.float64)
 """From increments at the nodes to the coefficients of theta, theta^2 and theta^3 of the collocation polynomial."""
+
+_FINE = np.linspace(0.0, 1.0, 2001)
+BETWEEN = float(np.max(np.abs(_FINE * np.prod(_FINE - NODES[:, np.newaxis], axis=0))))
+"""Largest value of theta (theta - c_1) (theta - c_2) (theta - c_3): what a term of degree four adds in between."""
 
 METHOD: FloatArray = (_POWERS / np.arange(1, 4)) @ np.linalg.inv(NODES[:, np.newaxis] ** np.arange(3))
 """Matrix A: integrals from 0 to each node of the Lagrange polynomials of the nodes."""

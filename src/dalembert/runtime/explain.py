@@ -26,6 +26,7 @@ def explain(stages: Stages, methods: Mapping[str, str]) -> str:
         f"state         {list_names(layout.state)}",
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {first}, {methods[first]}; also: {list_names(others)}",
+        *_stiff(methods),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
         f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
@@ -35,6 +36,13 @@ def explain(stages: Stages, methods: Mapping[str, str]) -> str:
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
     return "\n".join(lines)
+
+
+def _stiff(methods: Mapping[str, str]) -> list[str]:
+    first = next(iter(methods))
+    if "radau" not in methods or first == "radau":
+        return []
+    return ["              a run whose steps are held by modes long dead is stiff, and auto takes radau for it"]
 
 
 def _projections(program: Program) -> list[str]:

@@ -21,7 +21,7 @@ from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .explain import explain
 from .prepared import PreparedRun
-from .sweeping import Cases, Settings, available_threads, run_cases
+from .sweeping import Cases, Settings, available_threads, fitted, run_cases
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -154,22 +154,32 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
-        run = self._run(problem, chosen, begin)
+        run = self._run(problem, chosen, begin, automatic=method == "auto")
         if error_estimate:
             finer = replace(
                 problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
             )
-            twin = self._run(finer, self._method(method, finer.rtol, finer.atol), time.perf_counter())
+            again = self._method(method, finer.rtol, finer.atol)
+            twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
             run.with_twin(twin)
         return run
 
-    def _run(self, problem: IntegrationProblem, method: str, begin: float) -> Trajectory:
-        """Integrate one problem; its run time counts from `begin`, less what was compiled."""
+    def _run(self, problem: IntegrationProblem, method: str, begin: float, *, automatic: bool = False) -> Trajectory:
+        """Integrate one problem; its run time counts from `begin`, less what was compiled.
+
+        Where the method was chosen automatically, a stiff run changes to an implicit one.
+        """
         ready = time.perf_counter()
         if self.layout.state:
             self._engine.prepare(problem, method)
         compiled = time.perf_counter() - ready
-        solution = self._engine.integrate(problem, method) if self.layout.state else prescribed(problem)
+        note = ""
+        if not self.layout.state:
+            solution = prescribed(problem)
+        elif automatic:
+            solution, method, note = self._engine.integrate_automatic(problem, method)
+        else:
+            solution = self._engine.integrate(problem, method)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -177,6 +187,7 @@ class CompiledModel:
             evaluations=solution.evaluations,
             compile_seconds=sum(self.stages.seconds.values()) + compiled,
             run_seconds=time.perf_counter() - begin - compiled,
+            note=note,
         )
         c = problem.constants
         return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
@@ -295,11 +306,15 @@ class CompiledModel:
             max_steps=max_steps,
         )
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        if method == "auto":
+            settings = fitted(self._engine, cases, settings)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
             finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol))
+            if method == "auto":
+                finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
         return done
 
@@ -312,6 +327,7 @@ class CompiledModel:
             steps=int(done.ends[:, 2].sum()),
             compile_seconds=sum(self.stages.seconds.values()),
             run_seconds=time.perf_counter() - begin,
+            note=settings.note,
         )
         samples = None if settings.t_eval is None else done.samples
         varied = (cases.initial, cases.parameters)

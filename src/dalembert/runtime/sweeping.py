@@ -13,13 +13,14 @@ import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.problem import IntegrationProblem
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..reduction.starting import Start
 from . import inputs
 
-__all__ = ["Cases", "Settings", "available_threads", "run_cases"]
+__all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -43,6 +44,7 @@ class Settings:
     max_steps: int
     threads: int
     progress: bool
+    note: str = ""
 
 
 @final
@@ -163,6 +165,30 @@ def _meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
         ) from None
     with tqdm(total=total, unit="case", unit_scale=True) as bar:
         yield bar.update
+
+
+def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
+    """Return the settings with another method where the first, the middle or the last case shows need of it."""
+    if not cases.program.layout.state:
+        return settings
+    for i in sorted({0, cases.count // 2, cases.count - 1}):
+        block, status = cases.block(slice(i, i + 1), settings)
+        if status[0] >= 0:
+            continue
+        problem = IntegrationProblem(
+            t0=float(block.spans[0, 0]),
+            t1=float(block.spans[0, 1]),
+            y0=block.y[0],
+            constants=block.c[0],
+            rtol=settings.rtol,
+            atol=settings.atol,
+            max_step=settings.max_step,
+            max_steps=settings.max_steps,
+        )
+        method, why = engine.fit(problem, settings.method)
+        if method != settings.method:
+            return replace(settings, method=method, note=f"case {i} is {why}")
+    return settings
 
 
 def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:

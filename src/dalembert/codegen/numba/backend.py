@@ -18,7 +18,9 @@ import numpy as np
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
-from ...integrators.tableaus import TABLEAUS
+from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
+from ...integrators.tableaus import DOP853, TABLEAUS
+from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
@@ -47,6 +49,7 @@ class NumbaEngine(Engine):
     def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
         program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
+        self._rhs = program.kernel("rhs")
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
@@ -93,7 +96,9 @@ class NumbaEngine(Engine):
         if method == "taylor":
             from ...integrators.numba import series
 
-            return series.integrate(self._taylor(problem), problem)
+            solution = series.integrate(self._taylor(problem), problem)
+            assert solution is not None
+            return solution
         if method == "radau":
             from ...integrators.numba import implicit
 
@@ -101,7 +106,49 @@ class NumbaEngine(Engine):
         from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        return explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+        run = explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+        assert isinstance(run, Solution)
+        return run
+
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """See `Engine.integrate_automatic`: a run of many steps that are too small for its pace is begun anew."""
+        reason = ""
+
+        def watch(t: float, y: FloatArray, step: float) -> bool:
+            nonlocal reason
+            rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
+            if rate:
+                reason = radau_pays(problem, t, y, step, rate, self._radau, len(self._rhs.body))
+            return bool(reason)
+
+        if method == "taylor":
+            from ...integrators.numba import series
+
+            solution = series.integrate(self._taylor(problem), problem, watch)
+            return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
+        if method != "dop853":
+            return super().integrate_automatic(problem, method)
+        from ...integrators.numba import explicit
+
+        tried = explicit.integrate(explicit.Addresses(*self._kernels()), DOP853, problem, watched=True)
+        if isinstance(tried, Solution):
+            return tried, method, ""
+        if watch(tried.t, tried.y, tried.step):
+            return self._implicit_run(problem, reason)
+        return self.integrate(problem, method), method, ""
+
+    def _radau(self, problem: IntegrationProblem) -> Solution:
+        return self.integrate(problem, "radau")
+
+    def _implicit_run(self, problem: IntegrationProblem, reason: str) -> tuple[Solution, str, str]:
+        return self._radau(problem), "radau", reason
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """See `Engine.fit`."""
+        return fitting(problem, method, self._rates(problem), self.integrate, len(self._rhs.body))
+
+    def _rates(self, problem: IntegrationProblem) -> Rates:
+        return lambda t, y: interpret_rows(self._rhs, t, y, problem.constants)
 
     parallel: ClassVar[bool] = True
 
@@ -127,6 +174,8 @@ class NumbaEngine(Engine):
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
     ) -> Callable[[FloatArray, FloatArray], Final]:
         """See `Engine.prepared`."""
+        if method == "radau":
+            return super().prepared(problem, method, constants)
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))

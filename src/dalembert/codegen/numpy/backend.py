@@ -9,7 +9,8 @@ import numpy as np
 
 from ... import __version__
 from ...integrators.problem import IntegrationProblem, Kernels, Solution
-from ...ir.interpret import interpret
+from ...integrators.stiffness import fitting
+from ...ir.interpret import interpret, interpret_rows
 from ...ir.partials import jacobian_kernel
 from ...ir.program import Program
 from ...runtime.cache import load_in_memory
@@ -59,6 +60,20 @@ class NumpyEngine(Engine):
         jacobian = self._derivative() if method in IMPLICIT else None
         kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
         return integrate(kernels, method, problem)
+
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """See `Engine.integrate_automatic`: decided before the run, for little beside it."""
+        method, why = self.fit(problem, method)
+        return self.integrate(problem, method), method, why
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """See `Engine.fit`."""
+        rhs = self._program.kernel("rhs")
+
+        def rates(t: FloatArray, y: FloatArray) -> FloatArray:
+            return interpret_rows(rhs, t, y, problem.constants)
+
+        return fitting(problem, method, rates, self.integrate, len(rhs.body))
 
     def _derivative(self) -> ArrayKernel:
         """Return the Jacobian of the right-hand side, made when first asked for."""

@@ -24,6 +24,7 @@ from dalembert.integrators.numba.implicit_stages import (
     ROWS,
     SLOPE,
     Z,
+    between,
     estimate,
     evaluate_jacobian,
     factor_matrices,
@@ -191,7 +192,7 @@ def _finish(
 
 @compiled
 def _shrinkage(error: float, iterations: int) -> float:
-    """Return what the step is to be divided by, were the next error as this one; slow iterations ask for smaller steps."""
+    """Return what the step is to be divided by, were the next error as this one; slow iterations ask for more."""
     share = (2 * MAX_ITERATIONS + 1) / (2 * MAX_ITERATIONS + iterations)
     return max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, error**0.25 / (_SAFETY * share)))
 
@@ -295,6 +296,9 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
                 rtol, atol, retried or steps == 0,
             )  # fmt: skip
             evaluations += more
+            if last != 0.0:
+                spread = between(work, y, y_new, setting.differential, abs(h) / last, rtol, atol)
+                error = max(error, spread)
             failure = _SUCCESS if error <= 1.0 else _STEP_TOO_SMALL
             if not error < np.inf:
                 failure, error = _NON_FINITE, 1e4

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dalembert.integrators.collocation import (
+    BETWEEN,
     COMPLEX,
     ERROR_WEIGHTS,
     FROM_MODES,
@@ -234,6 +235,32 @@ def estimate(
         call_kernel(rhs, t, work, int(np.intp(POINT)), constants, int(np.intp(DELTA)), n)
         evaluations += 1
     return error, evaluations
+
+
+@compiled
+def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
+    """RMS norm over the tolerances of what the step's polynomial errs by between its nodes.
+
+    The error at the end says nothing of it in components that are slaved to others by stiffness, because it is damped
+    there. A point of the step before, whose polynomial is still kept, gives the term of degree four. ``ratio`` is the
+    size of this step over that of the one before.
+    """
+    x = NODES[1] - 1.0  # in fractions of the step before, then of this one
+    theta = x / ratio
+    scope = theta * (theta - NODES[0]) * (theta - NODES[1]) * (theta - NODES[2])
+    total = 0.0
+    for m in range(differential):
+        first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
+        there = x * (first + 2.0 * second + 3.0 * third + x * (second + 3.0 * third + x * third))
+        here = 0.0
+        for k in range(2, -1, -1):
+            value = 0.0
+            for i in range(3):
+                value += INVERSE_POWERS[k, i] * work[Z + i, m]
+            here = theta * (value + here)
+        scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
+        total += ((there - here) / (scope * scale)) ** 2
+    return BETWEEN * math.sqrt(total / differential)
 
 
 @compiled
