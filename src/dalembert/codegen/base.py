@@ -10,6 +10,7 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import FormulationError
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.status import Status
 from ..ir.program import Program
@@ -140,6 +141,26 @@ class Backend(ABC):
     name: ClassVar[str]
     methods: ClassVar[Mapping[str, str]]
     """Integration methods by name, each with one line of description; the first is what "auto" takes."""
+
+    for_stages: ClassVar[tuple[str, ...]] = ()
+    """Those of its methods that integrate systems of index 2."""
+
+    def serving(self, program: Program) -> Mapping[str, str]:
+        """Return the methods that can integrate a program.
+
+        Raises
+        ------
+        FormulationError
+            Where there is none.
+        """
+        if "stages" not in program:
+            return self.methods
+        if not self.for_stages:
+            raise FormulationError(
+                f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
+                f' {program.name!r}. Use formulation="minimal" or "projected", or backend="numba"'
+            )
+        return {name: self.methods[name] for name in self.for_stages}
 
     @abstractmethod
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

@@ -20,8 +20,9 @@ from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .explain import explain
+from .gains import gain_for
 from .prepared import PreparedRun
-from .sweeping import Cases, Settings, available_threads, fitted, run_cases
+from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -154,6 +155,7 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
+        problem = self._with_gains(problem, chosen, parameters)
         run = self._run(problem, chosen, begin, automatic=method == "auto")
         if error_estimate:
             finer = replace(
@@ -163,6 +165,21 @@ class CompiledModel:
             twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
             run.with_twin(twin)
         return run
+
+    def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
+        """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
+        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
+        out = [name for name in self.layout.defaults if name not in known]
+        if not out or not self.layout.state:
+            return problem
+        without = self.parameter_vector({**given, **dict.fromkeys(out, 0.0)})
+        gain = gain_for(
+            problem,
+            inputs.constants(self._program, without),
+            lambda pilot: self._engine.integrate(pilot, method),
+        )
+        p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
+        return replace(problem, constants=inputs.constants(self._program, p))
 
     def _run(self, problem: IntegrationProblem, method: str, begin: float, *, automatic: bool = False) -> Trajectory:
         """Integrate one problem; its run time counts from `begin`, less what was compiled.
@@ -308,6 +325,7 @@ class CompiledModel:
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
+        self._give_gains(cases, settings, parameters)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
@@ -317,6 +335,20 @@ class CompiledModel:
                 finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
         return done
+
+    def _give_gains(self, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
+        """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
+        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
+        out = [name for name in self.layout.defaults if name not in known]
+        problem = single_problem(cases, settings, 0) if out and self.layout.state else None
+        if problem is None:
+            return
+        for name in out:
+            cases.parameters[name] = np.zeros(1)
+        start = cases.constants(slice(0, 1))[0]
+        gain = gain_for(problem, start, lambda pilot: self._engine.integrate(pilot, settings.method))
+        for name in out:
+            cases.parameters[name] = np.array([gain])
 
     def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
         """Run all cases; the run time counts from `begin`."""

@@ -20,7 +20,7 @@ from ..ir.program import Program
 from ..reduction.starting import Start
 from . import inputs
 
-__all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases"]
+__all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases", "single_problem"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -63,6 +63,8 @@ class Cases:
         self.program = program
         self.initial = _columns("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        for name, value in layout.defaults.items():
+            self.parameters.setdefault(name, np.array([value]))
         missing = [name for name in layout.parameters if name not in self.parameters]
         if missing:
             raise UnknownNameError(
@@ -167,24 +169,31 @@ def _meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
         yield bar.update
 
 
+def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
+    """Return a case alone, or None where it cannot start."""
+    block, status = cases.block(slice(number, number + 1), settings)
+    if status[0] >= 0:
+        return None
+    return IntegrationProblem(
+        t0=float(block.spans[0, 0]),
+        t1=float(block.spans[0, 1]),
+        y0=block.y[0],
+        constants=block.c[0],
+        rtol=settings.rtol,
+        atol=settings.atol,
+        max_step=settings.max_step,
+        max_steps=settings.max_steps,
+    )
+
+
 def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
     """Return the settings with another method where the first, the middle or the last case shows need of it."""
     if not cases.program.layout.state:
         return settings
     for i in sorted({0, cases.count // 2, cases.count - 1}):
-        block, status = cases.block(slice(i, i + 1), settings)
-        if status[0] >= 0:
+        problem = single_problem(cases, settings, i)
+        if problem is None:
             continue
-        problem = IntegrationProblem(
-            t0=float(block.spans[0, 0]),
-            t1=float(block.spans[0, 1]),
-            y0=block.y[0],
-            constants=block.c[0],
-            rtol=settings.rtol,
-            atol=settings.atol,
-            max_step=settings.max_step,
-            max_steps=settings.max_steps,
-        )
         method, why = engine.fit(problem, settings.method)
         if method != settings.method:
             return replace(settings, method=method, note=f"case {i} is {why}")

@@ -49,7 +49,7 @@ class NumbaEngine(Engine):
     def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
         program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
-        self._rhs = program.kernel("rhs")
+        self._program, self._rhs = program, program.kernel("rhs")
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
@@ -80,6 +80,8 @@ class NumbaEngine(Engine):
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
         """See `Engine.automatic`: Taylor steps where they can be unrolled, else a Runge-Kutta pair."""
+        if len(methods) == 1:
+            return methods[0]
         return "taylor" if self.steps.unrolls(order_for(clipped_tolerance(rtol, atol))) else "dop853"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
@@ -102,7 +104,7 @@ class NumbaEngine(Engine):
         if method == "radau":
             from ...integrators.numba import implicit
 
-            return implicit.integrate(self._implicit(), problem)
+            return implicit.integrate(self._implicit(), problem, self._multipliers(problem))
         from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
@@ -200,8 +202,17 @@ class NumbaEngine(Engine):
     def _implicit(self) -> ImplicitCode:
         from ...integrators.numba.implicit import ImplicitCode
 
+        if "stages" in self._sizes:
+            return ImplicitCode(self.steps.numba_kernel("stages"), *self.steps.derivative("stages"), 0, 0)
         rhs, *projections = self._kernels()
         return ImplicitCode(rhs, *self.steps.derivative("rhs"), *projections)
+
+    def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
+        """Return the multipliers (k,) at the start, where the implicit method has any."""
+        if "stages" not in self._sizes:
+            return None
+        kernel = self._program.kernel("multipliers")
+        return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
 
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
         from ...integrators.numba.series import StepCode
@@ -216,6 +227,7 @@ class NumbaBackend(Backend):
     """The default backend."""
 
     name = "numba"
+    for_stages = ("radau",)
     methods: ClassVar[Mapping[str, str]] = {
         "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",

@@ -57,7 +57,9 @@ class NumpyEngine(Engine):
         from ...integrators.scipy.solvers import IMPLICIT, integrate
 
         named = self._kernels
-        jacobian = self._derivative() if method in IMPLICIT else None
+        if "stages" in named:
+            return self._integrate_stages(problem)
+        jacobian = self._derivative("rhs") if method in IMPLICIT else None
         kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
         return integrate(kernels, method, problem)
 
@@ -75,11 +77,29 @@ class NumpyEngine(Engine):
 
         return fitting(problem, method, rates, self.integrate, len(rhs.body))
 
-    def _derivative(self) -> ArrayKernel:
-        """Return the Jacobian of the right-hand side, made when first asked for."""
+    def _integrate_stages(self, problem: IntegrationProblem) -> Solution:
+        from ...integrators.index2 import integrate
+
+        c, n = problem.constants, self._sizes["stages"]
+
+        def function(kernel: ArrayKernel, size: int) -> Callable[[float, FloatArray], FloatArray]:
+            def call(t: float, y: FloatArray) -> FloatArray:
+                out = np.empty(size)
+                kernel(t, y, c, out)
+                return out
+
+            return call
+
+        jacobian = function(self._derivative("stages"), n * n)
+        start = function(self._kernels["multipliers"], self._sizes["multipliers"])(problem.t0, problem.y0)
+        rhs = function(self._kernels["stages"], n)
+        return integrate(rhs, lambda t, y: jacobian(t, y).reshape(n, n), problem, start)
+
+    def _derivative(self, name: str) -> ArrayKernel:
+        """Return the Jacobian of a kernel by its state, made when first asked for."""
         if self._jacobian is None:
-            rhs = self._program.kernel("rhs")
-            made = jacobian_kernel(rhs, len(rhs.outputs))
+            kernel = self._program.kernel(name)
+            made = jacobian_kernel(kernel, len(kernel.outputs))
             self._jacobian = _filling(lambda t, y, c: interpret(made, {"t": t, "y": y, "c": c}))
         return self._jacobian
 
@@ -89,6 +109,7 @@ class NumpyBackend(Backend):
     """Reference backend: slow, simple, and what every other backend is tested against."""
 
     name = "numpy"
+    for_stages = ("radau",)
     methods: ClassVar[Mapping[str, str]] = {
         "dop853": "explicit Runge-Kutta of order 8 (SciPy)",
         "rk45": "explicit Runge-Kutta of order 5 (SciPy)",
