@@ -14,11 +14,13 @@ from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_nam
 from ..integrators.problem import IntegrationProblem, prescribed
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
+from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
+from .comparing import compare
 from .explain import explain
 from .gains import gain_for
 from .prepared import PreparedRun
@@ -49,6 +51,7 @@ class CompiledModel:
         self._engine = engine
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
+        self._others: dict[str, CompiledModel] = {}
 
     @property
     def name(self) -> str:
@@ -335,6 +338,51 @@ class CompiledModel:
                 finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
         return done
+
+    def compare_formulations(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        formulations: Sequence[str] | None = None,
+        method: str | Mapping[str, str] = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+    ) -> Comparison:
+        """Run one motion in every formulation and return a table of errors, violations, energy drift, steps and time.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, rtol, atol
+            As for `simulate`.
+        formulations : sequence of str, optional
+            Which to compare; all by default.
+        method : str or mapping of str to str
+            The method for all formulations, or one each; a formulation that does not have it takes "auto".
+
+        Returns
+        -------
+        Comparison
+            One row a formulation, also for those that cannot serve the scene; ``print`` shows it.
+
+        Raises
+        ------
+        OptionError
+            For unknown formulations, and as `simulate`.
+        """
+        run = (t_span, initial, parameters)
+        return compare(self._in_formulation, self.name, formulations, run, (float(rtol), float(atol)), method)
+
+    def _in_formulation(self, name: str) -> CompiledModel:
+        """Return the scene's model in another formulation, on the same backend, compiled once."""
+        from ..compiler import compile_model
+
+        if name == self.formulation:
+            return self
+        if name not in self._others:
+            self._others[name] = compile_model(self.stages.scene, backend=self.backend, formulation=name)
+        return self._others[name]
 
     def _give_gains(self, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
         """Give all cases the gains that the first one would get alone, where the formulation has any left out."""

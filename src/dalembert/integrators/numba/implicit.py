@@ -268,7 +268,7 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
             if not regular:
                 regular = factor_matrices(h, setting.differential, j, real, pair, real_pivots, pair_pivots)
                 factored = h if regular else 0.0
-            scale_of(work, y, setting.differential, h, rtol, atol)
+            scale_of(work, y, setting.differential, h, rtol, atol, tolerance)
             outcome, iterations = BROKEN, 0
             if regular:
                 predict(work, ratio * abs(h))

@@ -264,10 +264,20 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
 
 
 @compiled
-def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float) -> None:
-    """Write what Newton corrections are measured by; multipliers count the less the smaller the step is."""
-    for m in range(work.shape[1]):
-        work[SCALE, m] = atol + rtol * abs(work[y, m])
+def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
+    """Write what Newton corrections are measured by.
+
+    Multipliers count the less the smaller the step is. No component is asked for more digits than rounding leaves,
+    which constraints, where there are any, divide by the step.
+    """
+    n, largest = work.shape[1], 0.0
+    for m in range(differential):
+        largest = max(largest, abs(work[y, m]))
+    noise = 1e-15 * largest / tolerance
+    if differential < n:
+        noise /= min(1.0, abs(h))
+    for m in range(n):
+        work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m]))
         if m >= differential:
             work[SCALE, m] /= min(1.0, abs(h))
 
