@@ -88,7 +88,7 @@ def test_the_plain_reference_agrees(formulation):
 
 
 def test_violations_over_a_long_run():
-    """What is projected holds to rounding, ggl to Newton's tolerance, baumgarte to some steps' error; the rest drifts."""
+    """Projected steps hold to rounding, ggl to Newton's tolerance, baumgarte to some steps' error; the rest drifts."""
     worst = {}
     for formulation in ("projected", "ggl", "baumgarte", "augmented"):
         model = compiled("pendulum", formulation)
