@@ -50,6 +50,7 @@ def compile_model(
     formulation: str = "auto",
     outputs: Sequence[Any] = (),
     cache: bool = True,
+    gains: tuple[float, float] | None = None,
 ) -> CompiledModel:
     """Compile a scene to a simulator.
 
@@ -60,13 +61,16 @@ def compile_model(
     backend : str
         "numba" (default), "jax" or "numpy".
     formulation : str
-        "minimal", "projected" or "augmented"; "auto" takes "minimal" where independent speeds exist that are
-        regular at every configuration, else "projected".
+        "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
+        exist that are regular at every configuration, else "projected".
     outputs : sequence of str or SymPy expressions
         What to record beside coordinates, rates and energy: names of unknown reaction components, or
         expressions of the scene's symbols. Nothing else is computed.
     cache : bool
         Whether the generated module and its compiled code may be kept on disk.
+    gains : (float, float), optional
+        Gains alpha and beta [1/s] of "baumgarte". Without them they are parameters ``baumgarte_alpha`` and
+        ``baumgarte_beta``, which may be left out: `simulate` then takes one over the size of the run's first steps.
 
     Returns
     -------
@@ -84,18 +88,19 @@ def compile_model(
 
     if not isinstance(source, Scene):
         raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
-    options = CompileOptions(backend, formulation, tuple(outputs), cache)
+    options = CompileOptions(backend, formulation, tuple(outputs), cache, gains)
     watch = _Watch()
     chosen = watch("backend", lambda: backend_named(options.backend))
     scene = source.copy()
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
-    reduced = watch("reduce", lambda: reduce(equations, options.formulation, _names(options.outputs)))
+    reduced = watch("reduce", lambda: reduce(equations, options.formulation, _names(options.outputs), options.gains))
     program = watch("lower", lambda: lower(reduced))
+    methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
     stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds)
-    return CompiledModel(stages, engine, chosen.methods)
+    return CompiledModel(stages, engine, methods)
 
 
 def _names(outputs: Sequence[Any]) -> list[str]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, final
+
+from .errors import OptionError
 
 __all__ = ["CompileOptions"]
 
@@ -23,9 +26,33 @@ class CompileOptions:
         Names or SymPy expressions to record.
     cache : bool
         Whether generated modules and compiled code may be kept on disk.
+    gains : (float, float) or None
+        Gains alpha and beta [1/s] of the formulation "baumgarte"; None leaves them to each run.
+
+    Raises
+    ------
+    OptionError
+        For gains that are not two positive numbers, or that no formulation takes.
     """
 
     backend: str = "numba"
     formulation: str = "auto"
     outputs: tuple[Any, ...] = ()
     cache: bool = True
+    gains: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.gains is None:
+            return
+        try:
+            alpha, beta = (float(gain) for gain in self.gains)
+        except (TypeError, ValueError):
+            raise OptionError(f"gains must be two numbers, alpha and beta [1/s], not {self.gains!r}") from None
+        if not (0.0 <= alpha < math.inf and 0.0 <= beta < math.inf):
+            raise OptionError(f"gains must be finite and not negative, not {self.gains!r}")
+        if self.formulation != "baumgarte":
+            raise OptionError(
+                f"gains are those of the formulation 'baumgarte', not of {self.formulation!r}: give formulation="
+                "'baumgarte' with them, or leave them out"
+            )
+        object.__setattr__(self, "gains", (alpha, beta))

@@ -11,8 +11,9 @@ from dalembert.integrators.tableaus import TABLEAUS
 
 NO_CONSTANTS = np.zeros(0)
 NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)
-METHODS = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(f"scipy-{name}" for name in solvers.METHODS)
-PROJECTABLE = tuple(f"numba-{name}" for name in NUMBA_METHODS) + tuple(f"scipy-{name}" for name in solvers.PROJECTABLE)
+COMPILED = (*(f"numba-{name}" for name in NUMBA_METHODS), "numba-radau")
+METHODS = (*COMPILED, *(f"scipy-{name}" for name in solvers.METHODS))
+PROJECTABLE = (*COMPILED, *(f"scipy-{name}" for name in solvers.PROJECTABLE))
 
 
 def mixed(t, y, c, out):
@@ -90,6 +91,31 @@ def jitted(function):
     return njit(KERNEL_SIGNATURE, error_model="numpy")(function)
 
 
+@cache
+def differences(function):
+    """Return a compiled Jacobian of a right-hand side by central differences, good to ten digits."""
+    from numba import njit
+
+    from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+
+    rhs = jitted(function)
+
+    def jacobian(t, y, c, out):
+        n = int(math.sqrt(out.size) + 0.5)
+        state, high, low = y[:n].copy(), np.empty(n), np.empty(n)
+        for k in range(n):
+            h = 1e-5 * max(1.0, abs(y[k]))
+            state[k] = y[k] + h
+            rhs(t, state, c, high)
+            state[k] = y[k] - h
+            rhs(t, state, c, low)
+            state[k] = y[k]
+            for i in range(n):
+                out[i * n + k] = (high[i] - low[i]) / (2 * h)
+
+    return njit(KERNEL_SIGNATURE, error_model="numpy")(jacobian)
+
+
 def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, **options) -> Solution:
     """Integrate with ``backend-method``."""
     backend, name = method.split("-")
@@ -97,6 +123,13 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     functions = (rhs, *projections)
     if backend == "scipy":
         return solvers.integrate(Kernels(*functions), name, problem)
+    if name == "radau":
+        from dalembert.integrators.numba import implicit
+        from dalembert.integrators.numba.jit import kernel_address
+
+        addresses = [f and kernel_address(f) for f in (*(f and jitted(f) for f in functions), differences(rhs))]
+        rhs_, position, velocity, jacobian = (address or 0 for address in addresses)
+        return implicit.integrate(implicit.ImplicitCode(rhs_, jacobian, 0, position, velocity), problem)
     from dalembert.integrators.numba.explicit import integrate
 
     tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)

@@ -78,7 +78,7 @@ def test_order_of_dense_output(method):
 @methods
 def test_error_falls_with_tolerance(method):
     tolerances = np.array([1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
-    slow = method in ("scipy-bdf", "scipy-radau")
+    slow = method in ("scipy-bdf", "scipy-radau", "numba-radau")
     times = np.linspace(0.0, 6.0, 31)
     errors = []
     for tolerance in tolerances[: 3 if slow else None]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import FormulationError
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import integrate_watched
@@ -106,6 +107,14 @@ class Engine(ABC):
         """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better."""
         return methods[0]
 
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """Return the solution by `method`, unless that turns out to be unfit: with the method taken, and why."""
+        return self.integrate(problem, method), method, ""
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """Return the method to take in place of `method` for problems like this one, and why."""
+        return method, ""
+
     def prepare(self, problem: IntegrationProblem, method: str) -> None:  # noqa: B027
         """Compile what `integrate` will need for such a problem, where that is still to be done."""
 
@@ -195,6 +204,26 @@ class Backend(ABC):
     name: ClassVar[str]
     methods: ClassVar[Mapping[str, str]]
     """Integration methods by name, each with one line of description; the first is what "auto" takes."""
+
+    for_stages: ClassVar[tuple[str, ...]] = ()
+    """Those of its methods that integrate systems of index 2."""
+
+    def serving(self, program: Program) -> Mapping[str, str]:
+        """Return the methods that can integrate a program.
+
+        Raises
+        ------
+        FormulationError
+            Where there is none.
+        """
+        if "stages" not in program:
+            return self.methods
+        if not self.for_stages:
+            raise FormulationError(
+                f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
+                f' {program.name!r}. Use formulation="minimal" or "projected", or backend="numba"'
+            )
+        return {name: self.methods[name] for name in self.for_stages}
 
     @abstractmethod
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

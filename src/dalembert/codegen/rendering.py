@@ -91,6 +91,8 @@ _MEANING = {
     "outputs": "Requested outputs from the state",
     "project_position": "Correction of the state onto the position constraints",
     "project_velocity": "Correction of the state onto the velocity constraints",
+    "stages": "Rates, and what constraints leave, at y = (state, multipliers)",
+    "multipliers": "Multipliers to start from",
     "initial": "State from y = (q, q_dot)",
     "mass_matrix": "Mass matrix, row by row, at y = (q, q_dot)",
     "forcing": "Given actions and bias terms at y = (q, q_dot)",

@@ -26,11 +26,15 @@ class Kernels:
         Writes dy/dt (n_y,) into ``out``.
     project_position, project_velocity
         Write one mass-orthogonal Newton correction (n_y,) into ``out``; absent where nothing is projected.
+    jacobian
+        Writes the derivatives of dy/dt by y, row by row (n_y * n_y,), into ``out``; implicit methods form differences
+        where it is absent.
     """
 
     rhs: Kernel
     project_position: Kernel | None = None
     project_velocity: Kernel | None = None
+    jacobian: Kernel | None = None
 
     @property
     def projected(self) -> bool:

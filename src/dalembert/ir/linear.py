@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -102,8 +102,14 @@ def _elimination_order(a: Sequence[Sequence[Node]]) -> list[int]:
     return order
 
 
-def factorize(graph: Graph, a: Sequence[Sequence[Node]]) -> Factorization:
+Guard = Callable[[Node, Node], Node]
+"""A pivot and the diagonal entry that it came from -> the pivot to divide by."""
+
+
+def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None) -> Factorization:
     """Return the sparse L D L^T of a symmetric matrix of which only the lower triangle is read.
+
+    With `guard`, pivots that elimination has changed are replaced by what it makes of them.
 
     Raises
     ------
@@ -120,6 +126,8 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]]) -> Factorization:
         pivot = work[k][k]
         if pivot.is_zero:
             raise SingularMatrix(order[k])
+        if guard is not None and pivot is not full[order[k]][order[k]]:
+            pivot = guard(pivot, full[order[k]][order[k]])
         pivots.append(pivot)
         column = [(i, work[i][k]) for i in range(k + 1, size) if not work[i][k].is_zero]
         for i, entry in column:

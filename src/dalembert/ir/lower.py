@@ -61,6 +61,10 @@ def lower(system: ReducedSystem) -> Program:
     }
     kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes or name == "rhs"]
     kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
+    if system.stages is not None:
+        whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
+        kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole))
+        kernels.append(lower_kernel(graph, "multipliers", system.stages.multipliers, state))
     hoisted = hoist_parameters(kernels, symbols.parameters)
     layout = Layout(
         coordinates=symbols.coordinates,
@@ -74,6 +78,7 @@ def lower(system: ReducedSystem) -> Program:
         holonomic=sum(row.position is not None for row in rows),
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
+        defaults=dict(system.defaults),
     )
     return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
 

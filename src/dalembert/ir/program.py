@@ -91,6 +91,8 @@ class Layout:
         Length of c: the parameters, then the expressions of parameters alone.
     aliases : mapping of str to str
         Text of a SymPy symbol -> name.
+    defaults : mapping of str to float
+        Parameters that may be left out, and their values then.
     """
 
     coordinates: tuple[str, ...]
@@ -104,6 +106,7 @@ class Layout:
     holonomic: int
     constants: int
     aliases: dict[str, str] = field(hash=False)
+    defaults: dict[str, float] = field(default_factory=dict, hash=False)
 
 
 @final

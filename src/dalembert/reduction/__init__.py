@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
+from dataclasses import replace
 
-from ..errors import FormulationError, OptionError, unknown_name
+from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
 from ..mechanics.equations import EquationsOfMotion
-from .base import Formulation, Projection, ReducedSystem
+from .base import Formulation, Projection, ReducedSystem, ReductionSettings
+from .baumgarte import Baumgarte
+from .ggl import GearGuptaLeimkuhler
 from .minimal import Minimal
+from .redundancy import independent_constraints
 from .saddle import Augmented, Projected
 
 __all__ = ["FORMULATIONS", "Formulation", "Projection", "ReducedSystem", "reduce"]
 
-FORMULATIONS: dict[str, Formulation] = {f.name: f for f in (Minimal(), Projected(), Augmented())}
+FORMULATIONS: dict[str, Formulation] = {
+    f.name: f for f in (Minimal(), Projected(), Baumgarte(), GearGuptaLeimkuhler(), Augmented())
+}
 """Every formulation by name; "auto" chooses among the first two."""
 
 
-def reduce(equations: EquationsOfMotion, formulation: str = "auto", requested: Sequence[str] = ()) -> ReducedSystem:
+def reduce(
+    equations: EquationsOfMotion,
+    formulation: str = "auto",
+    requested: Sequence[str] = (),
+    gains: tuple[float, float] | None = None,
+    without: Sequence[int] = (),
+) -> ReducedSystem:
     """Return the equations of motion in the given formulation.
 
     Parameters
@@ -29,6 +40,10 @@ def reduce(equations: EquationsOfMotion, formulation: str = "auto", requested: S
         configuration, else `projected`.
     requested : sequence of str
         Outputs to compute, by name or text.
+    gains : (float, float), optional
+        Gains of `baumgarte` [1/s].
+    without : sequence of int
+        Constraints that a run found to follow from the others; they are watched, but not enforced.
 
     Raises
     ------
@@ -36,20 +51,45 @@ def reduce(equations: EquationsOfMotion, formulation: str = "auto", requested: S
         For an unknown formulation.
     FormulationError
         When the formulation cannot serve the scene.
+    ConstraintError
+        For constraints that contradict each other, and reactions that are not determined.
     """
     if formulation not in (*FORMULATIONS, "auto"):
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
+    rows = equations.constraints
+    dropped = tuple(rows[i].label for i in without)
+    enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in without))
+    try:
+        reduced = _reduce(enforced, formulation, requested, gains)
+    except ConstraintError:
+        independent = independent_constraints(enforced)
+        if not independent.dropped:
+            raise
+        dropped = (*dropped, *independent.dropped)
+        reduced = _reduce(independent.equations, formulation, requested, gains)
+    if not dropped:
+        return reduced
+    note = f"left out, because they follow from the other constraints: {', '.join(dropped)}"
+    whole = replace(reduced.equations, constraints=rows)
+    return replace(reduced, equations=whole, notes=(*reduced.notes, note))
+
+
+def _reduce(
+    equations: EquationsOfMotion, formulation: str, requested: Sequence[str], gains: tuple[float, float] | None
+) -> ReducedSystem:
     if formulation == "minimal":
         return FORMULATIONS["minimal"].reduce(equations, requested)
-    if formulation != "auto":
-        # the reduced equations offer the graph forms of the same accelerations that are often a third as long
-        with contextlib.suppress(FormulationError):
-            FORMULATIONS["minimal"].reduce(equations, ())
-        return FORMULATIONS[formulation].reduce(equations, requested)
     try:
-        return FORMULATIONS["minimal"].reduce(equations, requested)
+        minimal = FORMULATIONS["minimal"].reduce(equations, requested if formulation == "auto" else ())
     except FormulationError as reason:
-        reduced = FORMULATIONS["projected"].reduce(equations, requested)
+        settings = ReductionSettings(gains, regular=False)
+        if formulation != "auto":
+            return FORMULATIONS[formulation].reduce(equations, requested, settings)
+        reduced = FORMULATIONS["projected"].reduce(equations, requested, settings)
         why = str(reason).split(": ", 1)[1].split(". Use")[0]
-        notes = (*reduced.notes, f"chosen because 'minimal' cannot serve: {why}")
-        return ReducedSystem(**{**{f: getattr(reduced, f) for f in reduced.__dataclass_fields__}, "notes": notes})
+        return replace(reduced, notes=(*reduced.notes, f"chosen because 'minimal' cannot serve: {why}"))
+    if formulation == "auto":
+        why = "chosen because its basis is regular at every configuration"
+        return minimal if not equations.constraints else replace(minimal, notes=(*minimal.notes, why))
+    # what minimal has made offers the graph forms of the same accelerations that are often a third as long
+    return FORMULATIONS[formulation].reduce(equations, requested, ReductionSettings(gains, regular=True))

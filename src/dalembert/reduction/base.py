@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import SingularMassMatrixError
@@ -12,7 +12,24 @@ from ..ir.graph import Graph, Node
 from ..ir.linear import Factorization, Matrix, SingularMatrix, factorize
 from ..mechanics.equations import EquationsOfMotion
 
-__all__ = ["Formulation", "Projection", "ReducedSystem", "factorize_inertia"]
+__all__ = ["Formulation", "Projection", "ReducedSystem", "ReductionSettings", "StageSystem", "factorize_inertia"]
+
+
+@final
+@dataclass(frozen=True)
+class ReductionSettings:
+    """What formulations are told beside the equations.
+
+    Attributes
+    ----------
+    gains : (float, float) or None
+        Gains [1/s] of the stabilised acceleration constraint; None leaves them to each run.
+    regular : bool
+        Whether the constraints are known to be independent at every configuration.
+    """
+
+    gains: tuple[float, float] | None = None
+    regular: bool = False
 
 
 @final
@@ -22,6 +39,26 @@ class Projection:
 
     position: tuple[Node, ...]
     velocity: tuple[Node, ...]
+
+
+@final
+@dataclass(frozen=True)
+class StageSystem:
+    """The same motion as a system of index 2, E Y' = rhs(t, Y), for implicit methods.
+
+    Attributes
+    ----------
+    inputs : tuple of Node
+        Y: the components of the state, which have rates, then multipliers, which have none.
+    rhs : tuple of Node
+        Rates, then what constraints leave.
+    multipliers : tuple of Node
+        Multipliers in terms of t and the state, to start from.
+    """
+
+    inputs: tuple[Node, ...]
+    rhs: tuple[Node, ...]
+    multipliers: tuple[Node, ...]
 
 
 @final
@@ -51,6 +88,12 @@ class ReducedSystem:
         Reaction components that the equations do not determine.
     notes : tuple of str
         What was chosen and why, for `explain()`.
+    start_projection : Projection or None
+        Corrections of the initial state alone, where steps are held otherwise.
+    stages : StageSystem or None
+        What implicit methods integrate instead; explicit ones cannot serve then.
+    defaults : mapping of str to float
+        Parameters that the formulation adds and that may be left out.
     """
 
     formulation: str
@@ -66,6 +109,9 @@ class ReducedSystem:
     outputs: Mapping[str, Node]
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
+    start_projection: Projection | None = None
+    stages: StageSystem | None = None
+    defaults: Mapping[str, float] = field(default_factory=dict)
 
 
 class Formulation(ABC):
@@ -74,7 +120,12 @@ class Formulation(ABC):
     name: str
 
     @abstractmethod
-    def reduce(self, equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem:
+    def reduce(
+        self,
+        equations: EquationsOfMotion,
+        requested: Sequence[str],
+        settings: ReductionSettings = ReductionSettings(),
+    ) -> ReducedSystem:
         """Return the reduced system with the `requested` outputs.
 
         Raises

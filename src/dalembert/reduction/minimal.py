@@ -13,7 +13,7 @@ from ..ir.linear import matmul, matvec, transpose
 from ..ir.ops import OPERATIONS
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
-from .base import Formulation, ReducedSystem, factorize_inertia
+from .base import Formulation, ReducedSystem, ReductionSettings, factorize_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
 
@@ -74,7 +74,12 @@ class Minimal(Formulation):
 
     name = "minimal"
 
-    def reduce(self, equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem:
+    def reduce(
+        self,
+        equations: EquationsOfMotion,
+        requested: Sequence[str],
+        settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
+    ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         try:
             best = parametrizations(equations, lambda p: self._cost(equations, p))

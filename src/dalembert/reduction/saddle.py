@@ -1,8 +1,9 @@
-"""Formulations in q and q_dot with index-1 accelerations: `projected` and `augmented`.
+"""The saddle-point system that formulations in q and q_dot share, and two of them: `projected` and `augmented`.
 
-Both solve the saddle-point system M q_ddot - J^T lam = forcing, J q_ddot = bias, by the sparse
-L D L^T of M and of J M^-1 J^T. Where M alone is singular, M + J^T J takes its place; the
-solution is the same, and the sum is regular exactly when the dynamics on the free directions is.
+M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of M and of J M^-1 J^T. Where M alone is
+singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
+free directions is. Where the constraints may depend on each other at some configurations, the pivots of J M^-1 J^T are
+guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it.
 """
 
 from __future__ import annotations
@@ -15,36 +16,87 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.linear import Factorization, SingularMatrix, factorize
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from .base import Formulation, Projection, ReducedSystem, factorize_inertia
+from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia
 from .reactions import requested_outputs
 
-__all__ = ["Augmented", "Projected"]
+__all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
+
+DEPENDENT = 1e-12
+"""Square of the sine of the angle to the constraints before it below which a constraint counts as dependent."""
+
+_SET_ASIDE = 1e300
 
 
 @final
 @dataclass(frozen=True)
-class _Saddle:
-    """The factors of one saddle-point system."""
+class SaddlePoint:
+    """The factors of the saddle-point system of a scene.
+
+    Attributes
+    ----------
+    mass : Factorization
+        Of M, or of M + J^T J.
+    forcing : tuple of Node, length n_q
+    rows : tuple of ConstraintRow
+    halves : tuple of list of Node
+        Half solutions of M x = J^T, one a constraint.
+    guarded : bool
+        Whether constraints may depend on each other at some configurations.
+    """
 
     graph: Graph
     mass: Factorization
     forcing: tuple[Node, ...]
     rows: tuple[ConstraintRow, ...]
     halves: tuple[list[Node], ...]
+    guarded: bool
+
+    @staticmethod
+    def of(equations: EquationsOfMotion, *, guarded: bool) -> SaddlePoint:
+        """Return the factors of the equations.
+
+        Raises
+        ------
+        SingularMassMatrixError
+            When a coordinate moves no inertia in a direction that the constraints leave free.
+        """
+        graph, rows = equations.graph, equations.constraints
+        matrix, forcing = equations.mass_matrix, list(equations.forcing)
+        names = equations.symbols.coordinates
+        try:
+            mass = factorize(graph, matrix)
+        except SingularMatrix:
+            n = range(len(names))
+            matrix = [[matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in n] for i in n]
+            forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in n]
+            mass = factorize_inertia(graph, matrix, names, equations.name)
+        halves = tuple(mass.half_solve(row.jacobian) for row in rows)
+        return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded)
 
     def schur(self, count: int, scene: str) -> Factorization:
-        """Return the factors of J M^-1 J^T for the first `count` constraints."""
+        """Return the factors of J M^-1 J^T for the first `count` constraints.
+
+        Raises
+        ------
+        ConstraintError
+            When a constraint depends on the others whatever the state.
+        """
         halves = self.halves[:count]
         matrix = [[self.mass.inner(halves[i], halves[j]) for j in range(i + 1)] for i in range(count)]
         full = [[matrix[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)]
         try:
-            return factorize(self.graph, full)
+            return factorize(self.graph, full, self._guard if self.guarded else None)
         except SingularMatrix as singular:
             label = self.rows[singular.index].label
             raise ConstraintError(
                 f"scene {scene!r}: {label} depends on the other constraints, whatever the state: it follows from them"
                 " or contradicts them. Remove it, or correct the one that it repeats"
             ) from None
+
+    def _guard(self, pivot: Node, diagonal: Node) -> Node:
+        graph = self.graph
+        enough = graph.call("less", graph.node(DEPENDENT) * diagonal, pivot)
+        return graph.call("select", enough, pivot, graph.node(_SET_ASIDE))
 
     def combine(self, start: Sequence[Node], weights: Sequence[Node]) -> list[Node]:
         """Return M^-1 (start + J^T weights), `start` already half solved."""
@@ -53,53 +105,49 @@ class _Saddle:
             half = [value + weight * entry for value, entry in zip(half, column, strict=True)]
         return self.mass.finish(half)
 
+    def multipliers(self, demand: Sequence[Node], scene: str) -> list[Node]:
+        """Return lam such that J q_ddot = demand."""
+        if not self.rows:
+            return []
+        free = self.mass.half_solve(self.forcing)
+        rest = [want - self.mass.inner(half, free) for want, half in zip(demand, self.halves, strict=True)]
+        return self.schur(len(self.rows), scene).solve(rest)
 
-def _saddle(equations: EquationsOfMotion) -> _Saddle:
-    graph, rows = equations.graph, equations.constraints
-    matrix, forcing = equations.mass_matrix, list(equations.forcing)
-    names = equations.symbols.coordinates
-    try:
-        mass = factorize(graph, matrix)
-    except SingularMatrix:
-        size = range(len(names))
-        matrix = [[matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in size] for i in size]
-        forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in size]
-        mass = factorize_inertia(graph, matrix, names, equations.name)
-    halves = tuple(mass.half_solve(row.jacobian) for row in rows)
-    return _Saddle(graph, mass, tuple(forcing), rows, halves)
+    def accelerations(self, demand: Sequence[Node], scene: str) -> list[Node]:
+        """Return q_ddot such that J q_ddot = demand."""
+        return self.combine(self.mass.half_solve(self.forcing), self.multipliers(demand, scene))
+
+    def projection(self, equations: EquationsOfMotion) -> Projection | None:
+        """Return the mass-orthogonal Newton corrections onto the position and velocity constraints."""
+        rows, nothing = self.rows, [self.graph.zero] * len(equations.q)
+        if not rows:
+            return None
+        velocity = [-residual for residual in velocity_residuals(equations)]
+        rates = self.combine(nothing, self.schur(len(rows), equations.name).solve(velocity))
+        holonomic = [-row.position for row in rows if row.position is not None]
+        moves = nothing
+        if holonomic:
+            moves = self.combine(nothing, self.schur(len(holonomic), equations.name).solve(holonomic))
+        return Projection((*moves, *nothing), (*nothing, *rates))
 
 
-def _accelerations(equations: EquationsOfMotion, saddle: _Saddle) -> list[Node]:
-    free = saddle.mass.half_solve(saddle.forcing)
-    if not saddle.rows:
-        return saddle.mass.finish(free)
-    schur = saddle.schur(len(saddle.rows), equations.name)
-    demand = [row.bias - saddle.mass.inner(half, free) for row, half in zip(saddle.rows, saddle.halves, strict=True)]
-    return saddle.combine(free, schur.solve(demand))
-
-
-def _projection(equations: EquationsOfMotion, saddle: _Saddle) -> Projection | None:
-    """Return the mass-orthogonal Newton corrections onto the position and velocity constraints."""
-    graph, rows = equations.graph, saddle.rows
-    if not rows:
-        return None
-    nothing = [graph.zero] * len(equations.q)
-    velocity = [
-        -(graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift) for row in rows
+def velocity_residuals(equations: EquationsOfMotion) -> list[Node]:
+    """Return what each constraint leaves on the rates."""
+    graph, qdot = equations.graph, equations.qdot
+    return [
+        graph.sum(a * b for a, b in zip(row.jacobian, qdot, strict=True)) + row.drift for row in equations.constraints
     ]
-    rates = saddle.combine(nothing, saddle.schur(len(rows), equations.name).solve(velocity))
-    holonomic = [-row.position for row in rows if row.position is not None]
-    moves = nothing
-    if holonomic:
-        moves = saddle.combine(nothing, saddle.schur(len(holonomic), equations.name).solve(holonomic))
-    return Projection((*moves, *nothing), (*nothing, *rates))
 
 
-def _reduce(
-    name: str, equations: EquationsOfMotion, requested: Sequence[str], project: bool, note: str
+def reduce_saddle(
+    name: str,
+    equations: EquationsOfMotion,
+    requested: Sequence[str],
+    accelerations: Sequence[Node],
+    notes: Sequence[str],
+    projection: Projection | None = None,
 ) -> ReducedSystem:
-    saddle = _saddle(equations)
-    accelerations = tuple(_accelerations(equations, saddle))
+    """Return the system with the state q, q_dot and the given accelerations."""
     wanted = requested_outputs(equations, requested, {}, accelerations)
     state = (*equations.q, *equations.qdot)
     return ReducedSystem(
@@ -110,12 +158,12 @@ def _reduce(
         rhs=(*equations.qdot, *accelerations),
         coordinates=equations.q,
         rates=equations.qdot,
-        accelerations=accelerations,
+        accelerations=tuple(accelerations),
         initial=state,
-        projection=_projection(equations, saddle) if project else None,
+        projection=projection,
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
-        notes=(note,),
+        notes=tuple(notes),
     )
 
 
@@ -125,10 +173,17 @@ class Projected(Formulation):
 
     name = "projected"
 
-    def reduce(self, equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem:
+    def reduce(
+        self,
+        equations: EquationsOfMotion,
+        requested: Sequence[str],
+        settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
+    ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         note = "q and q_dot, accelerations from the saddle-point system, projected onto the constraints at every step"
-        return _reduce(self.name, equations, requested, True, note)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
+        return reduce_saddle(self.name, equations, requested, found, [note], saddle.projection(equations))
 
 
 @final
@@ -137,7 +192,14 @@ class Augmented(Formulation):
 
     name = "augmented"
 
-    def reduce(self, equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem:
+    def reduce(
+        self,
+        equations: EquationsOfMotion,
+        requested: Sequence[str],
+        settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
+    ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         note = "q and q_dot, accelerations from the saddle-point system, nothing done against drift"
-        return _reduce(self.name, equations, requested, False, note)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
+        return reduce_saddle(self.name, equations, requested, found, [note])

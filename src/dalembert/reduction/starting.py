@@ -172,10 +172,11 @@ class _Starting:
         """Return the state of the formulation, projected onto the constraints where the formulation can."""
         graph, system = self.graph, self.system
         state = self._at(graph.adopt(system.initial))
-        if system.projection is None:
+        projection = system.projection or system.start_projection
+        if projection is None:
             return state
         inputs = graph.adopt(system.inputs)
-        for correction in (system.projection.position, system.projection.velocity):
+        for correction in (projection.position, projection.velocity):
             moved = graph.substitute(graph.adopt(correction), dict(zip(inputs, state, strict=True)))
             state = [a + b for a, b in zip(state, moved, strict=True)]
         return state

@@ -28,13 +28,14 @@ _ENERGIES = ("kinetic_energy", "potential_energy")
 @final
 @dataclass(frozen=True)
 class SweepStatistics:
-    """What a sweep cost."""
+    """What a sweep cost; `note` says why "auto" took another method than it usually does, where it did."""
 
     method: str
     threads: int
     steps: int
     compile_seconds: float
     run_seconds: float
+    note: str = ""
 
 
 @final

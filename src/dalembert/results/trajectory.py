@@ -32,7 +32,10 @@ _ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 @final
 @dataclass(frozen=True)
 class RunStatistics:
-    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds."""
+    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds.
+
+    `note` says why "auto" took another method than it usually does, where it did.
+    """
 
     method: str
     steps: int
@@ -40,6 +43,7 @@ class RunStatistics:
     evaluations: int
     compile_seconds: float
     run_seconds: float
+    note: str = ""
 
 
 def projected(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
@@ -119,7 +123,8 @@ class Trajectory:
     @property
     def message(self) -> str:
         """How the run ended, as a sentence."""
-        return self.status.message
+        note = self.stats.note
+        return f"{self.status.message} Method {self.stats.method}: {note}." if note else self.status.message
 
     @property
     def can_evaluate(self) -> bool:

@@ -69,12 +69,13 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
     except UnknownNameError as unknown:
         complaint = str(unknown)
         given = {layout.aliases.get(str(key), str(key)) for key in parameters}
-    missing = [name for name in layout.parameters if name not in given]
+    missing = [name for name in layout.parameters if name not in given and name not in layout.defaults]
     if missing:
         need = f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
         complaint = need if complaint is None else f"{complaint}\n{need}"
     if complaint is not None:
         raise UnknownNameError(complaint)
+    values = {**layout.defaults, **values}
     return np.array([values[name] for name in layout.parameters], dtype=float)
 
 

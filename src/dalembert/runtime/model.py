@@ -15,15 +15,18 @@ from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
+from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
+from .comparing import compare
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
+from .gains import gain_for
 from .prepared import PreparedRun
-from .sweeping import Cases, Settings, available_threads, run_cases
+from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -53,6 +56,7 @@ class CompiledModel:
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
         self._watches: dict[str, EventCode] = {}
+        self._others: dict[str, CompiledModel] = {}
 
     @property
     def name(self) -> str:
@@ -81,7 +85,10 @@ class CompiledModel:
 
     def explain(self) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""
-        return explain(self.stages, self._methods)
+        automatic = {
+            rtol: self._engine.automatic(self.methods, rtol, rtol) for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+        }
+        return explain(self.stages, self._methods, automatic)
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
@@ -166,12 +173,14 @@ class CompiledModel:
         watch = self._events(events)
         if watch is not None and error_estimate:
             raise OptionError(_NO_ESTIMATE)
-        run = self._run(problem, chosen, begin, watch)
+        problem = self._with_gains(problem, chosen, parameters)
+        run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
         if error_estimate:
             finer = replace(
                 problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
             )
-            twin = self._run(finer, self._method(method, finer.rtol, finer.atol), time.perf_counter())
+            again = self._method(method, finer.rtol, finer.atol)
+            twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
             run.with_twin(twin)
         return run
 
@@ -185,19 +194,50 @@ class CompiledModel:
             self._watches[key] = compiled_events(self.stages, listed, self._start)
         return self._watches[key]
 
+    def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
+        """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
+        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
+        out = [name for name in self.layout.defaults if name not in known]
+        if not out or not self.layout.state:
+            return problem
+        without = self.parameter_vector({**given, **dict.fromkeys(out, 0.0)})
+        gain = gain_for(
+            problem,
+            inputs.constants(self._program, without),
+            lambda pilot: self._engine.integrate(pilot, method),
+        )
+        p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
+        return replace(problem, constants=inputs.constants(self._program, p))
+
     def _run(
-        self, problem: IntegrationProblem, method: str, begin: float, watch: EventCode | None = None
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        begin: float,
+        watch: EventCode | None = None,
+        *,
+        automatic: bool = False,
     ) -> Trajectory:
-        """Integrate one problem; its run time counts from `begin`, less what was compiled."""
+        """Integrate one problem; its run time counts from `begin`, less what was compiled.
+
+        Where the method was chosen automatically, a stiff run changes to an implicit one.
+        """
         ready = time.perf_counter()
         if self.layout.state:
             self._engine.prepare(problem, method)
         compiled = time.perf_counter() - ready
+        note = ""
         occurrences: list[Occurrence] = []
         if watch is not None:
+            if automatic and self.layout.state:
+                method, note = self._engine.fit(problem, method)
             solution, occurrences = self._watched(problem, method, watch)
+        elif not self.layout.state:
+            solution = prescribed(problem)
+        elif automatic:
+            solution, method, note = self._engine.integrate_automatic(problem, method)
         else:
-            solution = self._engine.integrate(problem, method) if self.layout.state else prescribed(problem)
+            solution = self._engine.integrate(problem, method)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -205,6 +245,7 @@ class CompiledModel:
             evaluations=solution.evaluations,
             compile_seconds=sum(self.stages.seconds.values()) + compiled,
             run_seconds=time.perf_counter() - begin - compiled,
+            note=note,
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
@@ -341,13 +382,77 @@ class CompiledModel:
         if watch is not None and error_estimate:
             raise OptionError(_NO_ESTIMATE)
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
+        if method == "auto":
+            settings = fitted(self._engine, cases, settings)
+        self._give_gains(cases, settings, parameters)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
             finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol))
+            if method == "auto":
+                finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
         return done
+
+    def compare_formulations(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        formulations: Sequence[str] | None = None,
+        method: str | Mapping[str, str] = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+    ) -> Comparison:
+        """Run one motion in every formulation and return a table of errors, violations, energy drift, steps and time.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, rtol, atol
+            As for `simulate`.
+        formulations : sequence of str, optional
+            Which to compare; all by default.
+        method : str or mapping of str to str
+            The method for all formulations, or one each; a formulation that does not have it takes "auto".
+
+        Returns
+        -------
+        Comparison
+            One row a formulation, also for those that cannot serve the scene; ``print`` shows it.
+
+        Raises
+        ------
+        OptionError
+            For unknown formulations, and as `simulate`.
+        """
+        run = (t_span, initial, parameters)
+        return compare(self._in_formulation, self.name, formulations, run, (float(rtol), float(atol)), method)
+
+    def _in_formulation(self, name: str) -> CompiledModel:
+        """Return the scene's model in another formulation, on the same backend, compiled once."""
+        from ..compiler import compile_model
+
+        if name == self.formulation:
+            return self
+        if name not in self._others:
+            self._others[name] = compile_model(self.stages.scene, backend=self.backend, formulation=name)
+        return self._others[name]
+
+    def _give_gains(self, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
+        """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
+        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
+        out = [name for name in self.layout.defaults if name not in known]
+        problem = single_problem(cases, settings, 0) if out and self.layout.state else None
+        if problem is None:
+            return
+        for name in out:
+            cases.parameters[name] = np.zeros(1)
+        start = cases.constants(slice(0, 1))[0]
+        gain = gain_for(problem, start, lambda pilot: self._engine.integrate(pilot, settings.method))
+        for name in out:
+            cases.parameters[name] = np.array([gain])
 
     def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
         """Run all cases; the run time counts from `begin`."""
@@ -358,6 +463,7 @@ class CompiledModel:
             steps=int(done.ends[:, 2].sum()),
             compile_seconds=sum(self.stages.seconds.values()),
             run_seconds=time.perf_counter() - begin,
+            note=settings.note,
         )
         samples = None if settings.t_eval is None else done.samples
         varied = (cases.initial, cases.parameters)

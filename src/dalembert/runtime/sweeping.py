@@ -13,6 +13,7 @@ import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.problem import IntegrationProblem
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
@@ -20,7 +21,7 @@ from ..reduction.starting import Start
 from . import inputs
 from .events import EventCode
 
-__all__ = ["Cases", "Settings", "available_threads", "run_cases"]
+__all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases", "single_problem"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -45,6 +46,7 @@ class Settings:
     threads: int
     progress: bool
     watch: EventCode | None = None
+    note: str = ""
 
 
 @final
@@ -63,6 +65,8 @@ class Cases:
         self.program = program
         self.initial = _columns("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        for name, value in layout.defaults.items():
+            self.parameters.setdefault(name, np.array([value]))
         missing = [name for name in layout.parameters if name not in self.parameters]
         if missing:
             raise UnknownNameError(
@@ -165,6 +169,37 @@ def _meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
         ) from None
     with tqdm(total=total, unit="case", unit_scale=True) as bar:
         yield bar.update
+
+
+def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
+    """Return a case alone, or None where it cannot start."""
+    block, status = cases.block(slice(number, number + 1), settings)
+    if status[0] >= 0:
+        return None
+    return IntegrationProblem(
+        t0=float(block.spans[0, 0]),
+        t1=float(block.spans[0, 1]),
+        y0=block.y[0],
+        constants=block.c[0],
+        rtol=settings.rtol,
+        atol=settings.atol,
+        max_step=settings.max_step,
+        max_steps=settings.max_steps,
+    )
+
+
+def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
+    """Return the settings with another method where the first, the middle or the last case shows need of it."""
+    if not cases.program.layout.state:
+        return settings
+    for i in sorted({0, cases.count // 2, cases.count - 1}):
+        problem = single_problem(cases, settings, i)
+        if problem is None:
+            continue
+        method, why = engine.fit(problem, settings.method)
+        if method != settings.method:
+            return replace(settings, method=method, note=f"case {i} is {why}")
+    return settings
 
 
 def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:

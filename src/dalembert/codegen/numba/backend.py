@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
+from ...integrators.choosing import runge_kutta_pays
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.status import Status
-from ...integrators.tableaus import TABLEAUS
+from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
+from ...integrators.tableaus import DOP853, TABLEAUS
+from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
@@ -32,9 +35,10 @@ from ..rendering import digest_of, render_source
 from .llvm import native_lanes
 from .loops import toolchain
 from .prepared import prepared_run
-from .steps import StepLibrary
+from .steps import LARGEST_UNROLLED, StepLibrary
 
 if TYPE_CHECKING:
+    from ...integrators.numba.implicit import ImplicitCode
     from ...integrators.numba.scan import Watch
     from ...integrators.numba.series import StepCode
     from ...runtime.events import EventCode
@@ -52,6 +56,7 @@ class NumbaEngine(Engine):
     def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
         program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
+        self._program, self._rhs = program, program.kernel("rhs")
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
@@ -82,13 +87,20 @@ class NumbaEngine(Engine):
         return out
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
-        """See `Engine.automatic`: Taylor steps where they can be unrolled, else a Runge-Kutta pair."""
-        return "taylor" if self.steps.unrolls(order_for(clipped_tolerance(rtol, atol))) else "dop853"
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
+        if len(methods) == 1:
+            return methods[0]
+        tolerance = clipped_tolerance(rtol, atol)
+        lines = self.steps.series_lines(order_for(tolerance))
+        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._rhs, lines, tolerance)
+        return "dop853" if long else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""
         if method == "taylor":
             self._taylor(problem)
+        elif method == "radau":
+            self._implicit()
         else:
             self._kernels()
 
@@ -97,11 +109,59 @@ class NumbaEngine(Engine):
         if method == "taylor":
             from ...integrators.numba import series
 
-            return series.integrate(self._taylor(problem), problem)
+            solution = series.integrate(self._taylor(problem), problem)
+            assert solution is not None
+            return solution
+        if method == "radau":
+            from ...integrators.numba import implicit
+
+            return implicit.integrate(self._implicit(), problem, self._multipliers(problem))
         from ...integrators.numba import explicit
 
         tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        return explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+        run = explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+        assert isinstance(run, Solution)
+        return run
+
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """See `Engine.integrate_automatic`: a run of many steps that are too small for its pace is begun anew."""
+        reason = ""
+
+        def watch(t: float, y: FloatArray, step: float) -> bool:
+            nonlocal reason
+            rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
+            if rate:
+                reason = radau_pays(problem, t, y, step, rate, self._radau, len(self._rhs.body))
+            return bool(reason)
+
+        if method == "taylor":
+            from ...integrators.numba import series
+
+            solution = series.integrate(self._taylor(problem), problem, watch)
+            return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
+        if method != "dop853":
+            return super().integrate_automatic(problem, method)
+        from ...integrators.numba import explicit
+
+        tried = explicit.integrate(explicit.Addresses(*self._kernels()), DOP853, problem, watched=True)
+        if isinstance(tried, Solution):
+            return tried, method, ""
+        if watch(tried.t, tried.y, tried.step):
+            return self._implicit_run(problem, reason)
+        return self.integrate(problem, method), method, ""
+
+    def _radau(self, problem: IntegrationProblem) -> Solution:
+        return self.integrate(problem, "radau")
+
+    def _implicit_run(self, problem: IntegrationProblem, reason: str) -> tuple[Solution, str, str]:
+        return self._radau(problem), "radau", reason
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """See `Engine.fit`."""
+        return fitting(problem, method, self._rates(problem), self.integrate, len(self._rhs.body))
+
+    def _rates(self, problem: IntegrationProblem) -> Rates:
+        return lambda t, y: interpret_rows(self._rhs, t, y, problem.constants)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: a few steps at first, ever more later."""
@@ -121,7 +181,10 @@ class NumbaEngine(Engine):
     parallel: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
+        """See `Engine.integrate_block`: explicit steps run in lanes, refilled as cases end."""
+        if method == "radau":
+            super().integrate_block(block, method, result)
+            return
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
 
         if block.watch is not None and not block.y.shape[1]:
@@ -143,6 +206,8 @@ class NumbaEngine(Engine):
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
     ) -> Callable[[FloatArray, FloatArray], Final]:
         """See `Engine.prepared`."""
+        if method == "radau":
+            return super().prepared(problem, method, constants)
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
@@ -194,6 +259,21 @@ class NumbaEngine(Engine):
     def _kernels(self) -> list[int]:
         return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
+    def _implicit(self) -> ImplicitCode:
+        from ...integrators.numba.implicit import ImplicitCode
+
+        if "stages" in self._sizes:
+            return ImplicitCode(self.steps.numba_kernel("stages"), *self.steps.derivative("stages"), 0, 0)
+        rhs, *projections = self._kernels()
+        return ImplicitCode(rhs, *self.steps.derivative("rhs"), *projections)
+
+    def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
+        """Return the multipliers (k,) at the start, where the implicit method has any."""
+        if "stages" not in self._sizes:
+            return None
+        kernel = self._program.kernel("multipliers")
+        return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
+
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
         from ...integrators.numba.series import StepCode
 
@@ -207,10 +287,12 @@ class NumbaBackend(Backend):
     """The default backend."""
 
     name = "numba"
+    for_stages = ("radau",)
     methods: ClassVar[Mapping[str, str]] = {
         "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
+        "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
     }
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
+from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
@@ -18,11 +19,14 @@ from .llvm import Compiled, assembly, load_object
 from .objects import object_code
 from .series_loops import loop_assembly
 
-__all__ = ["StepLibrary"]
+__all__ = ["LARGEST_UNROLLED", "StepLibrary"]
 
 Make = Callable[[], Kernel]
 _LOCK = threading.Lock()
-_LARGEST_UNROLLED = 10_000
+_LARGEST_JACOBIAN = 6000
+"""Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
+and some five times faster than column by column (measured on chains of pendulums)."""
+LARGEST_UNROLLED = 10_000
 """Lines of straight-line code up to which a step is unrolled: it is some 1.5 to 3 times faster than loops, and takes
 a second to compile from there on (measured on chains of pendulums)."""
 
@@ -50,14 +54,14 @@ class StepLibrary:
         name = f"taylor{order}{'_series' if dense else ''}"
         return self._entry(name, lanes, lambda: self._taylor_text(name, order, lanes, dense), name)
 
-    def unrolls(self, order: int) -> bool:
-        """Whether a Taylor step of this order is small enough to be unrolled."""
-        return self._known_recurrences().unrolled_lines(order) <= _LARGEST_UNROLLED
+    def series_lines(self, order: int) -> int:
+        """Return the lines of the recurrences of a Taylor step, unrolled."""
+        return self._known_recurrences().unrolled_lines(order)
 
     def _taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
         """Return a Taylor step: unrolled where that is affordable, else with its recurrences as loops."""
         known = self._known_recurrences()
-        if not self.unrolls(order):
+        if self.series_lines(order) > LARGEST_UNROLLED:
             return loop_assembly(name, known, order, lanes, dense=dense)
         return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
 
@@ -103,6 +107,20 @@ class StepLibrary:
         if name not in self._program:
             return 0
         return self._address(f"{name}_plain", 1, lambda: self._program.kernel(name), suffix="_numba")
+
+    def derivative(self, name: str) -> tuple[int, int]:
+        """Return the addresses, under numba's calling convention, of the derivative of a kernel by all of its state.
+
+        The first is the whole Jacobian, the second one column after the other (see `dalembert.ir.partials`); one of
+        them is 0.
+        """
+        kernel = self._program.kernel(name)
+        size = len(kernel.outputs)
+        if len(kernel.body) * size <= _LARGEST_JACOBIAN:
+            made = f"{name}_jacobian"
+            return self._address(made, 1, lambda: jacobian_kernel(kernel, size), suffix="_numba"), 0
+        made = f"{name}_tangent"
+        return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size), suffix="_numba")
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, final
 
 import numpy as np
 
 from ... import __version__
 from ...integrators.problem import IntegrationProblem, Kernels, Solution
+from ...integrators.stiffness import fitting
+from ...ir.interpret import interpret, interpret_rows
+from ...ir.partials import jacobian_kernel
 from ...ir.program import Program
 from ...runtime.cache import load_in_memory
 from ..base import Backend, Engine, FloatArray, RenderedModule
@@ -17,10 +20,12 @@ from ..rendering import digest_of, render_source
 
 __all__ = ["NumpyBackend"]
 
+ArrayKernel = Callable[[float, FloatArray, FloatArray, FloatArray], None]
+
 
 def _filling(
-    kernel: Callable[..., tuple[float, ...]],
-) -> Callable[[float, FloatArray, FloatArray, FloatArray], None]:
+    kernel: Callable[..., Sequence[float]],
+) -> ArrayKernel:
     """Return a kernel that writes into an array."""
 
     def fill(t: float, y: FloatArray, c: FloatArray, out: FloatArray) -> None:
@@ -36,6 +41,8 @@ class NumpyEngine(Engine):
     def __init__(self, program: Program, namespace: dict[str, Any]) -> None:
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._kernels = {name: _filling(namespace[name]) for name in self._sizes if name != "prepare"}
+        self._program = program
+        self._jacobian: ArrayKernel | None = None
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`."""
@@ -49,17 +56,66 @@ class NumpyEngine(Engine):
         """See `Engine.integrate`."""
         from ...integrators.scipy.solvers import integrate
 
-        return integrate(self._stepped(), method, problem)
+        return self._integrate_stages(problem) if self._staged else integrate(self._stepped(method), method, problem)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: one step each."""
+        """See `Engine.stretches`: one step each; of equations in stages, the whole run."""
         from ...integrators.scipy.solvers import stretches
 
-        return stretches(self._stepped(), method, problem)
+        if self._staged:
+            return iter([self._integrate_stages(problem)])
+        return stretches(self._stepped(method), method, problem)
 
-    def _stepped(self) -> Kernels:
+    @property
+    def _staged(self) -> bool:
+        return "stages" in self._kernels
+
+    def _stepped(self, method: str) -> Kernels:
+        from ...integrators.scipy.solvers import IMPLICIT
+
         named = self._kernels
-        return Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"))
+        jacobian = self._derivative("rhs") if method in IMPLICIT else None
+        return Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
+
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """See `Engine.integrate_automatic`: decided before the run, for little beside it."""
+        method, why = self.fit(problem, method)
+        return self.integrate(problem, method), method, why
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """See `Engine.fit`."""
+        rhs = self._program.kernel("rhs")
+
+        def rates(t: FloatArray, y: FloatArray) -> FloatArray:
+            return interpret_rows(rhs, t, y, problem.constants)
+
+        return fitting(problem, method, rates, self.integrate, len(rhs.body))
+
+    def _integrate_stages(self, problem: IntegrationProblem) -> Solution:
+        from ...integrators.index2 import integrate
+
+        c, n = problem.constants, self._sizes["stages"]
+
+        def function(kernel: ArrayKernel, size: int) -> Callable[[float, FloatArray], FloatArray]:
+            def call(t: float, y: FloatArray) -> FloatArray:
+                out = np.empty(size)
+                kernel(t, y, c, out)
+                return out
+
+            return call
+
+        jacobian = function(self._derivative("stages"), n * n)
+        start = function(self._kernels["multipliers"], self._sizes["multipliers"])(problem.t0, problem.y0)
+        rhs = function(self._kernels["stages"], n)
+        return integrate(rhs, lambda t, y: jacobian(t, y).reshape(n, n), problem, start)
+
+    def _derivative(self, name: str) -> ArrayKernel:
+        """Return the Jacobian of a kernel by its state, made when first asked for."""
+        if self._jacobian is None:
+            kernel = self._program.kernel(name)
+            made = jacobian_kernel(kernel, len(kernel.outputs))
+            self._jacobian = _filling(lambda t, y, c: interpret(made, {"t": t, "y": y, "c": c}))
+        return self._jacobian
 
 
 @final
@@ -67,6 +123,7 @@ class NumpyBackend(Backend):
     """Reference backend: slow, simple, and what every other backend is tested against."""
 
     name = "numpy"
+    for_stages = ("radau",)
     methods: ClassVar[Mapping[str, str]] = {
         "dop853": "explicit Runge-Kutta of order 8 (SciPy)",
         "rk45": "explicit Runge-Kutta of order 5 (SciPy)",

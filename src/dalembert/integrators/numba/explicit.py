@@ -6,8 +6,9 @@ load it from numba's disk cache.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numba import types
@@ -19,8 +20,11 @@ from dalembert.integrators.numba.jit import VECTOR, call_kernel, compiled, compi
 from dalembert.integrators.numba.packing import PACKED_TABLEAU, POINT, PackedTableau, pack
 from dalembert.integrators.numba.projection import project
 from dalembert.integrators.numba.stages import (
+    HELD_STEPS,
     LANES,
+    WATCHED_FROM,
     all_finite,
+    at_boundary,
     dense_polynomial,
     error_norm,
     evaluate_polynomial,
@@ -60,6 +64,7 @@ class Settings(NamedTuple):
     max_steps: int
     sampled: bool
     dense: bool
+    watched: bool
 
 
 class Record(NamedTuple):
@@ -79,8 +84,18 @@ class Record(NamedTuple):
     pieces: FloatArray
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Where a watched run was stopped: time, size of the last step, and state (n_y,)."""
+
+    t: float
+    step: float
+    y: FloatArray
+
+
 ADDRESSES = types.NamedUniTuple(types.intp, 3, Addresses)
-SETTINGS = types.NamedTuple((types.float64,) * 6 + (types.intp, types.boolean, types.boolean), Settings)
+SETTINGS = types.NamedTuple((types.float64,) * 6 + (types.intp, types.boolean, types.boolean, types.boolean), Settings)
 
 _SUCCESS = int(Status.SUCCESS)
 _MAX_STEPS = int(Status.MAX_STEPS)
@@ -89,9 +104,12 @@ _NON_FINITE = int(Status.NON_FINITE)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 
 _CAPACITY = 64
+_STOPPED = -1
 
 
-def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: IntegrationProblem) -> Solution:
+def integrate(
+    kernels: Kernels | Addresses, tableau: Tableau, problem: IntegrationProblem, *, watched: bool = False
+) -> Solution | Held:
     """Integrate a problem with an explicit Runge-Kutta pair.
 
     Parameters
@@ -103,11 +121,13 @@ def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: Integrati
         The method.
     problem
         The problem; its arrays are copied.
+    watched
+        Whether to stop where stability, not accuracy, holds the steps for long.
 
     Returns
     -------
-    Solution
-        Numerical failure is its status, never an exception.
+    Solution or Held
+        Numerical failure is its status, never an exception. `Held` where the run was stopped.
     """
     if isinstance(kernels, Kernels):
         functions = (kernels.rhs, kernels.project_position, kernels.project_velocity)
@@ -122,11 +142,15 @@ def integrate(kernels: Kernels | Addresses, tableau: Tableau, problem: Integrati
         int(problem.max_steps),
         problem.t_eval is not None,
         bool(problem.dense),
+        watched,
     )
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
     y0 = np.array(problem.y0, dtype=np.float64)
     constants = np.array(problem.constants, dtype=np.float64)
     record = Record(*_compiled_loop()(kernels, pack(tableau), settings, y0, constants, t_eval))
+    if record.status == _STOPPED:
+        t, step, state = record.rows[0, 0], record.rows[1, 0], record.rows[0, 1:].copy()
+        return Held(float(t), float(step), state)
     return _solution(record, problem)
 
 
@@ -249,6 +273,7 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
         evaluations += 1
         status = _SUCCESS if all_finite(work, y, tableau.first) else _NON_FINITE
         size, previous, retried = settings.first_step, SMALLEST_PREVIOUS, False
+        held = int(np.intp(0))
         if status == _SUCCESS and size == 0.0 and span > 0.0:
             limit = min(span, settings.max_step)
             size = first_step_size(
@@ -279,6 +304,8 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
                     status = failure
                 continue
 
+            if settings.watched and steps >= WATCHED_FROM:  # before the point of the last stage is overwritten
+                held = held + 1 if at_boundary(tableau, h, work, y_new, n) else 0
             pending = recorded < t_eval.size and (t_eval[recorded] - t_new) * direction < 0.0
             if settings.dense or pending:
                 piece = steps if settings.dense else 0
@@ -309,6 +336,10 @@ def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
             if not settings.sampled:
                 rows, recorded = store(rows, recorded, t_new, work, y_new), recorded + 1
             steps += 1
+            if held == HELD_STEPS:
+                rows = store(store(rows, 1, abs(h), work, y_new), 0, t_new, work, y_new)
+                status = _STOPPED
+                break
             size = abs(h) * growth(error, previous, retried, tableau.exponent)
             previous, retried = max(error, SMALLEST_PREVIOUS), False
             t = t_new

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -28,13 +29,29 @@ class StepCode:
     velocity: int = 0
 
 
-def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
+Watch = Callable[[float, FloatArray, float], bool]
+"""Time, state and mean size of the last steps -> whether to stop there."""
+
+_WATCHED_FROM, _WATCHED_REST = 900, 4000
+
+
+def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
     """Integrate a problem with a Taylor step.
+
+    Parameters
+    ----------
+    code
+        The step and the projections.
+    problem
+        The problem; its arrays are copied.
+    watch
+        Asked between blocks of steps whether to stop, in runs that have many more steps before them.
 
     Returns
     -------
     Solution
-        Numerical failure is its status, never an exception. Each step is one evaluation of the series.
+        Numerical failure is its status, never an exception. Each step is one evaluation of the series. None where the
+        run was stopped.
     """
     n = len(problem.y0)
     loop = marching_loop()
@@ -60,6 +77,10 @@ def integrate(code: StepCode, problem: IntegrationProblem) -> Solution:
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)
         size = min(2 * size, _LARGEST_BLOCK)
+        if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
+            step = abs(float(span[0]) - start) / count
+            if abs(problem.t1 - float(span[0])) >= _WATCHED_REST * step and watch(float(span[0]), y[0], step):
+                return None
     return record.solution(Status(status))
 
 

@@ -14,6 +14,10 @@ from dalembert.integrators.numba.packing import POINT, PackedTableau
 from dalembert.integrators.tableau import FloatArray
 
 LANES = 8
+WATCHED_FROM, HELD_STEPS = 1000, 15
+"""Steps after which a run is watched for stiffness, and steps in a row at the boundary that say so."""
+
+_BOUNDARY = 3.0
 
 
 @compiled
@@ -91,6 +95,19 @@ def error_norm(
     if total == 0.0 and total_second == 0.0:
         return 0.0
     return abs(h) * total / math.sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
+
+
+@compiled
+def at_boundary(tableau: PackedTableau, h: float, work: FloatArray, y_new: int, n: int) -> bool:
+    """Whether a step is near the limit of stability, from slopes at its end and at the last stage before it.
+
+    Source: Hairer and Wanner, section IV.2; both points are at the end of the step, and ``work[POINT]`` is the latter.
+    """
+    slopes = states = 0.0
+    for m in range(n):
+        slopes += (work[tableau.first + tableau.end, m] - work[tableau.first + tableau.end - 1, m]) ** 2
+        states += (work[y_new, m] - work[POINT, m]) ** 2
+    return h * h * slopes > _BOUNDARY * _BOUNDARY * states
 
 
 @compiled

@@ -17,6 +17,7 @@ from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.integrators.status import Status
 
 METHODS = ("dop853", "rk45", "radau", "lsoda", "bdf")
+IMPLICIT = ("radau", "lsoda", "bdf")
 PROJECTABLE = ("dop853", "rk45", "radau")
 
 _ATTEMPT_EVALUATIONS = {"dop853": 12, "rk45": 6}
@@ -277,6 +278,17 @@ class _Run:
             raise _NonFiniteError
         return slope
 
+    def _jacobian(self, t: float, y: FloatArray) -> FloatArray:
+        out = np.zeros(len(y) ** 2)
+        assert self.kernels.jacobian is not None
+        try:
+            self.kernels.jacobian(t, y, self.problem.constants, out)
+        except (ArithmeticError, ValueError):
+            raise _NonFiniteError from None
+        if not np.all(np.isfinite(out)):
+            raise _NonFiniteError
+        return out.reshape(len(y), len(y))
+
     def _solver(self, y0: FloatArray) -> Any:
         from scipy import integrate as scipy_integrate  # SciPy takes long to import
 
@@ -290,6 +302,7 @@ class _Run:
         problem = self.problem
         span = abs(problem.t1 - problem.t0)
         explicit = self.method in _ATTEMPT_EVALUATIONS
+        known = {} if explicit or self.kernels.jacobian is None else {"jac": self._jacobian}
         solver = classes[self.method](
             self._guarded_rhs if explicit else self._checked_rhs,
             problem.t0,
@@ -299,6 +312,7 @@ class _Run:
             atol=problem.atol,
             max_step=problem.max_step,
             first_step=None if problem.first_step is None else min(problem.first_step, span),
+            **known,
         )
         self.evaluations += solver.nfev
         return solver

@@ -1,0 +1,64 @@
+"""`ggl`: positions and velocities of the constraints hold at once, each by a multiplier of its own.
+
+q_dot = v + J^T mu, M v_dot = forcing + J^T lam, phi(q) = 0, J v + drift = 0: the stabilised index-2 system of C. W.
+Gear, B. Leimkuhler and G. K. Gupta, Journal of Computational and Applied Mathematics 12 & 13 (1985) 77-90. mu vanishes
+along exact motions; nonholonomic constraints have no position and no mu.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import final
+
+from ..ir.graph import Node
+from ..mechanics.equations import EquationsOfMotion
+from .base import Formulation, ReducedSystem, ReductionSettings, StageSystem
+from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
+
+__all__ = ["GearGuptaLeimkuhler"]
+
+
+@final
+class GearGuptaLeimkuhler(Formulation):
+    """State q, q_dot; multipliers are unknowns of every stage of an implicit method."""
+
+    name = "ggl"
+
+    def reduce(
+        self,
+        equations: EquationsOfMotion,
+        requested: Sequence[str],
+        settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
+    ) -> ReducedSystem:
+        """See `Formulation.reduce`."""
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        demand = [row.bias for row in saddle.rows]
+        found = saddle.accelerations(demand, equations.name)
+        note = "q and q_dot with multipliers at every stage of an implicit method, which hold positions and velocities"
+        reduced = reduce_saddle(self.name, equations, requested, found, [note])
+        if not saddle.rows:
+            return reduced
+        return replace(
+            reduced,
+            start_projection=saddle.projection(equations),
+            stages=_stages(equations, saddle, saddle.multipliers(demand, equations.name)),
+        )
+
+
+def _stages(equations: EquationsOfMotion, saddle: SaddlePoint, start: Sequence[Node]) -> StageSystem:
+    graph, rows = equations.graph, saddle.rows
+    positions = [row for row in rows if row.position is not None]
+    lam = [graph.input(f"multiplier {i}") for i in range(len(rows))]
+    mu = [graph.input(f"shift {i}") for i in range(len(positions))]
+    rates = [
+        speed + graph.sum(row.jacobian[i] * weight for row, weight in zip(positions, mu, strict=True))
+        for i, speed in enumerate(equations.qdot)
+    ]
+    accelerations = saddle.combine(saddle.mass.half_solve(saddle.forcing), lam)
+    left = [*velocity_residuals(equations), *(row.position for row in positions if row.position is not None)]
+    return StageSystem(
+        inputs=(*equations.q, *equations.qdot, *lam, *mu),
+        rhs=(*rates, *accelerations, *left),
+        multipliers=(*start, *([graph.zero] * len(mu))),
+    )
