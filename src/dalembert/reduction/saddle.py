@@ -21,7 +21,7 @@ from .reactions import requested_outputs
 
 __all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
 
-DEPENDENT = 1e-12
+DEPENDENT = 1e-13
 """Square of the sine of the angle to the constraints before it below which a constraint counts as dependent."""
 
 _SET_ASIDE = 1e300

@@ -12,18 +12,22 @@ import numpy as np
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.problem import IntegrationProblem, prescribed
+from ..integrators.status import Status
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
 from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
+from ..results.linearization import Linearization
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .comparing import compare
 from .explain import explain
 from .gains import gain_for
+from .linear import linearized
 from .prepared import PreparedRun
+from .singular import judged, redundant, singular_start
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 if TYPE_CHECKING:
@@ -52,6 +56,10 @@ class CompiledModel:
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
         self._others: dict[str, CompiledModel] = {}
+        self._fewer: dict[tuple[int, ...], CompiledModel] = {}
+        rows = range(len(self.layout.constraints))
+        reduced = stages.reduced
+        self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
 
     @property
     def name(self) -> str:
@@ -158,6 +166,13 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
+        able = self._independent(problem, chosen, begin)
+        if isinstance(able, Trajectory):
+            return able
+        if able is not self:
+            run_options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
+            run_options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense}
+            return able.simulate(t_span, initial, parameters, error_estimate=error_estimate, **run_options)
         problem = self._with_gains(problem, chosen, parameters)
         run = self._run(problem, chosen, begin, automatic=method == "auto")
         if error_estimate:
@@ -168,6 +183,29 @@ class CompiledModel:
             twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
             run.with_twin(twin)
         return run
+
+    def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> CompiledModel | Trajectory:
+        """Return the model that enforces no constraint which follows from others around the start of a problem.
+
+        Where only the start itself is singular, return the run that ends there.
+        """
+        if not self._enforced:
+            return self
+        where = (self._program, problem.t0, problem.y0, problem.constants, self._enforced)
+        found = redundant(*where)
+        if found is None:
+            statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, singular_start(*where))
+            status = Status.SINGULAR_CONFIGURATION
+            y0 = problem.y0[np.newaxis]
+            return Trajectory(self._program, problem.constants, status, np.array([problem.t0]), y0, statistics, None)
+        if not found:
+            return self
+        from ..compiler import recompile
+
+        without = tuple(sorted({*found, *self.stages.reduced.left_out}))
+        if without not in self._fewer:
+            self._fewer[without] = recompile(self.stages, without)
+        return self._fewer[without]
 
     def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
         """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
@@ -200,6 +238,9 @@ class CompiledModel:
             solution, method, note = self._engine.integrate_automatic(problem, method)
         else:
             solution = self._engine.integrate(problem, method)
+        if self._enforced:
+            solution, where = judged(self._program, solution, problem.constants, self._enforced)
+            note = "; ".join(text for text in (note, where) if text)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -373,6 +414,42 @@ class CompiledModel:
         """
         run = (t_span, initial, parameters)
         return compare(self._in_formulation, self.name, formulations, run, (float(rtol), float(atol)), method)
+
+    def linearize(
+        self,
+        t: float,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        states: Sequence[str] | None = None,
+    ) -> Linearization:
+        """Linearise the motion about a state, in independent coordinates and speeds.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        initial, parameters : mapping of symbols or names to numbers
+            The state and the parameters, as for `simulate`: what the constraints fix may be left out.
+        states : sequence of str, optional
+            Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
+            that the constraints fix least.
+
+        Returns
+        -------
+        Linearization
+            With named rows and columns, and `eigenvalues`.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong.
+        """
+        p = self.parameter_vector(parameters)
+        c = inputs.constants(self._program, p)
+        values = inputs.given_values(self.layout, initial)
+        y = inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+        return linearized(self._program, float(t), y, p, c, states)
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""
