@@ -27,7 +27,7 @@ from .explain import explain
 from .gains import gain_for
 from .linear import linearized
 from .prepared import PreparedRun
-from .singular import judged, redundant, singular_start
+from .singular import indeterminate, judged, redundant, singular_start, still_redundant
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ class CompiledModel:
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
         self._others: dict[str, CompiledModel] = {}
+        self._note = ""
         self._fewer: dict[tuple[int, ...], CompiledModel] = {}
         rows = range(len(self.layout.constraints))
         reduced = stages.reduced
@@ -204,7 +205,11 @@ class CompiledModel:
 
         without = tuple(sorted({*found, *self.stages.reduced.left_out}))
         if without not in self._fewer:
+            labels = [self.layout.constraints[i] for i in found]
             self._fewer[without] = recompile(self.stages, without)
+            self._fewer[
+                without
+            ]._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
         return self._fewer[without]
 
     def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
@@ -240,7 +245,14 @@ class CompiledModel:
             solution = self._engine.integrate(problem, method)
         if self._enforced:
             solution, where = judged(self._program, solution, problem.constants, self._enforced)
-            note = "; ".join(text for text in (note, where) if text)
+            loose = indeterminate(self._program, problem.t0, problem.y0, problem.constants)
+            note = "; ".join(text for text in (note, where, loose) if text)
+        if self._note:
+            tolerance = 1e3 * (problem.rtol + problem.atol)
+            solution, broken = still_redundant(
+                self._program, solution, problem.constants, self.stages.reduced.left_out, max(tolerance, 1e-6)
+            )
+            note = "; ".join(text for text in (self._note, note, broken) if text)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -346,6 +358,7 @@ class CompiledModel:
         """
         begin = time.perf_counter()
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        given = (t_span, initial, parameters)
         if grid is not None:
             initial, parameters = _with_grid(self.layout, grid, initial, parameters)
         cases = Cases(self._program, self._start, t_span, initial, parameters)
@@ -367,6 +380,12 @@ class CompiledModel:
             max_steps=max_steps,
         )
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        first = single_problem(cases, settings, 0) if self._enforced else None
+        able = self if first is None else self._independent(first, chosen, begin)
+        if isinstance(able, CompiledModel) and able is not self:
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+            return able.sweep(*given, t_eval=t_eval, error_estimate=error_estimate, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
         self._give_gains(cases, settings, parameters)

@@ -19,7 +19,7 @@ from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["judged", "redundant", "singular_start"]
+__all__ = ["indeterminate", "judged", "redundant", "singular_start", "still_redundant"]
 
 _LOST = 1e-7
 """Share below which rank is lost."""
@@ -211,3 +211,41 @@ def _cut(solution: Solution, t: float) -> Solution:
         steps = max(1, int(np.sum(dense.knots < t if forward else dense.knots > t)) - 1)
         dense = PiecewisePolynomial(dense.knots[: steps + 1], dense.coefficients[:steps])
     return replace(solution, status=Status.SINGULAR_CONFIGURATION, t=solution.t[kept], y=solution.y[kept], dense=dense)
+
+
+def still_redundant(
+    program: Program, solution: Solution, c: FloatArray, left_out: Sequence[int], tolerance: float
+) -> tuple[Solution, str]:
+    """Return a run ended before constraints that were left out as redundant come to be violated by more than rounding.
+
+    The tolerance is relative to the size of the coordinates.
+    """
+    places = [i for i in left_out if i < program.layout.holonomic]
+    if not places or len(solution.t) == 0:
+        return solution, ""
+    x = interpret_rows(program.kernel("expand"), solution.t, solution.y, c)
+    left = np.abs(interpret_rows(program.kernel("position_residual"), solution.t, x, c)[:, places])
+    wrong = np.max(left, axis=1) > tolerance * max(1.0, float(np.max(np.abs(x), initial=0.0)))
+    if not np.any(wrong):
+        return solution, ""
+    first = int(np.argmax(wrong))
+    label = program.layout.constraints[places[int(np.argmax(left[first]))]]
+    note = f"at t = {solution.t[first]:.6g} {label} no longer follows from the others, as it did around the start"
+    return _cut(solution, float(solution.t[first])), note
+
+
+def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> str:
+    """Return which of the requested reactions the equations do not determine at a state, as a note."""
+    if "reaction_matrix" not in program:
+        return ""
+    layout = program.layout
+    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
+    rows = interpret_rows(program.kernel("reaction_matrix"), np.array([t]), x, c)
+    matrix = rows.reshape(len(layout.coordinates), len(layout.unknowns))
+    if not np.all(np.isfinite(matrix)):
+        return ""
+    _, values, directions = np.linalg.svd(matrix)
+    loose = directions[int(np.sum(values > _LOST * values.max(initial=0.0))) :]
+    weights = np.max(np.abs(loose), axis=0, initial=0.0)
+    names = [n for n, weight in zip(layout.unknowns, weights, strict=True) if weight > _LOST and n in layout.outputs]
+    return f"the reactions {list_names(names)} are not determined here, and the least ones are given" if names else ""
