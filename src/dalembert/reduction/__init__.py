@@ -58,7 +58,9 @@ def reduce(
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
     rows = equations.constraints
     left_out = tuple(without)
-    enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
+    enforced = equations
+    if left_out:
+        enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
     try:
         reduced = _reduce(enforced, formulation, requested, gains)
     except ConstraintError:
