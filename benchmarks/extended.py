@@ -113,9 +113,10 @@ def _coefficients(rhs: Callable[..., Sequence[Any]], p: Sequence[Any], y: Sequen
 def main() -> None:
     """Write the references of all cases that have no closed form."""
     from cases import END, EXTENDED
+    from sweeps import references as samples
 
     references = {}
-    for name, (rhs, p, start) in EXTENDED.items():
+    for name, (rhs, p, start) in {**EXTENDED, **samples()}.items():
         references[name] = [mpmath.nstr(v, 25) for v in final_state(rhs, p, start, END)]
         print(name, references[name][:3], flush=True)
     FILE.write_text(json.dumps(references, indent=1) + "\n", encoding="utf-8")

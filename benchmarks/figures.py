@@ -10,7 +10,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from measure import growth_exponent
 
-__all__ = ["drift_picture", "energy_picture", "scaling_picture", "sleigh_picture", "sphere_picture", "work_precision"]
+__all__ = [
+    "drift_picture",
+    "energy_picture",
+    "scaling_picture",
+    "sleigh_picture",
+    "sphere_picture",
+    "sweep_picture",
+    "work_precision",
+]
 
 COLOURS = {
     "dalembert numba": "#0072B2",
@@ -18,6 +26,8 @@ COLOURS = {
     "dalembert numpy": "#009E73",
     "SciPy": "#999999",
     "heyoka": "#CC79A7",
+    "diffrax": "#E69F00",
+    "CasADi": "#56B4E9",
 }
 _PLAIN = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 _ROUNDING = 1e-16
@@ -67,6 +77,35 @@ def work_precision(records: Sequence[Mapping[str, Any]], path: Path) -> Path:
     panels[0].set_ylabel("microseconds of a run (median, quartiles)")
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    return _save(figure, path)
+
+
+def sweep_picture(records: Sequence[Mapping[str, Any]], path: Path) -> Path:
+    """Draw microseconds of a case against the error at the end, one panel a scene."""
+    scenes = list(dict.fromkeys(record["scene"] for record in records))
+    figure = Figure(figsize=(6.4 * len(scenes), 5.2), layout="constrained")
+    panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
+    labels = list(dict.fromkeys(record["label"] for record in records))
+    for panel, scene in zip(panels, scenes, strict=True):
+        for i, label in enumerate(labels):
+            line = [r for r in records if r["scene"] == scene and r["label"] == label]
+            solver = next((name for name in COLOURS if label.startswith(name)), "")
+            panel.plot(
+                [r["error"] for r in line],
+                [r["us"]["median"] for r in line],
+                label=label,
+                color=COLOURS.get(solver, "black"),
+                linestyle=":" if "1 thread" in label else "-",
+                marker=_MARKERS[i % len(_MARKERS)],
+                markersize=4.5,
+            )
+        panel.set(xscale="log", yscale="log", title=f"{scene}, many cases of 10 s", xlabel="largest error at the end")
+        panel.invert_xaxis()
+        panel.grid(alpha=0.3, which="major")
+    panels[0].set_ylabel("microseconds of a case (median)")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8, frameon=False
+    )
     return _save(figure, path)
 
 

@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from equal_error import TARGETS, ratios
+
 __all__ = ["RESULT", "describe_machine", "fill", "markdown", "precision_text", "selected", "startup_text"]
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,7 +84,7 @@ def precision_text(records: Sequence[Record]) -> str:
     return note + "\n\n".join(_text_table(head, rows) for _, head, rows in _precision_rows(records, False))
 
 
-_STAGES = ("import", "scene", "compile_model", "simulate", "simulate again", "process")
+_STAGES = ("import", "scene", "compile_model", "first call", "second call", "process")
 
 
 def _startup_rows(startup: Mapping[str, Mapping[str, Record]]) -> list[list[str]]:
@@ -145,14 +147,67 @@ def markdown(result: Record) -> str:
             "Microseconds of a run, median [quartiles] / of `simulate()` as called, and (largest error at the end)."
             " Peers solve equations that a person reduced by hand.",
             *precision,
+            "At equal error, microseconds of a run (times that of dalembert's Taylor method):",
+            _markdown_table(_EQUAL, _ratio_rows(result["precision"], "trajectory", _OWN_RUN, (_OWN_RUN, *_PEERS))),
+            f"## Sweeps of {result['sweeps'][0]['cases']:,} cases of 10 s",
+            "Microseconds of a case, median [quartiles] of the whole call (peers: of their loop), and (largest error of"
+            " a sample at the end).",
+            *_sweeps(result),
             "## Derivation, chains of rods",
             *_derivation(result),
-            "## Start-up: the sleigh's first trajectory in a new process, seconds",
+            "## Start-up: the sleigh's first trajectory, or first sweep, in a new process, seconds",
             _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
             f"Imports in a new process: {imports}.",
             "",
         ]
     )
+
+
+def _ratio_rows(records: Sequence[Record], kind: str, reference: str, labels: Sequence[str] = ()) -> list[list[str]]:
+    """Return rows of time and ratio at equal errors, a row a scene and contender."""
+    rows = []
+    for r in ratios(records, kind, reference):
+        if labels and r["label"] not in labels:
+            continue
+        cells = [
+            "-" if time is None else f"{_microseconds(time)}" + ("" if share is None else f" ({share:.2g}x)")
+            for time, share in zip(r["times"], r["ratios"], strict=True)
+        ]
+        rows.append([f"{r['scene']}: {r['label']}", *cells])
+    return rows
+
+
+_EQUAL = ["", *(f"error {target:.0e}" for target in TARGETS)]
+_OWN_RUN, _OWN_SWEEP = "dalembert numba minimal taylor", "dalembert numba taylor, 2 threads"
+_PEERS = ("heyoka by hand taylor", "diffrax by hand Tsit5", "diffrax by hand Dopri8", "SciPy by hand DOP853")
+
+
+def _sweep_cell(r: Record) -> str:
+    share = r["peak_share"]
+    text = f"{r['us']['median']:.3g} [{r['us']['low']:.3g}, {r['us']['high']:.3g}] ({r['error']:.0e})"
+    return text + ("" if share is None else f" {100 * share:.0f}% of peak")
+
+
+def _sweeps(result: Record) -> list[str]:
+    """Return the tables of sweeps."""
+    records, parts = result["sweeps"], []
+    for scene in dict.fromkeys(r["scene"] for r in records):
+        own = [r for r in records if r["scene"] == scene]
+        tolerances = sorted({r["rtol"] for r in own}, reverse=True)
+        rows = []
+        for label in dict.fromkeys(r["label"] for r in own):
+            cells = {r["rtol"]: _sweep_cell(r) for r in own if r["label"] == label}
+            rows.append([label, *(cells.get(rtol, "-") for rtol in tolerances)])
+        parts.append(_markdown_table([f"{scene}, rtol", *(f"{rtol:.0e}" for rtol in tolerances)], rows))
+    unequal = [[r["kind"], f"{1e3 * r['us_per_step']:.1f}", f"{100 * r['throughput']:.0f}%"] for r in result["unequal"]]
+    estimates = "; ".join(f"rtol {r['rtol']:.0e}: {100 * r['within']:.1f}%" for r in result["coverage"])
+    return [
+        *parts,
+        "At equal error, microseconds of a case (times those of dalembert on two threads):",
+        _markdown_table(_EQUAL, _ratio_rows(records, "sweep", _OWN_SWEEP)),
+        _markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
+        f"Cases whose estimated error is within a factor 10 of the true one: {estimates}.",
+    ]
 
 
 def selected(records: Sequence[Record]) -> list[Record]:
@@ -195,9 +250,14 @@ def readme_section(result: Record) -> str:
             f"Measured on {describe_machine(result['machine'])}.",
             "Microseconds of a run of 10 s / of `simulate()` as called, and (largest error at the end):",
             *precision,
+            "One trajectory at equal error, by `model.prepare()`: microseconds of a run (times dalembert's):",
+            _markdown_table(_EQUAL, _ratio_rows(result["precision"], "trajectory", _OWN_RUN, (_OWN_RUN, *_PEERS))),
+            f"`model.sweep()` of {result['sweeps'][0]['cases']:,} cases, the whole call, at equal error: microseconds"
+            " of a case (times those of dalembert's Taylor method on two threads):",
+            _markdown_table(_EQUAL, _ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
             _chains_in_short(result["derivation"]),
-            "Seconds to the sleigh's first trajectory in a new process, with empty caches (the library's own loops are"
-            " compiled too) and with what that left behind:",
+            "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (loops of"
+            " the library are compiled too) and with what that left behind:",
             _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
         ]
     )

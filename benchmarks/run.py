@@ -21,12 +21,14 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 import figures
 import report
+from cases import PROBLEMS
 from contenders import available_backends
 from derivation import kane_scaling, scaling
 from exact import ROOT
 from measure import growth_exponent, machine
 from precision import work_precision
 from startup import first_trajectory, import_seconds
+from sweeps import CASES, coverage, measure_sweeps, unequal_cases
 
 
 @dataclass(frozen=True)
@@ -43,22 +45,34 @@ class Extent:
     derivation_limit: float
     kane_sizes: tuple[int, ...]
     startups: int
+    startup_backends: tuple[str, ...]
+    names: tuple[str, ...]
+    sweep_cases: int
+    sweep_tolerances: tuple[float, ...]
+    sweep_rounds: int
+    sweep_slowest: float
 
 
 QUICK = Extent(
-    tolerances=(1e-4, 1e-6, 1e-9, 1e-12),
+    tolerances=(1e-6, 1e-9, 1e-12),
     formulations=("minimal", "projected"),
-    methods={"numpy": 1},
-    rounds=7,
+    methods={"numpy": 1, "jax": 1},
+    rounds=5,
     seconds_each=0.1,
     slowest=0.05,
-    sizes=(2, 4, 5, 6, 10),
+    sizes=(2, 4, 6, 10),
     derivation_limit=10.0,
-    kane_sizes=(2, 4, 6),
+    kane_sizes=(2, 4),
     startups=1,
+    startup_backends=("numba",),
+    names=("sleigh", "unequal sphere"),
+    sweep_cases=4096,
+    sweep_tolerances=(1e-6, 1e-9),
+    sweep_rounds=5,
+    sweep_slowest=0.2,
 )
 FULL = Extent(
-    tolerances=(1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
+    tolerances=(1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
     formulations=("minimal", "projected", "augmented"),
     methods={},
     rounds=25,
@@ -68,6 +82,12 @@ FULL = Extent(
     derivation_limit=120.0,
     kane_sizes=(2, 4, 6, 8),
     startups=3,
+    startup_backends=("numba", "jax", "numpy"),
+    names=tuple(PROBLEMS),
+    sweep_cases=CASES,
+    sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
+    sweep_rounds=9,
+    sweep_slowest=1.0,
 )
 MODES = {"quick": QUICK, "full": FULL}
 
@@ -107,18 +127,35 @@ def measure(mode: str) -> dict[str, Any]:
         rounds=extent.rounds,
         seconds_each=extent.seconds_each,
         slowest=extent.slowest,
+        names=extent.names,
         say=say,
+    )
+    say("sweeps")
+    sweeps = measure_sweeps(
+        extent.sweep_tolerances,
+        rounds=extent.sweep_rounds,
+        slowest=extent.sweep_slowest,
+        say=say,
+        count=extent.sweep_cases,
     )
     say("derivation")
     chains = scaling(extent.sizes, extent.derivation_limit, say)
     kane = kane_scaling(extent.kane_sizes, say)
     say("start-up")
-    startup = {backend: first_trajectory(backend, extent.startups) for backend in backends}
+    startup = {
+        backend: first_trajectory(backend, extent.startups)
+        for backend in extent.startup_backends
+        if backend in backends
+    }
+    startup["numba, sweep"] = first_trajectory("numba", extent.startups, "sweep")
     return {
         "mode": mode,
         "machine": where,
         "missing": missing,
         "precision": precision,
+        "sweeps": sweeps,
+        "unequal": unequal_cases(extent.sweep_cases),
+        "coverage": coverage(),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
         "startup": startup,
         "imports": import_seconds(),
@@ -157,6 +194,7 @@ def write(result: dict[str, Any], folder: Path) -> None:
     (folder / "bench.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     (folder / "bench.md").write_text(report.markdown(result), encoding="utf-8")
     figures.work_precision(report.selected(result["precision"]), folder / "work_precision.png")
+    figures.sweep_picture(result["sweeps"], folder / "sweeps.png")
     derivation = result["derivation"]
     figures.scaling_picture(derivation["chains"], derivation["kane"], folder / "derivation.png")
 

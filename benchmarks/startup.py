@@ -26,13 +26,14 @@ built = time.perf_counter()
 model = da.compile_model(scene, backend=sys.argv[1])
 compiled = time.perf_counter()
 initial = {"x": 0, "y": 0, "theta": 0.2, "theta_dot": 2.0, "x_dot": 0.98}
-model.simulate((0, 10), initial, {"m": 1, "b": 0.3, "I_C": 0.5})
+what, b = (model.sweep, [0.2, 0.3, 0.4]) if sys.argv[2] == "sweep" else (model.simulate, 0.3)
+what((0, 10), initial, {"m": 1, "b": b, "I_C": 0.5})
 simulated = time.perf_counter()
-model.simulate((0, 10), initial, {"m": 1, "b": 0.3, "I_C": 0.5})
+what((0, 10), initial, {"m": 1, "b": b, "I_C": 0.5})
 again = time.perf_counter()
 print(json.dumps({
     "import": imported - begin, "scene": built - imported, "compile_model": compiled - built,
-    "simulate": simulated - compiled, "simulate again": again - simulated, "stages": model.stages.seconds,
+    "first call": simulated - compiled, "second call": again - simulated, "stages": model.stages.seconds,
 }))
 """
 
@@ -53,8 +54,8 @@ def _child(code: str, *arguments: str, **environment: str) -> tuple[float, str]:
     return seconds, done.stdout
 
 
-def first_trajectory(backend: str, repetitions: int = 1) -> dict[str, Record]:
-    """Return the seconds of the sleigh's first trajectory in a first and in a second process.
+def first_trajectory(backend: str, repetitions: int = 1, what: str = "simulate") -> dict[str, Record]:
+    """Return the seconds of the sleigh's first trajectory, or first sweep, in a first and in a second process.
 
     Both caches (dalembert's and numba's, thus also the library's own integrator loop) are empty folders
     before the first process of each repetition. Medians over the repetitions.
@@ -64,7 +65,7 @@ def first_trajectory(backend: str, repetitions: int = 1) -> dict[str, Record]:
         with tempfile.TemporaryDirectory() as folder:
             caches = {"DALEMBERT_CACHE_DIR": f"{folder}/modules", "NUMBA_CACHE_DIR": f"{folder}/numba"}
             for samples in runs.values():
-                wall, text = _child(_CHILD, backend, **caches)
+                wall, text = _child(_CHILD, backend, what, **caches)
                 samples.append({**json.loads(text), "process": wall})
     return {name: _medians(samples) for name, samples in runs.items()}
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 from . import errors, scenes
 from .compiler import compile_model
 from .results.grid import grid
+from .runtime.events import Event
 from .scene import Joint, Scene, unknowns
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Event",
     "Joint",
     "LagrangeView",
     "Scene",

@@ -172,7 +172,7 @@ def test_numbers_that_are_not_finite_reach_no_neighbour(method):
     c = np.tile(interpret(model.stages.program.kernel("prepare"), {"p": p}), (3, 1))
 
     def run(y):
-        result = BlockResult(np.zeros_like(y), np.zeros((3, 3)), np.zeros((3, 0, y.shape[1])))
+        result = BlockResult.empty(3, y.shape[1], 0)
         spans = np.tile([0.0, 2.0], (3, 1))
         model._engine.integrate_block(CaseBlock(y, c, spans, np.zeros(0), 1e-8, 1e-8, np.inf, 10**5), method, result)
         return result

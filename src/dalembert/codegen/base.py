@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormulationError
-from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
+from ..integrators.watched import integrate_watched
 from ..ir.program import Program
+
+if TYPE_CHECKING:
+    from ..runtime.events import EventCode
 
 __all__ = ["Backend", "BlockResult", "CaseBlock", "Engine", "FloatArray", "RenderedModule"]
 
@@ -47,7 +51,10 @@ class RenderedModule:
 @final
 @dataclass(frozen=True, eq=False)
 class CaseBlock:
-    """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings."""
+    """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
+
+    ``watch`` are events, or None.
+    """
 
     y: FloatArray
     c: FloatArray
@@ -57,16 +64,36 @@ class CaseBlock:
     atol: float
     max_step: float
     max_steps: int
+    watch: EventCode | None = None
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """Arrays to write to: final states (k, n_y), ends (k, 3) = final time, status, steps, samples (k, n_t, n_y)."""
+    """Arrays to write to: final states (k, n_y), ends (k, 3) = final time, status, steps, samples (k, n_t, n_y).
+
+    ``happened`` (k, 3 n_events) are the number of each event and the times of its first and last occurrence.
+    """
 
     y: FloatArray
     ends: FloatArray
     samples: FloatArray
+    happened: FloatArray
+
+    @classmethod
+    def empty(cls, count: int, size: int, wanted: int, events: int = 0) -> BlockResult:
+        """Return results of cases that did not run, for states of a size, times to record, and events."""
+        happened = np.full((count, 3 * events), np.nan)
+        happened[:, ::3] = 0.0
+        return cls(np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan), happened)
+
+    def __getitem__(self, cases: slice | NDArray[np.bool_]) -> BlockResult:
+        """Return the results of some cases: views for a slice, copies for a mask."""
+        return BlockResult(self.y[cases], self.ends[cases], self.samples[cases], self.happened[cases])
+
+    def __setitem__(self, cases: NDArray[np.bool_], other: BlockResult) -> None:
+        self.y[cases], self.ends[cases] = other.y, other.ends
+        self.samples[cases], self.happened[cases] = other.samples, other.happened
 
 
 class Engine(ABC):
@@ -94,6 +121,14 @@ class Engine(ABC):
     @abstractmethod
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """Yield the solution of a problem in stretches, for those who may not want the rest of it.
+
+        Each has its accepted steps, from the end of the one before, and continuous output over them; the status of the
+        last is that of the whole. Here it is one stretch.
+        """
+        yield self.integrate(problem, method)
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
@@ -127,12 +162,40 @@ class Engine(ABC):
                 max_step=block.max_step,
                 max_steps=block.max_steps,
             )
+            if block.watch is not None:
+                watched_case(self, block, i, problem, method, result)
+                continue
             solution = self.integrate(problem, method)
             result.y[i] = solution.y[-1] if len(solution.y) else block.y[i]
             end = solution.t[-1] if len(solution.t) else block.spans[i, 0]
             result.ends[i] = end, solution.status, solution.steps
             count = min(len(solution.y), len(block.t_eval))
             result.samples[i, :count] = solution.y[:count]
+
+
+def watched_case(
+    engine: Engine, block: CaseBlock, i: int, problem: IntegrationProblem, method: str, result: BlockResult
+) -> None:
+    """Write the results of case i of a block with events."""
+    assert block.watch is not None
+
+    def stretches(part: IntegrationProblem) -> Iterator[Solution]:
+        return engine.stretches(part, method) if len(part.y0) else iter([prescribed(part)])
+
+    watched = block.watch.watched(block.c[i])
+    solution, occurrences = integrate_watched(stretches, replace(problem, t_eval=None, dense=True), watched)
+    result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
+    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    reached = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+    if len(reached) and solution.dense is not None:
+        result.samples[i, : len(reached)] = watched.settle(reached, solution.dense(reached))
+    ends = ((solution.t[0], solution.y[0]), (solution.t[-1], solution.y[-1]))
+    for t, y in ends:
+        result.samples[i, : len(reached)][reached == t] = y
+    for occurrence in occurrences:
+        count, first, _ = result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3]
+        row = count + 1, first if count else occurrence.t, occurrence.t
+        result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3] = row
 
 
 class Backend(ABC):

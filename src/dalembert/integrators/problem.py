@@ -1,7 +1,7 @@
 """The initial value problem that every integrator takes and the solution it returns."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, final
 
@@ -118,8 +118,8 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether the end of the time span was reached."""
-        return self.status is Status.SUCCESS
+        """Whether the end of the time span, or a terminal event, was reached."""
+        return self.status.success
 
 
 class DenseOutput(ABC):
@@ -150,6 +150,10 @@ class DenseOutput(ABC):
         step = self._locate(times)
         h = self.knots[step + 1] - self.knots[step]
         theta = np.divide(times - self.knots[step], h, out=np.zeros_like(times), where=h != 0.0)
+        return self._evaluate(step, theta)
+
+    def within(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
+        """Return states (k, n_y) at the fractions ``theta`` (k,) of the steps numbered ``step`` (k,)."""
         return self._evaluate(step, theta)
 
     def _locate(self, times: FloatArray) -> NDArray[np.intp]:
@@ -189,6 +193,32 @@ class PiecewisePolynomial(DenseOutput):
         for power in range(self.coefficients.shape[1] - 2, -1, -1):
             value = value * fraction + self.coefficients[step, power]
         return value
+
+
+@final
+class JoinedOutput(DenseOutput):
+    """Continuous outputs one after the other; the motion may jump where they meet, and is then that after the jump.
+
+    Parameters
+    ----------
+    knots
+        Ends of the parts (n_parts + 1,).
+    parts
+        One continuous output a part, of at least its length.
+    """
+
+    def __init__(self, knots: FloatArray, parts: Sequence[DenseOutput]) -> None:
+        super().__init__(knots)
+        self.parts = tuple(parts)
+
+    def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
+        times = self.knots[step] + theta * (self.knots[step + 1] - self.knots[step])
+        order = np.argsort(step, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(step[order])) + 1)
+        found = [self.parts[int(step[group[0]])](times[group]) for group in groups if len(group)]
+        values = np.empty((len(times), found[0].shape[1] if found else 0))
+        values[order] = np.concatenate(found) if found else values
+        return values
 
 
 def prescribed(problem: IntegrationProblem) -> Solution:

@@ -13,7 +13,16 @@ class Status(enum.IntEnum):
     PROJECTION_FAILED = 4
     INITIAL_STATE = 5
     INTERRUPTED = 6
+    EVENT = 7
+    EVENTS_ACCUMULATE = 8
+    EVENT_STATE = 9
+    EVENT_NON_FINITE = 10
     SINGULAR_CONFIGURATION = 11
+
+    @property
+    def success(self) -> bool:
+        """Whether the run ended as it should: at the end of its span, or at a terminal event."""
+        return self in (Status.SUCCESS, Status.EVENT)
 
     @property
     def message(self) -> str:
@@ -50,4 +59,18 @@ _MESSAGES = {
         "choose coordinates that are regular there."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
+    Status.EVENT: "A terminal event ended the run.",
+    Status.EVENTS_ACCUMULATE: (
+        "Events with apply follow each other ever faster, infinitely many within a finite time, as the bounces of a "
+        "ball do; the run ends where they accumulate: go on from there with a model of the rest or of the contact, "
+        "or make the event terminal."
+    ),
+    Status.EVENT_STATE: (
+        "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "
+        "and rate that jumps, in accordance with the constraints."
+    ),
+    Status.EVENT_NON_FINITE: (
+        "A watched expression is NaN or infinite on the way: make it finite wherever the motion goes, or end the run "
+        "before with a terminal event."
+    ),
 }

@@ -30,6 +30,7 @@ __all__ = [
     "attempt_kernel",
     "attempt_pieces",
     "fuse_products",
+    "inlined",
     "memory_size",
     "start_kernel",
     "start_pieces",
@@ -78,7 +79,7 @@ def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
 
 
 def _straight(name: str, rhs: Kernel, parts: _Parts) -> Kernel:
-    evaluate = _inlined(parts.lines, fuse_products(rhs))
+    evaluate = inlined(parts.lines, fuse_products(rhs))
     for stage in parts.stages():
         parts.slopes[stage] = evaluate(parts.time(stage), parts.point(stage))
     outputs = tuple(parts.outputs())
@@ -356,7 +357,7 @@ def _finite(lines: Lines, value: Operand) -> Operand:
     return lines.op("less_equal", value, _HUGE)
 
 
-def _inlined(lines: Lines, rhs: Kernel) -> Slopes:
+def inlined(lines: Lines, rhs: Kernel) -> Slopes:
     """Return a function that writes the right-hand side into `lines` and gives its outputs."""
 
     def evaluate(t: Operand, y: Vector) -> Vector:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -18,7 +18,7 @@ from .estimate import ErrorEstimate
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CaseFailure", "Sweep", "SweepStatistics"]
+__all__ = ["CaseFailure", "EventCounts", "Sweep", "SweepStatistics"]
 
 FloatArray = NDArray[np.float64]
 _BLOCK = 65_536
@@ -50,6 +50,16 @@ class CaseFailure:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class EventCounts:
+    """How often an event occurred in each case (n_case,), and when first and last [s], NaN where it did not."""
+
+    count: NDArray[np.int64]
+    first: FloatArray
+    last: FloatArray
+
+
+@final
 class Sweep:
     """The cases of a sweep, in the order in which they were given.
 
@@ -71,6 +81,8 @@ class Sweep:
     y : ndarray (n_case, n_y)
         Final state of the formulation.
     stats : SweepStatistics
+    events : dict of str to EventCounts
+        How often each event occurred in each case, and when first and last.
     """
 
     def __init__(
@@ -88,12 +100,21 @@ class Sweep:
         self._program, self._constants = program, constants
         self.initial, self.parameters = varied
         self._estimate: ErrorEstimate | None = None
+        self.events: dict[str, EventCounts] = {}
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.y, self.samples, self.t_eval = y, samples, t_eval
         self.axes, self.stats = dict(axes), stats
 
     def __len__(self) -> int:
         return len(self.y)
+
+    def with_events(self, names: Sequence[str], happened: FloatArray) -> Sweep:
+        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times."""
+        self.events = {
+            name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
+            for i, name in enumerate(names)
+        }
+        return self
 
     def with_twin(self, twin: Sweep) -> Sweep:
         """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
@@ -115,8 +136,8 @@ class Sweep:
 
     @property
     def success(self) -> NDArray[np.bool_]:
-        """Whether each case reached its end, (n_case,)."""
-        return np.asarray(self.status == Status.SUCCESS)
+        """Whether each case reached its end, or a terminal event, (n_case,)."""
+        return np.asarray((self.status == Status.SUCCESS) | (self.status == Status.EVENT))
 
     def failures(self) -> list[CaseFailure]:
         """Return the cases that did not reach their end, and why."""

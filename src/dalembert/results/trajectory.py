@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -12,15 +13,17 @@ from numpy.typing import NDArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import DenseOutput
 from ..integrators.status import Status
+from ..integrators.watched import Occurrence
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .estimate import ErrorEstimate
+from .events import EventRecords, event_records
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["RunStatistics", "Trajectory"]
+__all__ = ["RunStatistics", "Trajectory", "projected"]
 
 FloatArray = NDArray[np.float64]
 _ENERGIES = ("energy", "kinetic_energy", "potential_energy")
@@ -43,6 +46,15 @@ class RunStatistics:
     note: str = ""
 
 
+def projected(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
+    """Return interpolated states (k, n_y) at times t (k,) on the constraints, where the formulation projects."""
+    for kernel in ("project_position", "project_velocity"):
+        if kernel in program:
+            for _ in range(2):
+                y = y + interpret_rows(program.kernel(kernel), t, y, c)
+    return y
+
+
 @final
 class Trajectory:
     """A simulated motion.
@@ -59,6 +71,8 @@ class Trajectory:
         How the run ended.
     stats : RunStatistics
         What it cost.
+    events : EventRecords
+        The events that the run was asked to watch for, by name.
 
     ``trajectory["x"]``, ``["x_dot"]``, ``["energy"]`` and every requested output give arrays (n_t,), by name or by
     SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
@@ -76,6 +90,7 @@ class Trajectory:
     ) -> None:
         self._program, self._c, self._dense = program, constants, dense
         self._estimate: ErrorEstimate | None = None
+        self.events = EventRecords()
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
@@ -102,8 +117,8 @@ class Trajectory:
 
     @property
     def success(self) -> bool:
-        """Whether the end of the span was reached."""
-        return self.status is Status.SUCCESS
+        """Whether the end of the span, or a terminal event, was reached."""
+        return self.status.success
 
     @property
     def message(self) -> str:
@@ -189,12 +204,17 @@ class Trajectory:
         times = np.atleast_1d(np.asarray(t, dtype=float))
         if self._dense is None:
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
-        y = self._dense(times)
-        for kernel in ("project_position", "project_velocity"):
-            if kernel in self._program:
-                for _ in range(2):
-                    y = y + interpret_rows(self._program.kernel(kernel), times, y, self._c)
+        y = projected(self._program, self._c, times, self._dense(times))
         return Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+
+    def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
+        """Return states y (k, n_y) of this scene at times t (k,), by name."""
+        return Trajectory(self._program, self._c, self.status, t, y, self.stats, None)
+
+    def with_events(self, names: Sequence[str], occurrences: Sequence[Occurrence]) -> Trajectory:
+        """Return this motion with the events that occurred on it."""
+        self.events = event_records(names, occurrences, self, self._program.layout.aliases)
+        return self
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -11,8 +11,9 @@ import numpy as np
 
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
-from ..integrators.problem import IntegrationProblem, prescribed
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
+from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
 from ..results.comparison import Comparison
@@ -23,6 +24,7 @@ from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .comparing import compare
+from .events import EventCode, compiled_events, event_list
 from .explain import explain
 from .gains import gain_for
 from .linear import linearized
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from ..compiler import Stages
 
 __all__ = ["CompiledModel"]
+
+_NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 
 @final
@@ -61,6 +65,7 @@ class CompiledModel:
         rows = range(len(self.layout.constraints))
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
+        self._watches: dict[str, EventCode] = {}
 
     @property
     def name(self) -> str:
@@ -111,6 +116,7 @@ class CompiledModel:
         max_steps: int = 1_000_000,
         dense: bool = True,
         error_estimate: bool = False,
+        events: Any = (),
     ) -> Trajectory:
         """Simulate one trajectory.
 
@@ -138,6 +144,9 @@ class CompiledModel:
         error_estimate : bool
             Whether to run a twin at a hundredth of the tolerances beside it, from which
             ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
+            ``trajectory.events``, by name. A sign change at the very start is none.
 
         Returns
         -------
@@ -146,7 +155,7 @@ class CompiledModel:
 
         Raises
         ------
-        UnknownNameError, ValueInputError, InitialStateError, OptionError
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
         begin = time.perf_counter()
@@ -167,15 +176,19 @@ class CompiledModel:
             max_steps=int(max_steps),
             dense=dense,
         )
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(_NO_ESTIMATE)
         able = self._independent(problem, chosen, begin)
         if isinstance(able, Trajectory):
             return able
         if able is not self:
-            run_options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
-            run_options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense}
-            return able.simulate(t_span, initial, parameters, error_estimate=error_estimate, **run_options)
+            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+            options |= {"events": events, "error_estimate": error_estimate}
+            return able.simulate(t_span, initial, parameters, **options)
         problem = self._with_gains(problem, chosen, parameters)
-        run = self._run(problem, chosen, begin, automatic=method == "auto")
+        run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
         if error_estimate:
             finer = replace(
                 problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
@@ -227,17 +240,40 @@ class CompiledModel:
         p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
         return replace(problem, constants=inputs.constants(self._program, p))
 
-    def _run(self, problem: IntegrationProblem, method: str, begin: float, *, automatic: bool = False) -> Trajectory:
+    def _events(self, events: Any) -> EventCode | None:
+        """Return the kernels of events, made once for each set of them; None where there are none."""
+        listed = event_list(events, self.layout.aliases)
+        if not listed:
+            return None
+        key = repr(listed)
+        if key not in self._watches:
+            self._watches[key] = compiled_events(self.stages, listed, self._start)
+        return self._watches[key]
+
+    def _run(
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        begin: float,
+        watch: EventCode | None = None,
+        *,
+        automatic: bool = False,
+    ) -> Trajectory:
         """Integrate one problem; its run time counts from `begin`, less what was compiled.
 
-        Where the method was chosen automatically, a stiff run changes to an implicit one.
+        Where the method was chosen automatically, a stiff run without events changes to an implicit one.
         """
         ready = time.perf_counter()
         if self.layout.state:
             self._engine.prepare(problem, method)
         compiled = time.perf_counter() - ready
         note = ""
-        if not self.layout.state:
+        occurrences: list[Occurrence] = []
+        if watch is not None:
+            if automatic and self.layout.state:
+                method, note = self._engine.fit(problem, method)
+            solution, occurrences = self._watched(problem, method, watch)
+        elif not self.layout.state:
             solution = prescribed(problem)
         elif automatic:
             solution, method, note = self._engine.integrate_automatic(problem, method)
@@ -263,7 +299,18 @@ class CompiledModel:
             note=note,
         )
         c = problem.constants
-        return Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        return run if watch is None else run.with_events([event.label for event in watch.events], occurrences)
+
+    def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
+        """Integrate one problem with events."""
+
+        def stretches(part: IntegrationProblem) -> Iterator[Solution]:
+            if self.layout.state:
+                return self._engine.stretches(part, method)
+            return iter([prescribed(part)])
+
+        return integrate_watched(stretches, problem, watch.watched(problem.constants))
 
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
@@ -323,6 +370,7 @@ class CompiledModel:
         threads: int | None = None,
         progress: bool = False,
         error_estimate: bool = False,
+        events: Any = (),
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -345,6 +393,9 @@ class CompiledModel:
         error_estimate : bool
             Whether to run every case once more at a hundredth of the tolerances, from which
             ``sweep.error_estimate["x"]`` estimates the global errors.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+            and when first and last.
 
         Returns
         -------
@@ -379,13 +430,17 @@ class CompiledModel:
             max_step=max_step,
             max_steps=max_steps,
         )
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress)
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(_NO_ESTIMATE)
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, CompiledModel) and able is not self:
             options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
             options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
-            return able.sweep(*given, t_eval=t_eval, error_estimate=error_estimate, **options)
+            options |= {"t_eval": t_eval, "events": events, "error_estimate": error_estimate}
+            return able.sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
         self._give_gains(cases, settings, parameters)
@@ -507,9 +562,11 @@ class CompiledModel:
         )
         samples = None if settings.t_eval is None else done.samples
         varied = (cases.initial, cases.parameters)
-        return Sweep(
+        run = Sweep(
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
+        watch = settings.watch
+        return run if watch is None else run.with_events([event.label for event in watch.events], done.happened)
 
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""

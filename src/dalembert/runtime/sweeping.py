@@ -19,6 +19,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..reduction.starting import Start
 from . import inputs
+from .events import EventCode
 
 __all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases", "single_problem"]
 
@@ -44,6 +45,7 @@ class Settings:
     max_steps: int
     threads: int
     progress: bool
+    watch: EventCode | None = None
     note: str = ""
 
 
@@ -117,7 +119,7 @@ class Cases:
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         y = np.ascontiguousarray(out[:, :size])
         return CaseBlock(
-            y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps
+            y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps, settings.watch
         ), status
 
 
@@ -204,7 +206,8 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     """Return the results of all cases. A case that fails is a status; an interrupt keeps what is finished."""
     count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
-    result = BlockResult(np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan))
+    events = 0 if settings.watch is None else len(settings.watch.events)
+    result = BlockResult.empty(count, size, wanted, events)
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // (threads * _BLOCKS_PER_THREAD))))
@@ -226,9 +229,9 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
 def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
     """Run one block of cases and write what came of them; those that cannot start are left out."""
     ready, status = cases.block(block, settings)
-    here = BlockResult(result.y[block], result.ends[block], result.samples[block])
+    here = result[block]
     good = status < 0
-    if not len(cases.program.layout.state):  # the constraints prescribe the motion
+    if not len(cases.program.layout.state) and settings.watch is None:  # the constraints prescribe the motion
         here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
         return
     if np.all(good):
@@ -238,9 +241,9 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, r
     here.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
     if np.any(good):
         part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good])
-        done = BlockResult(here.y[good], here.ends[good], here.samples[good])
+        done = here[good]
         engine.integrate_block(part, settings.method, done)
-        here.y[good], here.ends[good], here.samples[good] = done.y, done.ends, done.samples
+        here[good] = done
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

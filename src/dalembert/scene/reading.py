@@ -32,7 +32,7 @@ from .model import (
 from .scene import Joint, Scene
 from .tree import Tree
 
-__all__ = ["read"]
+__all__ = ["read", "reader_of"]
 
 TIME = "t"
 _IMPLIED = (
@@ -58,6 +58,11 @@ def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
         With every fault found.
     """
     return _SceneReader(scene).read(outputs)
+
+
+def reader_of(scene: Scene) -> ExpressionReader:
+    """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
+    return _SceneReader(scene).expressions
 
 
 @final

@@ -7,7 +7,8 @@ integrators call many times is printed from the same program as LLVM assembly in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -18,12 +19,14 @@ import numpy as np
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
+from ...integrators.status import Status
 from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
 from ...integrators.tableaus import DOP853, TABLEAUS
 from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
+from ...ir.watch import quiet_kernel
 from ...runtime.cache import keep, load, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
@@ -35,10 +38,13 @@ from .steps import StepLibrary
 
 if TYPE_CHECKING:
     from ...integrators.numba.implicit import ImplicitCode
+    from ...integrators.numba.scan import Watch
     from ...integrators.numba.series import StepCode
+    from ...runtime.events import EventCode
 
 __all__ = ["NumbaBackend"]
 
+_FIRST_STRETCH, _LARGEST_STRETCH = 1, 256
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
@@ -53,6 +59,7 @@ class NumbaEngine(Engine):
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
+        self._watches: dict[tuple[EventCode, str, tuple[int, int], int], Watch] = {}
 
     @cached_property
     def _module(self) -> ModuleType:
@@ -152,6 +159,21 @@ class NumbaEngine(Engine):
     def _rates(self, problem: IntegrationProblem) -> Rates:
         return lambda t, y: interpret_rows(self._rhs, t, y, problem.constants)
 
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`: a few steps at first, ever more later."""
+        self.prepare(problem, method)
+        left, size = problem.max_steps, _FIRST_STRETCH
+        while True:
+            solution = self.integrate(replace(problem, max_steps=min(size, left)), method)
+            left -= solution.steps + solution.rejected
+            yield solution
+            if solution.status is not Status.MAX_STEPS or left <= 0:
+                return
+            size = min(2 * size, _LARGEST_STRETCH)
+            if solution.steps:
+                step = abs(float(solution.t[-1] - solution.t[-2]))
+                problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
+
     parallel: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -161,14 +183,18 @@ class NumbaEngine(Engine):
             return
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
 
+        if block.watch is not None and not block.y.shape[1]:
+            return super().integrate_block(block, method, result)
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
-        codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=wanted > 0)
-        limits = [block.max_step, float(block.max_steps), *settings]
+        dense = wanted > 0 or block.watch is not None
+        codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=dense)
+        limits, shape = [block.max_step, float(block.max_steps), *settings], (degree, memory)
         projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        sweeping_loop()((*codes, *projections), np.array(limits), *arrays, (degree, memory), *results, lanes)
+        loop, watch = sweeping_loop(block.watch is not None), self._watch(block.watch, method, shape, lanes)
+        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, result.happened)
         if np.any(inside):
             sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
@@ -195,6 +221,36 @@ class NumbaEngine(Engine):
         memory = memory_size(self._sizes["rhs"], self.steps.carried)
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
+
+    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int) -> Watch:
+        """Return compiled events, for steps of a method with polynomials and a memory of that shape."""
+        from ...integrators.numba.scan import POINT_LANES, Watch
+
+        if code is None:
+            nothing = np.zeros(0, np.int64)
+            return Watch(*(0,) * 8, *(nothing,) * 4)
+        key = (code, method, shape, lanes)
+        if key not in self._watches:
+            steps, values = self.steps, code.watch.values
+            tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
+            jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
+            (degree, memory), n = shape, self._sizes["rhs"]
+            quiet = quiet_kernel(values, degree, n, n + 2 + memory, in_time=tableau is None)
+            self._watches[key] = Watch(
+                quiet=steps.further(quiet, lanes),
+                values=steps.further(values, POINT_LANES),
+                value=steps.further(values, 1),
+                begins=steps.further(code.watch.begins, 1),
+                start=steps.further(code.start.kernel, 1),
+                refill=0 if tableau is None else steps.beginning(tableau, 1),
+                given=len(code.start.given),
+                checks=2 * len(code.start.labels),
+                jumps=np.array(jumps, np.int64),
+                directions=np.array([event.direction for event in code.events], np.int64),
+                last=np.array([int(event.terminal) for event in code.events], np.int64),
+                used=np.array(sorted({load.index or 0 for load in values.loads if load.array == "y"}), np.int64),
+            )
+        return self._watches[key]
 
     def _kernels(self) -> list[int]:
         return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -74,6 +75,10 @@ class StepLibrary:
         name = f"{tableau.name}{'_dense' if dense else ''}"
         return self._entry(name, lanes, text, "attempt"), self._entry(name, lanes, text, "start")
 
+    def beginning(self, tableau: Tableau, lanes: int) -> int:
+        """Return the address of what precedes the first attempt."""
+        return self.attempt(tableau, lanes, dense=False)[1]
+
     @property
     def carried(self) -> bool:
         """Whether the slopes at the end of a step are those at the start of the next: where no projection moves it."""
@@ -90,6 +95,12 @@ class StepLibrary:
         """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
         kernel = replace(self._program.kernel("prepare"), arguments=("p", "y", "c", "s"))
         return self._address("prepare", 1, lambda: kernel)
+
+    def further(self, kernel: Kernel, lanes: int) -> int:
+        """Return the address of a kernel of (t, y, c) that is not the program's own."""
+        text = assembly([(kernel.name, replace(kernel, arguments=STEP_ARGUMENTS))], lanes)
+        name = f"{kernel.name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return self._entry(name, lanes, lambda: text, kernel.name)
 
     def numba_kernel(self, name: str) -> int:
         """Return the address of a kernel under numba's calling convention, 0 where the program has none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -54,14 +54,26 @@ class NumpyEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        from ...integrators.scipy.solvers import IMPLICIT, integrate
+        from ...integrators.scipy.solvers import integrate
+
+        if "stages" in self._kernels:
+            return self._integrate_stages(problem)
+        return integrate(self._stepped(method), method, problem)
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`: one step each."""
+        from ...integrators.scipy.solvers import stretches
+
+        if "stages" in self._kernels:
+            return super().stretches(problem, method)
+        return stretches(self._stepped(method), method, problem)
+
+    def _stepped(self, method: str) -> Kernels:
+        from ...integrators.scipy.solvers import IMPLICIT
 
         named = self._kernels
-        if "stages" in named:
-            return self._integrate_stages(problem)
         jacobian = self._derivative("rhs") if method in IMPLICIT else None
-        kernels = Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
-        return integrate(kernels, method, problem)
+        return Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: decided before the run, for little beside it."""

@@ -23,12 +23,27 @@ from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
 from .jit import MATRIX, VECTOR, compiled, compiled_and_cached
+from .scan import (
+    BROKEN,
+    NOTHING,
+    POINT_LANES,
+    WATCH,
+    Scratch,
+    Watch,
+    begin_signs,
+    resolve,
+    scan,
+    scratch,
+    starts,
+    state_at,
+    zeros_at_end,
+)
 
 __all__ = ["sample_projection", "sweeping_loop"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
-_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
+_PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
 _MAX_CORRECTIONS = 10
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
@@ -39,19 +54,21 @@ _FLAGS = types.Array(types.boolean, 2, "C")
 
 
 @cache
-def sweeping_loop() -> Callable[..., int]:
-    """Return the loop, compiled or loaded from numba's disk cache.
+def sweeping_loop(watched: bool) -> Callable[..., int]:
+    """Return the loop, with or without events, compiled or loaded from numba's disk cache.
 
-    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, inside, lanes)`` runs the cases of y (k, n)
-    with constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what fills in its memory
-    before the first step, and the projections (0 for none). ``limits`` are the largest step, the number of steps, and
-    what else the step reads behind step and direction. ``shape`` is the degree of its polynomials and the number of
-    outputs that it remembers; polynomials of a step with a memory are in the fraction of the step, others in time.
-    The loop writes final states to ``out`` (k, n_y), states at the times ``t_eval`` (m,) to ``samples`` (k, m * n_y),
-    and final time, status and steps to the rows of ``ends`` (k, 3). In ``inside`` (k, m) or (0, 0) it marks the
-    samples that were interpolated.
+    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, inside, lanes, watch, happened)`` runs the
+    cases of y (k, n) with constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what
+    fills in its memory before the first step, and the projections (0 for none). ``limits`` are the largest step, the
+    number of steps, and what else the step reads behind step and direction. ``shape`` is the degree of its polynomials
+    and the number of outputs that it remembers; polynomials of a step with a memory are in the fraction of the step,
+    others in time. The loop writes final states to ``out`` (k, n_y), states at the times ``t_eval`` (m,) to
+    ``samples`` (k, m * n_y), and final time, status and steps to the rows of ``ends`` (k, 3). In ``inside`` (k, m) or
+    (0, 0) it marks the samples that were interpolated. The events of ``watch`` are counted in the rows of ``happened``
+    (k, 3 n_events): how many there were, and the time of the first and the last. With events, a step must write its
+    polynomials.
     """
-    return _sweeping_loop(integrator_digest())
+    return _sweeping_loop(integrator_digest(), watched)
 
 
 @cache
@@ -136,7 +153,23 @@ def _begin(
     call_code(code, row(clock, 0), row(fresh, 0), row(constants, 0), row(settings, 0), row(fresh, n))
 
 
-def _sweeping_loop(digest: str) -> Callable[..., int]:
+@compiled
+def _follow(room: Scratch, lane: int, states: FloatArray, first: int, scale: float, end: int) -> None:
+    """Copy the polynomials of a lane's step, in the fraction of the step, made to end in the state that it ended in."""
+    n, terms = room.series.shape
+    for m in range(n):
+        power, total = 1.0, 0.0
+        for k in range(terms):
+            value = states[first + m * terms + k, lane] * power
+            room.series[m, k] = value
+            total += value
+            power *= scale
+        gap = states[end + m, lane] - total
+        room.series[m, 2] += 3.0 * gap
+        room.series[m, 3] -= 2.0 * gap
+
+
+def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
     def loop(
         codes: tuple[int, int, int, int],
         limits: FloatArray,
@@ -150,6 +183,8 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
         samples: FloatArray,
         inside: NDArray[np.bool_],
         lanes: int,
+        watch: Watch,
+        happened: FloatArray,
     ) -> int:
         digest  # noqa: B018
         step, start, position, velocity = codes
@@ -159,13 +194,13 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
         projected = position != 0 or velocity != 0
         largest, budget = limits[0], limits[1]
         held = n + 2 + memory
-        rows = held + (n * (degree + 1) if wanted else 0)
+        rows = held + (n * (degree + 1) if wanted or watched else 0)
         # A step reads the state in one half and writes the other, which then is the state.
         states = np.zeros((2 * rows, lanes))
         constants, constants_ahead = np.ones((c.shape[1], lanes)), np.ones((c.shape[1], lanes))
         settings, settings_ahead = np.zeros((limits.size, lanes)), np.zeros((limits.size, lanes))
         clock, clock_ahead = np.zeros((1, lanes)), np.zeros((1, lanes))
-        fresh, delta = np.zeros((n + held, lanes)), np.zeros((n, lanes))
+        begun, delta = np.zeros((n + held, lanes)), np.zeros((n, lanes))
         for m in range(2, limits.size):
             for lane in range(lanes):
                 settings[m, lane] = limits[m]
@@ -174,6 +209,10 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
         sampled, sampled_before = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
         marks = np.zeros(lanes, np.int64)
         marked = inside.size > 0
+        fresh, lone, setting = np.zeros(lanes, np.bool_), np.zeros(lanes, np.int64), np.zeros((1, limits.size))
+        signs, earlier = np.zeros((watch.directions.size, lanes)), np.zeros((1, lanes))
+        if watched:
+            room = scratch(watch, n, degree, c.shape[1], lanes)
         coming, active, old, new = 0, 0, 0, rows
         while True:
             for lane in range(lanes):
@@ -198,9 +237,9 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
                     i = coming  # and take the next
                     if start != 0:
                         if i % lanes == 0:
-                            _begin(start, i, y, c, spans, limits, fresh, clock_ahead, constants_ahead, settings_ahead)
+                            _begin(start, i, y, c, spans, limits, begun, clock_ahead, constants_ahead, settings_ahead)
                         for m in range(held):
-                            states[old + m, lane] = fresh[n + m, i % lanes]
+                            states[old + m, lane] = begun[n + m, i % lanes]
                     coming += 1
                     active += 1
                     case[lane], steps[lane], attempts[lane], sampled[lane] = i, 0.0, 0.0, 0
@@ -212,6 +251,14 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
                     clock[0, lane], end[lane] = spans[i, 0], spans[i, 1]
                     settings[1, lane] = 1.0 if end[lane] >= clock[0, lane] else -1.0
                     status[lane] = _SUCCESS if end[lane] == clock[0, lane] else _RUNNING
+                    if watched:
+                        fresh[lane] = True
+                        for m in range(c.shape[1]):
+                            for point in range(POINT_LANES):
+                                room.constants[lane * c.shape[1] + m, point] = c[shared, m]
+                        for m in range(n):
+                            room.one_point[0, m] = y[i, m]
+                        starts(watch, room, lane, clock[0, lane], settings[1, lane], row(c, shared))
             if active == 0:
                 break
             call_code(step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new))
@@ -260,9 +307,10 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
                 elif attempts[lane] >= budget:
                     status[lane] = _MAX_STEPS
             old, new = new, old
-            if not projected:
+            if not projected and not watched:
                 continue
-            _project(position, velocity, clock, states, old, constants, delta, marks, n)
+            if projected:
+                _project(position, velocity, clock, states, old, constants, delta, marks, n)
             for lane in range(lanes):
                 if marks[lane] != _FAILED:
                     continue
@@ -276,12 +324,94 @@ def _sweeping_loop(digest: str) -> Callable[..., int]:
                 if memory > 0 and size >= _SMALLEST * abs(before[lane]) + 1e-30 * abs(end[lane] - before[lane]):
                     status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
                     states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
+            if not watched:
+                continue
+            for lane in range(lanes):
+                earlier[0, lane] = before[lane]
+            call_code(
+                watch.quiet, row(earlier, 0), row(states, old), row(constants, 0), row(settings, 0), row(signs, 0)
+            )
+            for lane in range(lanes):
+                if marks[lane] != _WANTED:
+                    continue
+                quiet = True
+                for e in range(signs.shape[0]):
+                    quiet = quiet and signs[e, lane] * room.signs[lane, e] > 0.0
+                    quiet = quiet and not (fresh[lane] and room.zero[lane, e] != 0.0)
+                if quiet:
+                    fresh[lane] = False
+                    for e in range(signs.shape[0]):
+                        room.seen[lane, e] = 1.0
+                    continue
+                i, now = case[lane], before[lane]
+                one = row(c, i if c.shape[0] > 1 else 0)
+                h = clock[0, lane] - now
+                _follow(room, lane, states, old + held, 1.0 if memory > 0 else h, old)
+                many = row(room.constants, lane * c.shape[1])
+                found, theta = scan(watch, room, lane, many, one, now, h, fresh[lane], happened, i)
+                fresh[lane] = False
+                if found == NOTHING:
+                    if status[lane] != _SUCCESS:
+                        continue
+                    for m in range(n):
+                        room.one_point[0, m] = states[old + m, lane]
+                    if not zeros_at_end(watch, room, lane, end[lane], settings[1, lane], one, happened, i):
+                        continue
+                elif theta < 1.0:
+                    state_at(room, n, theta, 0)
+                    clock[0, lane] = now + theta * h
+                    for m in range(n):
+                        states[old + m, lane] = room.one_point[0, m]
+                    if projected:
+                        for other in range(lanes):
+                            lone[other] = _WANTED if other == lane else _NONE
+                        _project(position, velocity, clock, states, old, constants, delta, lone, n)
+                        if lone[lane] == _FAILED:
+                            status[lane] = _PROJECTION_FAILED
+                            continue
+                for m in range(n):
+                    room.one_point[0, m] = states[old + m, lane]
+                t, forward = clock[0, lane], settings[1, lane]
+                while sampled[lane] > 0 and (t_eval[sampled[lane] - 1] - t) * forward >= 0.0:
+                    sampled[lane] -= 1
+                    for m in range(n):
+                        samples[i, sampled[lane] * n + m] = np.nan
+                    if marked:
+                        inside[i, sampled[lane]] = False
+                if found == BROKEN:
+                    status[lane] = _EVENT_NON_FINITE
+                    continue
+                outcome = resolve(watch, room, lane, n, t, abs(spans[i, 1] - spans[i, 0]), one)
+                for m in range(n):
+                    states[old + m, lane] = room.one_point[0, m]
+                if outcome >= 0:
+                    status[lane] = outcome
+                    continue
+                rest = abs(end[lane] - t)
+                status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
+                if rest == 0.0:
+                    status[lane] = _SUCCESS
+                if status[lane] != _RUNNING:
+                    continue
+                fresh[lane] = True
+                begin_signs(watch, room, lane, t, forward, one)
+                if memory > 0:
+                    setting[0, 0], setting[0, 1] = min(largest, rest), forward
+                    for m in range(2, limits.size):
+                        setting[0, m] = limits[m]
+                    at, first = row(room.one_clock, 0), row(room.one_point, 0)
+                    room.one_clock[0, 0] = t
+                    call_code(watch.refill, at, first, one, row(setting, 0), row(room.one_out, 0))
+                    for m in range(held):
+                        states[old + m, lane] = room.one_out[0, m]
         return coming
 
     integer = types.intp
     numbers = types.UniTuple(integer, 4), types.UniTuple(integer, 2)
     arrays = (VECTOR, MATRIX, MATRIX, MATRIX, VECTOR)
-    return compiled_and_cached(loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, _FLAGS, integer))
+    return compiled_and_cached(
+        loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, _FLAGS, integer, WATCH, MATRIX)
+    )
 
 
 def _sample_projection(digest: str) -> Callable[..., None]:

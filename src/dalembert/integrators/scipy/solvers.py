@@ -4,7 +4,8 @@ Stepping, instead of one call of ``solve_ivp``, gives statuses instead of except
 every accepted step.
 """
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, final
 
@@ -53,14 +54,33 @@ def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Sol
     OptionError
         If the method is unknown or cannot be projected.
     """
+    _check(kernels, method)
+    with np.errstate(all="ignore"):
+        return _Run(kernels, method, problem).solution()
+
+
+def stretches(kernels: Kernels, method: str, problem: IntegrationProblem) -> Iterator[Solution]:
+    """Integrate a problem step by step; each yields what it added, the last the status of the whole."""
+    _check(kernels, method)
+    run = _Run(kernels, method, problem)
+    y0 = np.array(problem.y0, dtype=np.float64)
+    run.begin(y0)
+    statuses = run.statuses(y0)
+    while True:
+        with np.errstate(all="ignore"):
+            status = next(statuses, None)
+        if status is None:
+            return
+        yield run.taken(status, y0)
+
+
+def _check(kernels: Kernels, method: str) -> None:
     if method not in METHODS:
         raise OptionError(f"unknown method {method!r}; SciPy's are {', '.join(METHODS)}")
     if kernels.projected and method not in PROJECTABLE:
         raise OptionError(
             f"{method} continues from past steps, which projection invalidates; use one of {', '.join(PROJECTABLE)}"
         )
-    with np.errstate(all="ignore"):
-        return _Run(kernels, method, problem).solution()
 
 
 @final
@@ -81,56 +101,78 @@ class _Run:
     evaluations: int = 0
     calls: int = 0
     last_non_finite_call: int = -100
+    counted: tuple[int, int, int] = (0, 0, 0)
 
     def solution(self) -> Solution:
         """Run to the end and collect what was recorded."""
         y0 = np.array(self.problem.y0, dtype=np.float64)
+        self.begin(y0)
+        (status,) = deque(self.statuses(y0), maxlen=1)
+        return self._collected(status, y0)
+
+    def begin(self, y0: FloatArray) -> None:
+        """Record the initial state."""
         self._record_accepted(float(self.problem.t0), y0)
         self.knots.append(float(self.problem.t0))
-        status = self._integrate(y0)
+
+    def taken(self, status: Status, y0: FloatArray) -> Solution:
+        """Collect what was recorded, and keep only the end of it to go on from."""
+        solution = self._collected(status, y0)
+        self.t, self.y, self.knots = self.t[-1:], self.y[-1:], self.knots[-1:]
+        self.interpolants, self.corrections = [], []
+        self.counted = self.steps, self.rejected, self.evaluations
+        return solution
+
+    def _collected(self, status: Status, y0: FloatArray) -> Solution:
         n = len(y0)
+        steps, rejected, evaluations = self.counted
         return Solution(
             status=status,
             t=np.array(self.t, dtype=np.float64),
             y=np.array(self.y, dtype=np.float64).reshape(-1, n),
-            steps=self.steps,
-            rejected=self.rejected,
-            evaluations=self.evaluations,
+            steps=self.steps - steps,
+            rejected=self.rejected - rejected,
+            evaluations=self.evaluations - evaluations,
             dense=self._dense_output(y0) if self.problem.dense else None,
         )
 
-    def _integrate(self, y0: FloatArray) -> Status:
+    def statuses(self, y0: FloatArray) -> Iterator[Status]:
+        """Yield a status after every step, and the status of the whole last."""
         try:
             slope = self._call(self.kernels.rhs, self.problem.t0, y0)
         except ArithmeticError:
-            return Status.NON_FINITE
+            yield Status.NON_FINITE
+            return
         self.evaluations = 1
         if not (np.all(np.isfinite(y0)) and np.all(np.isfinite(slope))):
-            return Status.NON_FINITE
-        if self.problem.t0 == self.problem.t1:
-            return Status.SUCCESS
-        try:
-            return self._step_to_the_end(self._solver(y0))
-        except _NonFiniteError:
-            return Status.NON_FINITE
+            yield Status.NON_FINITE
+        elif self.problem.t0 == self.problem.t1:
+            yield Status.SUCCESS
+        else:
+            try:
+                yield from self._step_to_the_end(self._solver(y0))
+            except _NonFiniteError:
+                yield Status.NON_FINITE
 
-    def _step_to_the_end(self, solver: Any) -> Status:
+    def _step_to_the_end(self, solver: Any) -> Iterator[Status]:
         per_attempt = _ATTEMPT_EVALUATIONS.get(self.method, 0)
         while solver.status == "running":
             if self.steps >= self.problem.max_steps:
-                return Status.MAX_STEPS
+                yield Status.MAX_STEPS
+                return
             before = solver.nfev
             solver.step()
             self.evaluations += solver.nfev - before
             if solver.status == "failed":
                 in_last_attempt = self.calls - self.last_non_finite_call < max(per_attempt, 1)
-                return Status.NON_FINITE if in_last_attempt else Status.STEP_TOO_SMALL
+                yield Status.NON_FINITE if in_last_attempt else Status.STEP_TOO_SMALL
+                return
             if per_attempt:
                 self.rejected += (solver.nfev - before) // per_attempt - 1
             status = self._finish_step(solver)
+            yield status
             if status is not Status.SUCCESS:
-                return status
-        return Status.SUCCESS
+                return
 
     def _finish_step(self, solver: Any) -> Status:
         """Project and record an accepted step; the interpolant is built before the state is moved."""

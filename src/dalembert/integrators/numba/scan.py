@@ -1,0 +1,465 @@
+"""Events of one case of a sweep: `dalembert.integrators.crossings` and `dalembert.integrators.watched`, compiled.
+
+The eight points of a piece of a step are the eight lanes of a call of the watched expressions, so that a case is
+watched by itself, whatever its neighbours do.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from ..crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..problem import FloatArray
+from ..status import Status
+from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW
+from .code import call_code, row
+from .jit import compiled
+
+__all__ = [
+    "BROKEN",
+    "NOTHING",
+    "POINT_LANES",
+    "STOPPED",
+    "WATCH",
+    "Scratch",
+    "Watch",
+    "begin_signs",
+    "resolve",
+    "scan",
+    "scratch",
+    "starts",
+    "state_at",
+    "zeros_at_end",
+]
+
+POINT_LANES = 8
+NOTHING, STOPPED, BROKEN = 0, 1, 2
+
+_POINTS = POINTS.copy()
+_SERIES = np.ascontiguousarray(COEFFICIENTS.T)
+_SLOPES = np.ascontiguousarray(SLOPES.T)
+_GOES_ON, _EVENT = -1, int(Status.EVENT)
+_ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
+_ULP = 2.220446049250313e-16
+_SAME = 8 * _ULP
+_BUDGET, _TRIES = 8192, 200
+_INTEGERS = types.Array(types.int64, 1, "C")
+
+
+class Watch(NamedTuple):
+    """Addresses of compiled code, and the rules of the events.
+
+    ``quiet`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are the
+    watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same
+    expressions, ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0,
+    ``start`` the state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are
+    the components of the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
+    """
+
+    quiet: int
+    values: int
+    value: int
+    begins: int
+    start: int
+    refill: int
+    given: int
+    checks: int
+    jumps: NDArray[np.int64]
+    directions: NDArray[np.int64]
+    last: NDArray[np.int64]
+    used: NDArray[np.int64]
+
+
+WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4), Watch)
+
+
+class Scratch(NamedTuple):
+    """Arrays to work in, and what each lane remembers: signs, what was seen of them, and zeros at the start."""
+
+    constants: FloatArray
+    clock: FloatArray
+    point: FloatArray
+    out: FloatArray
+    series: FloatArray
+    values: FloatArray
+    ends: FloatArray
+    noise: FloatArray
+    one_clock: FloatArray
+    one_point: FloatArray
+    one_out: FloatArray
+    signs: FloatArray
+    seen: FloatArray
+    zero: FloatArray
+    found: FloatArray
+    happens: FloatArray
+    residual: FloatArray
+    jumped: FloatArray
+    stack: FloatArray
+
+
+@compiled
+def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
+    """Return room to work in for states of n components, polynomials of a degree, and a number of lanes."""
+    k = watch.directions.size
+    size = max(3 * k, watch.given, n + watch.checks, 2 * n + 8)
+    return Scratch(
+        np.zeros((lanes * n_c, POINT_LANES)),
+        np.zeros((1, POINT_LANES)),
+        np.zeros((n, POINT_LANES)),
+        np.zeros((max(k, 1), POINT_LANES)),
+        np.zeros((n, degree + 1)),
+        np.zeros((max(k, 1), POINT_LANES)),
+        np.zeros((2, max(k, 1))),
+        np.zeros((1, max(k, 1))),
+        np.zeros((1, 1)),
+        np.zeros((2, max(n, watch.given))),
+        np.zeros((1, size)),
+        np.zeros((lanes, max(k, 1))),
+        np.zeros((lanes, max(k, 1))),
+        np.zeros((lanes, max(k, 1))),
+        np.zeros((max(k, 1), 2)),
+        np.zeros((1, max(k, 1))),
+        np.zeros((1, max(k, 1))),
+        np.zeros((lanes, 2)),
+        np.zeros((2 * DEEPEST + 4, 3)),
+    )
+
+
+@compiled
+def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: float, c: int) -> None:
+    """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
+    room.one_clock[0, 0] = t
+    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
+    for e in range(watch.directions.size):
+        value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+        limit = noise + RESOLUTION * abs(t) * abs(rate)
+        limit = (limit if math.isfinite(limit) else 0.0) + room.residual[0, e]
+        room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
+        deciding = rate * direction if abs(value) <= limit else value
+        room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
+        room.seen[lane, e] = 0.0
+
+
+@compiled
+def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
+    """Write the state at a fraction of the step, all of whose series are in place, to a row of ``one_point``."""
+    degree = room.series.shape[1] - 1
+    for m in range(n):
+        value = room.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = value * theta + room.series[m, k]
+        room.one_point[target, m] = value
+
+
+@compiled
+def _value(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
+    """Return one expression at a fraction of the step."""
+    degree = room.series.shape[1] - 1
+    for u in range(watch.used.size):
+        m = watch.used[u]
+        value = room.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = value * theta + room.series[m, k]
+        room.one_point[0, m] = value
+    room.one_clock[0, 0] = t + theta * h
+    call_code(watch.value, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
+    return float(room.one_out[0, event])
+
+
+@compiled
+def sample(
+    values: int, used: NDArray[np.int64], room: Scratch, c: int, t: float, h: float, low: float, width: float
+) -> None:
+    """Evaluate all expressions at the eight points of a piece of the step, into ``values``."""
+    degree = room.series.shape[1] - 1
+    theta, total = np.empty(8), np.empty(8)
+    for j in range(8):
+        theta[j] = low + width * _POINTS[j]
+        room.clock[0, j] = t + theta[j] * h
+    for u in range(used.size):
+        m = used[u]
+        top = room.series[m, degree]
+        for j in range(8):
+            total[j] = top
+        for k in range(degree - 1, -1, -1):
+            a = room.series[m, k]
+            for j in range(8):
+                total[j] = total[j] * theta[j] + a
+        for j in range(8):
+            room.point[m, j] = total[j]
+    call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
+
+
+@compiled
+def transformed(matrix: FloatArray, values: FloatArray, e: int, out: FloatArray) -> None:
+    """Write the product of a matrix, given transposed, and the values of an expression."""
+    for k in range(8):
+        out[k] = 0.0
+    for j in range(8):
+        value = values[e, j]
+        for k in range(8):
+            out[k] += matrix[j, k] * value
+
+
+@compiled
+def _one_sign(series: FloatArray) -> bool:
+    rest = 0.0
+    for k in range(1, 8):
+        rest += abs(series[k])
+    return abs(series[0]) > rest + TAIL * (abs(series[6]) + abs(series[7]))
+
+
+@compiled
+def _monotone(series: FloatArray, slopes: FloatArray) -> bool:
+    rest = 0.0
+    for k in range(1, 8):
+        rest += abs(slopes[k])
+    return abs(slopes[0]) > rest + SLOPE_TAIL * (abs(series[6]) + abs(series[7]))
+
+
+@compiled
+def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
+    """Return whether a piece need not be cut for any expression, and whether all values are finite."""
+    simple = finite = True
+    series, slopes = np.empty(8), np.empty(8)
+    for e in range(count):
+        lost, largest = True, 0.0
+        for j in range(8):
+            value = room.values[e, j]
+            if math.isfinite(value):
+                lost = False
+                largest = max(largest, abs(value))
+            else:
+                finite = False
+                largest = math.inf
+        if lost or largest <= room.noise[0, e]:
+            continue
+        transformed(_SERIES, room.values, e, series)
+        if _one_sign(series):
+            continue
+        transformed(_SLOPES, room.values, e, slopes)
+        if not _monotone(series, slopes):
+            simple = False
+    return simple, finite
+
+
+@compiled
+def _sign(value: float, noise: float) -> float:
+    return 0.0 if not abs(value) > noise else (1.0 if value > 0.0 else -1.0)
+
+
+@compiled
+def _zero(
+    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, a: float, b: float, fa: float, fb: float
+) -> float:
+    """Return the zero of an expression between two fractions of the step, NaN for a pole; see `crossings.zeros`."""
+    x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
+    largest, least = max(abs(fa), abs(fb)), _ULP * max(abs(t), abs(t + h)) / abs(h)
+    share, best, f_best = 0.5, x1, f1
+    for _ in range(_TRIES):
+        x = x1 + share * (x2 - x1)
+        f = _value(watch, room, c, t, h, x, event)
+        if (f > 0.0) == (f1 > 0.0):
+            x3, f3 = x1, f1
+        else:
+            x3, f3, x2, f2 = x2, f2, x1, f1
+        x1, f1 = x, f
+        best, f_best = (x2, f2) if abs(f2) < abs(f1) else (x1, f1)
+        space = (4e-16 * abs(best) + least) / abs(x2 - x1)
+        if not space <= 0.5 or f_best == 0.0:
+            break
+        xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+        bend = f1 / (f2 - f1) * f3 / (f2 - f3) + (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
+        share = 0.5
+        if phi * phi < xi and (1.0 - phi) ** 2 < 1.0 - xi and math.isfinite(bend):
+            share = min(max(bend, space), 1.0 - space)
+    return best if abs(f_best) <= largest else math.nan
+
+
+@compiled
+def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, low: float, high: float) -> int:
+    """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
+    count = 0
+    for e in range(watch.directions.size):
+        first, last, noise = room.ends[0, e], room.ends[1, e], room.noise[0, e]
+        for side in range(2):
+            new = _sign(first if side == 0 else last, noise)
+            if new == 0.0:
+                continue
+            theta = math.nan
+            if new * room.signs[lane, e] < 0.0:
+                theta = low
+                if side == 1 and first * new < 0.0:
+                    theta = _zero(watch, room, c, t, h, e, low, high, first, last)
+            room.signs[lane, e] = new
+            if math.isfinite(theta):
+                place = count
+                while place > 0 and room.found[place - 1, 0] > theta:
+                    room.found[place, 0], room.found[place, 1] = room.found[place - 1, 0], room.found[place - 1, 1]
+                    place -= 1
+                room.found[place, 0], room.found[place, 1] = theta, e
+                count += 1
+                break
+    return count
+
+
+@compiled
+def _occur(
+    watch: Watch, room: Scratch, lane: int, count: int, t: float, h: float, happened: FloatArray, case: int
+) -> float:
+    """Count the sign changes in ``found``; return the fraction at which the first of them stops the motion, or -1."""
+    stop = -1.0
+    for place in range(count):
+        theta, e = room.found[place, 0], int(room.found[place, 1])
+        now = t + theta * h
+        if stop >= 0.0 and abs(theta - stop) * abs(h) > _SAME * max(abs(now), abs(t)):
+            break
+        direction = float(watch.directions[e])
+        if direction != 0.0 and direction * room.signs[lane, e] <= 0.0:
+            continue
+        if happened[case, 3 * e] == 0.0:
+            happened[case, 3 * e + 1] = now
+        happened[case, 3 * e] += 1.0
+        happened[case, 3 * e + 2] = now
+        ends = watch.last[e] > 0 and happened[case, 3 * e] >= watch.last[e]
+        if watch.jumps[e] != 0 or ends:
+            room.happens[0, e] = 2.0 if ends else 1.0
+            stop = theta if stop < 0.0 else stop
+        elif stop >= 0.0:
+            room.happens[0, e] = 0.5
+    return stop
+
+
+@compiled
+def scan(
+    watch: Watch,
+    room: Scratch,
+    lane: int,
+    many: int,
+    one: int,
+    t: float,
+    h: float,
+    fresh: bool,
+    happened: FloatArray,
+    case: int,
+) -> tuple[int, float]:
+    """Look for events in a step whose series are in place; return what became of the motion, and the fraction where.
+
+    ``many`` and ``one`` are the addresses of the constants for eight points and for one. ``fresh`` says that the lane
+    starts with this step. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
+    """
+    count = watch.directions.size
+    for m in range(room.series.shape[0]):
+        room.one_point[0, m] = room.series[m, 0]
+    room.one_clock[0, 0] = t
+    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    for e in range(count):
+        noise = room.one_out[0, 3 * e + 2] + 4.0 * _ULP * abs(t) * abs(room.one_out[0, 3 * e + 1])
+        room.noise[0, e] = noise if math.isfinite(noise) else 0.0
+        room.happens[0, e] = 0.0
+    least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
+    room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
+    height, budget = 1, _BUDGET
+    while height > 0:
+        height -= 1
+        low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
+        sample(watch.values, watch.used, room, many, t, h, low, high - low)
+        budget -= 1
+        simple, finite = _simple(room, count)
+        if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
+            middle = 0.5 * (low + high)
+            room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
+            room.stack[height + 1, 0], room.stack[height + 1, 1], room.stack[height + 1, 2] = low, middle, depth + 1.0
+            height += 2
+            continue
+        if not finite:
+            return BROKEN, low
+        for e in range(count):
+            room.ends[0, e], room.ends[1, e] = room.values[e, 0], room.values[e, 7]
+            if fresh and low == 0.0 and room.zero[lane, e] != 0.0:
+                room.ends[0, e] = 0.0
+            if abs(room.ends[0, e]) > room.noise[0, e]:
+                room.seen[lane, e] = 1.0
+        number = _find(watch, room, lane, one, t, h, low, high)
+        stop = _occur(watch, room, lane, number, t, h, happened, case)
+        if stop >= 0.0:
+            return STOPPED, stop
+        for e in range(count):
+            if abs(room.ends[1, e]) > room.noise[0, e]:
+                room.seen[lane, e] = 1.0
+    return NOTHING, 0.0
+
+
+@compiled
+def starts(watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int) -> None:
+    """Begin a case in a lane, its state being in the first row of ``one_point``."""
+    room.jumped[lane, 0], room.jumped[lane, 1] = math.nan, 0.0
+    for e in range(watch.directions.size):
+        room.residual[0, e] = 0.0
+    begin_signs(watch, room, lane, t, direction, one)
+
+
+@compiled
+def zeros_at_end(
+    watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int, happened: FloatArray, case: int
+) -> bool:
+    """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`."""
+    count = 0
+    for e in range(watch.directions.size):
+        room.residual[0, e] = room.happens[0, e] = 0.0
+        room.ends[0, e] = room.signs[lane, e]
+    begin_signs(watch, room, lane, t, direction, one)
+    for e in range(watch.directions.size):
+        if room.zero[lane, e] != 0.0 and room.signs[lane, e] * room.ends[0, e] < 0.0:
+            room.found[count, 0], room.found[count, 1] = 0.0, e
+            count += 1
+            room.seen[lane, e] = 1.0
+    return _occur(watch, room, lane, count, t, 0.0, happened, case) >= 0.0
+
+
+@compiled
+def resolve(watch: Watch, room: Scratch, lane: int, n: int, t: float, span: float, one: int) -> int:
+    """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
+
+    Returns the status that it gives the case, or -1 where it goes on.
+    """
+    count = watch.directions.size
+    room.one_clock[0, 0] = t
+    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    ended, jumped, seen = False, False, True
+    for e in range(count):
+        here = room.happens[0, e] > 0.0
+        room.residual[0, e] = 4.0 * abs(room.one_out[0, 3 * e]) if here else 0.0
+        ended = ended or room.happens[0, e] == 2.0
+        seen = seen and (not here or room.seen[lane, e] != 0.0)
+    for e in range(count):
+        if room.happens[0, e] == 0.0 or watch.jumps[e] == 0:
+            continue
+        jumped = True
+        call_code(watch.jumps[e], row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_point, 1))
+        call_code(watch.start, row(room.one_clock, 0), row(room.one_point, 1), one, 0, row(room.one_out, 0))
+        total = 0.0
+        for m in range(n + watch.checks):
+            total += 0.0 * room.one_out[0, m]
+        for m in range(n, n + watch.checks, 2):
+            total = total if abs(room.one_out[0, m]) <= room.one_out[0, m + 1] else math.nan
+        if total != 0.0:
+            return _EVENT_STATE
+        for m in range(n):
+            room.one_point[0, m] = room.one_out[0, m]
+    if ended:
+        return _EVENT
+    if not jumped:
+        return _GOES_ON
+    before, room.jumped[lane, 0] = room.jumped[lane, 0], t
+    gap = abs(t - before)
+    if math.isnan(gap):
+        return _GOES_ON
+    room.jumped[lane, 1] = room.jumped[lane, 1] + 1.0 if gap <= SOON * span else 0.0
+    close = gap <= RESOLUTION * max(abs(t), 1e-3 * span)
+    return _ACCUMULATE if close or not seen or room.jumped[lane, 1] >= SOON_IN_A_ROW else _GOES_ON

@@ -1,0 +1,169 @@
+"""Expressions watched along a motion, and maps of its state, as kernels on the state of a formulation.
+
+They are read as the scene was, in coordinates, rates, parameters and time, and in whatever else a model has by
+name: components of its state, the outputs that were requested, and the energies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from ..errors import ExpressionError, UnknownNameError, unknown_name
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..ir.lower import lower_kernel
+from ..ir.program import Kernel
+from ..scene.reading import RESERVED_OUTPUTS, reader_of
+from ..scene.scene import Scene
+from .base import ReducedSystem
+
+__all__ = ["Watch", "jumping", "watching"]
+
+_ROUNDINGS = 64 * 2.220446049250313e-16
+_ARGUMENTS = ("t", "y", "c")
+
+
+@final
+@dataclass(frozen=True)
+class Watch:
+    """Kernels of (t, y, c), c beginning with the parameters.
+
+    Attributes
+    ----------
+    values : Kernel
+        The value of each expression (k,).
+    begins : Kernel
+        For each expression its value, its rate along the motion, and what rounding of the state may make of the
+        value where it should be zero (3 k,).
+    """
+
+    values: Kernel
+    begins: Kernel
+
+
+def watching(scene: Scene, system: ReducedSystem, expressions: Sequence[Any], what: str, *, moving: bool) -> Watch:
+    """Return the kernels of watched expressions.
+
+    Parameters
+    ----------
+    scene : Scene
+        What the system came from.
+    system : ReducedSystem
+        Whose state the kernels take.
+    expressions : sequence of str or SymPy expressions
+        Names, or expressions of the scene's symbols.
+    what : str
+        What they are, for messages.
+    moving : bool
+        Whether an expression that is constant along every motion is an error.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that the model does not have.
+    ExpressionError
+        For what cannot be compiled, or is constant.
+    """
+    reader = _Reader(scene, system)
+    nodes = [reader.read(expression, f"{what} {expression}") for expression in expressions]
+    graph, y, time = reader.graph, reader.inputs, reader.time
+    for expression, node in zip(expressions, nodes, strict=True):
+        if moving and graph.freed_of(node, [*y, time]) is not None:
+            raise ExpressionError(
+                f"{what} {expression} is constant along every motion, so that nothing can be watched: write it in"
+                " coordinates, rates, outputs or time"
+            )
+    flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}
+    rates = tangents(graph, nodes, flow)
+    size = [graph.zero for _ in nodes]
+    for place in (*y, time):
+        slopes = tangents(graph, nodes, {place: graph.one})
+        size = [total + graph.call("abs", slope * place) for total, slope in zip(size, slopes, strict=True)]
+    noise = [graph.node(_ROUNDINGS) * total for total in size]
+    begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
+    return Watch(reader.kernel("watch", nodes), reader.kernel("watch_begins", begins))
+
+
+def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
+    """Return the kernel from (t, y, c) to coordinates and rates (2 n_q,) after a jump.
+
+    Parameters
+    ----------
+    changes : mapping of symbols or names to expressions
+        Coordinates and rates that jump, and what they are after it in terms of the state before; others stay.
+
+    Raises
+    ------
+    UnknownNameError
+        For a key that is no coordinate or rate, and for a name that the model does not have.
+    ExpressionError
+        For what cannot be compiled.
+    """
+    reader, symbols = _Reader(scene, system), system.equations.symbols
+    known = (*symbols.coordinates, *symbols.rates)
+    after = {name: reader.table[name] for name in known}
+    for key, expression in changes.items():
+        name = symbols.aliases.get(str(key), str(key))
+        if name not in known:
+            why = unknown_name("coordinate or rate", name, known)
+            raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
+        after[name] = reader.read(expression, f"{what}, {name} after it")
+    return reader.kernel("jump", list(after.values()))
+
+
+@final
+class _Reader:
+    """Reads expressions as nodes in the state of a formulation, on a graph of its own."""
+
+    def __init__(self, scene: Scene, system: ReducedSystem) -> None:
+        equations = system.equations
+        self.symbols = equations.symbols
+        self.expressions = reader_of(scene)
+        self.graph: Graph = self.expressions.graph
+        self.inputs = self.graph.adopt(system.inputs)
+        self.time = self.graph.input(self.symbols.time)
+        self.parameters = {self.graph.input(name): ("c", i) for i, name in enumerate(self.symbols.parameters)}
+        q, qdot = self.graph.adopt(system.coordinates), self.graph.adopt(system.rates)
+        places = (*self.symbols.coordinates, *self.symbols.rates)
+        self.table: dict[str, Node] = dict(zip(places, (*q, *qdot), strict=True))
+        energies = self.graph.adopt((equations.kinetic_energy, equations.potential_energy))
+        kinetic, potential = self._on_state(energies)
+        outputs = dict(zip(system.outputs, self.graph.adopt(list(system.outputs.values())), strict=True))
+        state = dict(zip(system.state, self.inputs, strict=True))
+        named = zip(RESERVED_OUTPUTS, (kinetic + potential, kinetic, potential), strict=True)
+        self.table = state | dict(named) | outputs | self.table
+
+    def _on_state(self, nodes: Sequence[Node]) -> list[Node]:
+        """Return nodes with every name that occurs in them replaced by what it is in terms of the state."""
+        found = [node for node in self.graph.topological(nodes) if node.op == "input"]
+        values = {node: self.table[str(node.payload)] for node in found if str(node.payload) in self.table}
+        changed = {a: b for a, b in values.items() if a is not b}
+        return self.graph.substitute(nodes, changed) if changed else list(nodes)
+
+    def read(self, expression: Any, place: str) -> Node:
+        """Return an expression, or what has a name, in terms of time, state and parameters."""
+        if isinstance(expression, str):
+            name = self.symbols.aliases.get(expression, expression)
+            node = self.graph.input(name if name in self.table else expression)
+        else:
+            node = self.expressions.read(expression, place, unknowns=True)
+        if self.expressions.faults:
+            raise ExpressionError("\n".join(self.expressions.faults))
+        known = {*self.table, *self.symbols.parameters, self.symbols.time}
+        for leaf in self.graph.topological([node]):
+            if leaf.op == "input" and leaf.payload not in known:
+                raise UnknownNameError(self._unknown(str(leaf.payload), place))
+        return self._on_state([node])[0]
+
+    def _unknown(self, name: str, place: str) -> str:
+        if name in self.symbols.unknowns:
+            return f"{place}: {name!r} is a reaction; ask for it with compile_model(scene, outputs=[{name!r}])"
+        return f"{place}: {unknown_name('name', name, [*self.table, *self.symbols.parameters, self.symbols.time])}"
+
+    def kernel(self, name: str, nodes: Sequence[Node]) -> Kernel:
+        """Return the kernel of nodes that `read` gave."""
+        inputs = {self.time: ("t", None), **self.parameters}
+        inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}
+        return lower_kernel(self.graph, name, nodes, inputs, arguments=_ARGUMENTS)

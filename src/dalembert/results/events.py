@@ -1,0 +1,102 @@
+"""What happened on the way: events of a trajectory, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError, unknown_name
+from ..integrators.watched import Occurrence
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["EventRecord", "EventRecords", "event_records"]
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+class EventRecord:
+    """The occurrences of one event.
+
+    Attributes
+    ----------
+    name : str
+        Name of the event.
+    t : ndarray (k,)
+        When it occurred [s], in order.
+    direction : ndarray (k,) of int
+        The sign that its expression changed to.
+    before, after : Trajectory
+        The motion at these times on both sides of jumps, by name; the same where nothing was applied.
+
+    ``record["x"]`` is ``record.before["x"]``.
+    """
+
+    def __init__(self, name: str, direction: NDArray[np.int8], before: Trajectory, after: Trajectory) -> None:
+        self.name, self.t, self.direction = name, before.t, direction
+        self.before, self.after = before, after
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def y(self) -> FloatArray:
+        """State of the formulation (k, n_y) before jumps."""
+        return self.before.y
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        return self.before[key]
+
+    def __repr__(self) -> str:
+        return f"<EventRecord {self.name!r}: {len(self)} times>"
+
+
+@final
+class EventRecords(Mapping[str, EventRecord]):
+    """The events of a run in the order in which they were given: by name, by expression, or by number."""
+
+    def __init__(self, records: Sequence[EventRecord] = (), aliases: Mapping[str, str] | None = None) -> None:
+        self._records = {record.name: record for record in records}
+        self._aliases = aliases or {}
+
+    def __getitem__(self, key: Any) -> EventRecord:
+        names = list(self._records)
+        if isinstance(key, int | np.integer) and -len(names) <= key < len(names):
+            return self._records[names[key]]
+        name = self._aliases.get(str(key), str(key))
+        if name not in self._records:
+            raise UnknownNameError(unknown_name("event", str(key), names))
+        return self._records[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._records)
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __repr__(self) -> str:
+        return f"<EventRecords {', '.join(f'{name!r}: {len(r)}' for name, r in self._records.items())}>"
+
+
+def event_records(
+    names: Sequence[str], occurrences: Sequence[Occurrence], run: Trajectory, aliases: Mapping[str, str]
+) -> EventRecords:
+    """Return the occurrences on a run by event."""
+    records = []
+    for number, name in enumerate(names):
+        mine = [occurrence for occurrence in occurrences if occurrence.event == number]
+        times = np.array([occurrence.t for occurrence in mine], dtype=float)
+        shape = (len(mine), run.y.shape[1])
+        sides = [
+            np.array([getattr(occurrence, side) for occurrence in mine], dtype=float).reshape(shape)
+            for side in ("before", "after")
+        ]
+        before, after = (run.at(times, y) for y in sides)
+        signs = np.array([occurrence.sign for occurrence in mine], dtype=np.int8)
+        records.append(EventRecord(name, signs, before, after))
+    return EventRecords(records, aliases)
