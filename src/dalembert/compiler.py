@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 from .errors import SceneError
@@ -32,7 +32,7 @@ __all__ = ["Stages", "compile_model"]
 @final
 @dataclass(frozen=True)
 class Stages:
-    """Every object that the pipeline passed from stage to stage, and the seconds that each stage took."""
+    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for."""
 
     scene: Scene
     model: SceneModel
@@ -41,6 +41,7 @@ class Stages:
     program: Program
     rendered: RenderedModule
     seconds: dict[str, float]
+    options: CompileOptions
 
 
 def compile_model(
@@ -83,23 +84,36 @@ def compile_model(
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
     """
-    from .codegen import backend_named
-    from .runtime.model import CompiledModel
-
     if not isinstance(source, Scene):
         raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
     options = CompileOptions(backend, formulation, tuple(outputs), cache, gains)
+    return _compile(source.copy(), options, ())
+
+
+def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
+    """Return the model of the same scene that does not enforce some constraints, by number, but watches them.
+
+    They are those that a run found to follow from the others.
+    """
+    options = replace(stages.options, formulation=stages.program.formulation)
+    return _compile(stages.scene, options, without)
+
+
+def _compile(scene: Scene, options: CompileOptions, without: tuple[int, ...]) -> CompiledModel:
+    from .codegen import backend_named
+    from .runtime.model import CompiledModel
+
+    names = _names(options.outputs)
     watch = _Watch()
     chosen = watch("backend", lambda: backend_named(options.backend))
-    scene = source.copy()
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
-    reduced = watch("reduce", lambda: reduce(equations, options.formulation, _names(options.outputs), options.gains))
+    reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     program = watch("lower", lambda: lower(reduced))
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds)
+    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options)
     return CompiledModel(stages, engine, methods)
 
 

@@ -4,7 +4,9 @@ import functools
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.optimize import fsolve
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import FormulationError, MissingExtraError, OptionError
@@ -137,6 +139,36 @@ def test_sweeps_are_single_runs(formulation):
     for i, length in enumerate(lengths):
         single = model.simulate((0, 2), {**HORIZONTAL, "x": length}, {**given, "l": length}, rtol=1e-7, atol=1e-8)
         np.testing.assert_allclose(sweep.final["y"][i], single["y"][-1], rtol=1e-12)
+
+
+def car_axis():
+    """Two wheels on a bar that a moving ground tilts (test set for IVP solvers): its constraints depend on time."""
+    xl, yl, xr, yr = q = dynamicsymbols("xl yl xr yr")
+    N, O = ReferenceFrame("N"), Point("O")
+    mass, ground = sp.Rational(1, 2000), sp.sin(10 * dynamicsymbols._t) / 10
+    reach = sp.sqrt(1 - ground**2)
+    scene = da.Scene("car_axis", frame=N, origin=O, coordinates=q)
+    left, right = O.locatenew("left", xl * N.x + yl * N.y), O.locatenew("right", xr * N.x + yr * N.y)
+    scene.add_bodies(Particle("left", left, mass), Particle("right", right, mass))
+    for wheel, spring in ((left, xl * N.x + yl * N.y), (right, (xr - reach) * N.x + (yr - ground) * N.y)):
+        length = sp.sqrt(spring.dot(spring))
+        scene.add_loads((wheel, (sp.Rational(1, 2) - length) / length * spring - mass * N.y))
+    scene.add_holonomic_constraints(reach * xl + ground * yl, (xl - xr) ** 2 + (yl - yr) ** 2 - 1)
+    return scene
+
+
+@pytest.mark.parametrize("formulation", ["projected", "baumgarte", "ggl"])
+def test_constraints_that_depend_on_time(formulation):
+    """Against a reference of 26 digits at t = 3."""
+    start = {"xl": 0, "yl": 0.5, "xr": 1, "yr": 0.5, "xl_dot": -0.5, "xr_dot": -0.5, "yl_dot": 0, "yr_dot": 0}
+    positions = [0.04934557842752409, 0.4969894602300681, 1.041742524885426, 0.3739110272653162]
+    rates = [-0.07705836840359208, 0.007446866592068417, 0.01755681575354174, 0.7703410437796011]
+    method = "radau" if formulation == "ggl" else "dop853"
+    model = da.compile_model(car_axis(), formulation=formulation)
+    run = model.simulate((0, 3), start, {}, method=method, rtol=1e-9, atol=1e-9)
+    assert run.success
+    np.testing.assert_allclose(run.q[-1], positions, atol=1e-8)
+    np.testing.assert_allclose(run.qdot[-1], rates, atol=1e-7)
 
 
 # -- gains --------------------------------------------------------------------------------

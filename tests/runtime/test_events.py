@@ -21,7 +21,7 @@ SWING = {"g": 9.81, "m": 1.0, "l": 0.8}
 METHODS = [
     (backend, method)
     for backend, methods in {
-        "numba": ("taylor", "dop853", "tsit5"),
+        "numba": ("taylor", "dop853", "tsit5", "radau"),
         "numpy": ("dop853", "rk45", "radau", "bdf", "lsoda"),
         "jax": ("dopri8", "tsit5"),
     }.items()

@@ -229,7 +229,9 @@ def test_unknown_backend_lists_the_known_ones(wrong, meant):
 
 
 def test_unknown_formulation_lists_the_known_ones():
-    with pytest.raises(OptionError, match=r"'minimum'.*Did you mean 'minimal'.*auto, minimal, projected, augmented"):
+    with pytest.raises(
+        OptionError, match=r"'minimum'.*Did you mean 'minimal'.*auto, minimal, projected, baumgarte, ggl, augmented"
+    ):
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", formulation="minimum")
 
 

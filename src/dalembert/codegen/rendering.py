@@ -93,6 +93,7 @@ _MEANING = {
     "project_velocity": "Correction of the state onto the velocity constraints",
     "stages": "Rates, and what constraints leave, at y = (state, multipliers)",
     "multipliers": "Multipliers to start from",
+    "reaction_matrix": "Power coefficients of the unknown reactions, row by row, at y = (q, q_dot)",
     "initial": "State from y = (q, q_dot)",
     "mass_matrix": "Mass matrix, row by row, at y = (q, q_dot)",
     "forcing": "Given actions and bias terms at y = (q, q_dot)",

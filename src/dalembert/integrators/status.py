@@ -17,6 +17,7 @@ class Status(enum.IntEnum):
     EVENTS_ACCUMULATE = 8
     EVENT_STATE = 9
     EVENT_NON_FINITE = 10
+    SINGULAR_CONFIGURATION = 11
 
     @property
     def success(self) -> bool:
@@ -51,6 +52,11 @@ _MESSAGES = {
     Status.INITIAL_STATE: (
         "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to be told "
         "which constraint, or leave out values that the constraints fix."
+    ),
+    Status.SINGULAR_CONFIGURATION: (
+        "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "
+        'them alone: use formulation="projected", which passes through most of them, end the time span before it, or '
+        "choose coordinates that are regular there."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

@@ -59,6 +59,8 @@ def lower(system: ReducedSystem) -> Program:
         "position_residual": tuple(row.position for row in rows if row.position is not None),
         "velocity_residual": tuple(residuals),
     }
+    if not system.regular and set(system.outputs) & set(symbols.unknowns):
+        on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
     kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes or name == "rhs"]
     kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
     if system.stages is not None:

@@ -57,21 +57,23 @@ def reduce(
     if formulation not in (*FORMULATIONS, "auto"):
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
     rows = equations.constraints
-    dropped = tuple(rows[i].label for i in without)
-    enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in without))
+    left_out = tuple(without)
+    enforced = equations
+    if left_out:
+        enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
     try:
         reduced = _reduce(enforced, formulation, requested, gains)
     except ConstraintError:
         independent = independent_constraints(enforced)
         if not independent.dropped:
             raise
-        dropped = (*dropped, *independent.dropped)
+        left_out = tuple(i for i, row in enumerate(rows) if i in left_out or any(row is d for d in independent.dropped))
         reduced = _reduce(independent.equations, formulation, requested, gains)
-    if not dropped:
+    if not left_out:
         return reduced
-    note = f"left out, because they follow from the other constraints: {', '.join(dropped)}"
+    note = f"left out, because they follow from the other constraints: {', '.join(rows[i].label for i in left_out)}"
     whole = replace(reduced.equations, constraints=rows)
-    return replace(reduced, equations=whole, notes=(*reduced.notes, note))
+    return replace(reduced, equations=whole, notes=(*reduced.notes, note), left_out=left_out)
 
 
 def _reduce(
@@ -84,8 +86,8 @@ def _reduce(
     except FormulationError as reason:
         settings = ReductionSettings(gains, regular=False)
         if formulation != "auto":
-            return FORMULATIONS[formulation].reduce(equations, requested, settings)
-        reduced = FORMULATIONS["projected"].reduce(equations, requested, settings)
+            return replace(FORMULATIONS[formulation].reduce(equations, requested, settings), regular=False)
+        reduced = replace(FORMULATIONS["projected"].reduce(equations, requested, settings), regular=False)
         why = str(reason).split(": ", 1)[1].split(". Use")[0]
         return replace(reduced, notes=(*reduced.notes, f"chosen because 'minimal' cannot serve: {why}"))
     if formulation == "auto":

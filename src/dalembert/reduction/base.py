@@ -94,6 +94,10 @@ class ReducedSystem:
         What implicit methods integrate instead; explicit ones cannot serve then.
     defaults : mapping of str to float
         Parameters that the formulation adds and that may be left out.
+    regular : bool
+        Whether the constraints are known to be independent at every configuration.
+    left_out : tuple of int
+        Numbers of constraints that follow from the others and are not enforced.
     """
 
     formulation: str
@@ -112,6 +116,8 @@ class ReducedSystem:
     start_projection: Projection | None = None
     stages: StageSystem | None = None
     defaults: Mapping[str, float] = field(default_factory=dict)
+    regular: bool = True
+    left_out: tuple[int, ...] = ()
 
 
 class Formulation(ABC):

@@ -19,6 +19,9 @@ from ..mechanics.equations import EquationsOfMotion
 __all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
 
 
+_SHIFT = 1e-7
+
+
 @final
 @dataclass(frozen=True)
 class Requested:
@@ -39,6 +42,7 @@ def requested_outputs(
     requested: Sequence[str],
     values: Mapping[Node, Node],
     accelerations: Sequence[Node],
+    plain: Sequence[Node] | None = None,
 ) -> Requested:
     """Return the requested outputs.
 
@@ -52,6 +56,9 @@ def requested_outputs(
         Coordinates and rates in terms of the state.
     accelerations : sequence of Node
         Second rates in terms of the state.
+    plain : sequence of Node, optional
+        The same without guards, where the constraints may come to depend on each other. Reactions that are not
+        determined then are the least ones.
 
     Raises
     ------
@@ -77,7 +84,7 @@ def requested_outputs(
         raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
     if needed:
-        replace.update(_solve(equations, values, accelerations))
+        replace.update(_solve(equations, values, accelerations, plain))
     found = graph.substitute(list(nodes.values()), replace)
     return Requested(dict(zip(nodes, found, strict=True)), undetermined)
 
@@ -128,7 +135,10 @@ def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[in
 
 
 def _solve(
-    equations: EquationsOfMotion, values: Mapping[Node, Node], accelerations: Sequence[Node]
+    equations: EquationsOfMotion,
+    values: Mapping[Node, Node],
+    accelerations: Sequence[Node],
+    plain: Sequence[Node] | None,
 ) -> dict[Node, Node]:
     """Return the determined reactions in terms of the state."""
     graph = equations.graph
@@ -140,7 +150,8 @@ def _solve(
     mass = [flat[i * size : (i + 1) * size] for i in range(size)]
     forcing, rest = flat[size * size : size * size + size], flat[size * size + size :]
     reactions = [rest[i * len(independent) : (i + 1) * len(independent)] for i in range(size)]
-    residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
+    proved = accelerations if plain is None else plain
+    residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
     columns = transpose(reactions)
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))
@@ -152,5 +163,25 @@ def _solve(
             f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
             f" {where}). Give a joint the unknown force or torque component that holds the constraint"
         )
+    if plain is not None:
+        residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
+        solution = _least(graph, reactions, residual)
     unknowns = equations.unknowns
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
+
+
+def _least(graph: Graph, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
+    """Return the least solution of equations whose columns may come to depend on each other.
+
+    Of the normal equations with a small part of their trace on the diagonal, improved once by what they leave.
+    """
+    columns = transpose(matrix)
+    normal = matmul(graph, columns, matrix)
+    small = graph.node(_SHIFT) * graph.sum(normal[i][i] for i in range(len(normal)))
+    for i in range(len(normal)):
+        normal[i][i] = normal[i][i] + small
+    factors = factorize(graph, normal)
+    first = factors.solve(matvec(graph, columns, residual))
+    rest = [r - v for r, v in zip(residual, matvec(graph, matrix, first), strict=True)]
+    more = factors.solve(matvec(graph, columns, rest))
+    return [a + b for a, b in zip(first, more, strict=True)]

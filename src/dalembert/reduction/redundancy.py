@@ -21,10 +21,10 @@ __all__ = ["Independent", "independent_constraints"]
 @final
 @dataclass(frozen=True)
 class Independent:
-    """Equations with independent constraints only, and the labels of those that follow from them."""
+    """Equations with independent constraints only, and those that follow from them."""
 
     equations: EquationsOfMotion
-    dropped: tuple[str, ...]
+    dropped: tuple[ConstraintRow, ...]
 
 
 def independent_constraints(equations: EquationsOfMotion) -> Independent:
@@ -37,7 +37,7 @@ def independent_constraints(equations: EquationsOfMotion) -> Independent:
     """
     graph = equations.graph
     kept: list[ConstraintRow] = []
-    dropped: list[str] = []
+    dropped: list[ConstraintRow] = []
     for row in equations.constraints:
         trial = [list(r.jacobian) for r in (*kept, row)]
         try:
@@ -50,7 +50,7 @@ def independent_constraints(equations: EquationsOfMotion) -> Independent:
                 normal = factorize(graph, matmul(graph, base, transpose(base)))
                 weights = normal.solve(matvec(graph, base, row.jacobian))
             _refuse_unless_it_follows(equations, kept, row, weights)
-            dropped.append(row.label)
+            dropped.append(row)
     return Independent(replace(equations, constraints=tuple(kept)), tuple(dropped))
 
 

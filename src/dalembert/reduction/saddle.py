@@ -21,7 +21,7 @@ from .reactions import requested_outputs
 
 __all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
 
-DEPENDENT = 1e-12
+DEPENDENT = 1e-13
 """Square of the sine of the angle to the constraints before it below which a constraint counts as dependent."""
 
 _SET_ASIDE = 1e300
@@ -146,9 +146,15 @@ def reduce_saddle(
     accelerations: Sequence[Node],
     notes: Sequence[str],
     projection: Projection | None = None,
+    *,
+    guarded: bool = False,
 ) -> ReducedSystem:
     """Return the system with the state q, q_dot and the given accelerations."""
-    wanted = requested_outputs(equations, requested, {}, accelerations)
+    plain = None
+    if guarded and requested:
+        unguarded = SaddlePoint.of(equations, guarded=False)
+        plain = unguarded.accelerations([row.bias for row in unguarded.rows], equations.name)
+    wanted = requested_outputs(equations, requested, {}, accelerations, plain)
     state = (*equations.q, *equations.qdot)
     return ReducedSystem(
         formulation=name,
@@ -183,7 +189,9 @@ class Projected(Formulation):
         note = "q and q_dot, accelerations from the saddle-point system, projected onto the constraints at every step"
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
-        return reduce_saddle(self.name, equations, requested, found, [note], saddle.projection(equations))
+        return reduce_saddle(
+            self.name, equations, requested, found, [note], saddle.projection(equations), guarded=saddle.guarded
+        )
 
 
 @final
@@ -202,4 +210,4 @@ class Augmented(Formulation):
         note = "q and q_dot, accelerations from the saddle-point system, nothing done against drift"
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
-        return reduce_saddle(self.name, equations, requested, found, [note])
+        return reduce_saddle(self.name, equations, requested, found, [note], guarded=saddle.guarded)

@@ -34,7 +34,7 @@ _ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 class RunStatistics:
     """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds.
 
-    `note` says why "auto" took another method than it usually does, where it did.
+    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration.
     """
 
     method: str
@@ -124,7 +124,7 @@ class Trajectory:
     def message(self) -> str:
         """How the run ended, as a sentence."""
         note = self.stats.note
-        return f"{self.status.message} Method {self.stats.method}: {note}." if note else self.status.message
+        return f"{self.status.message} Note: {note}." if note else self.status.message
 
     @property
     def can_evaluate(self) -> bool:

@@ -12,12 +12,14 @@ import numpy as np
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.program import Layout
 from ..reduction.starting import Start, starting
 from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
+from ..results.linearization import Linearization
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
@@ -25,7 +27,9 @@ from .comparing import compare
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
 from .gains import gain_for
+from .linear import linearized
 from .prepared import PreparedRun
+from .singular import indeterminate, judged, redundant, singular_start, still_redundant
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 if TYPE_CHECKING:
@@ -55,8 +59,13 @@ class CompiledModel:
         self._engine = engine
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
-        self._watches: dict[str, EventCode] = {}
         self._others: dict[str, CompiledModel] = {}
+        self._note = ""
+        self._fewer: dict[tuple[int, ...], CompiledModel] = {}
+        rows = range(len(self.layout.constraints))
+        reduced = stages.reduced
+        self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
+        self._watches: dict[str, EventCode] = {}
 
     @property
     def name(self) -> str:
@@ -173,6 +182,14 @@ class CompiledModel:
         watch = self._events(events)
         if watch is not None and error_estimate:
             raise OptionError(_NO_ESTIMATE)
+        able = self._independent(problem, chosen, begin)
+        if isinstance(able, Trajectory):
+            return able
+        if able is not self:
+            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+            options |= {"events": events, "error_estimate": error_estimate}
+            return able.simulate(t_span, initial, parameters, **options)
         problem = self._with_gains(problem, chosen, parameters)
         run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
         if error_estimate:
@@ -184,15 +201,32 @@ class CompiledModel:
             run.with_twin(twin)
         return run
 
-    def _events(self, events: Any) -> EventCode | None:
-        """Return the kernels of events, made once for each set of them; None where there are none."""
-        listed = event_list(events, self.layout.aliases)
-        if not listed:
-            return None
-        key = repr(listed)
-        if key not in self._watches:
-            self._watches[key] = compiled_events(self.stages, listed, self._start)
-        return self._watches[key]
+    def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> CompiledModel | Trajectory:
+        """Return the model that enforces no constraint which follows from others around the start of a problem.
+
+        Where only the start itself is singular, return the run that ends there.
+        """
+        if not self._enforced:
+            return self
+        where = (self._program, problem.t0, problem.y0, problem.constants, self._enforced)
+        found = redundant(*where)
+        if found is None:
+            statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, singular_start(*where))
+            status = Status.SINGULAR_CONFIGURATION
+            y0 = problem.y0[np.newaxis]
+            return Trajectory(self._program, problem.constants, status, np.array([problem.t0]), y0, statistics, None)
+        if not found:
+            return self
+        from ..compiler import recompile
+
+        without = tuple(sorted({*found, *self.stages.reduced.left_out}))
+        if without not in self._fewer:
+            labels = [self.layout.constraints[i] for i in found]
+            self._fewer[without] = recompile(self.stages, without)
+            self._fewer[
+                without
+            ]._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
+        return self._fewer[without]
 
     def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
         """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
@@ -209,6 +243,16 @@ class CompiledModel:
         p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
         return replace(problem, constants=inputs.constants(self._program, p))
 
+    def _events(self, events: Any) -> EventCode | None:
+        """Return the kernels of events, made once for each set of them; None where there are none."""
+        listed = event_list(events, self.layout.aliases)
+        if not listed:
+            return None
+        key = repr(listed)
+        if key not in self._watches:
+            self._watches[key] = compiled_events(self.stages, listed, self._start)
+        return self._watches[key]
+
     def _run(
         self,
         problem: IntegrationProblem,
@@ -220,7 +264,7 @@ class CompiledModel:
     ) -> Trajectory:
         """Integrate one problem; its run time counts from `begin`, less what was compiled.
 
-        Where the method was chosen automatically, a stiff run changes to an implicit one.
+        Where the method was chosen automatically, a stiff run without events changes to an implicit one.
         """
         ready = time.perf_counter()
         if self.layout.state:
@@ -238,6 +282,16 @@ class CompiledModel:
             solution, method, note = self._engine.integrate_automatic(problem, method)
         else:
             solution = self._engine.integrate(problem, method)
+        if self._enforced:
+            solution, where = judged(self._program, solution, problem.constants, self._enforced)
+            loose = indeterminate(self._program, problem.t0, problem.y0, problem.constants)
+            note = "; ".join(text for text in (note, where, loose) if text)
+        if self._note:
+            tolerance = 1e3 * (problem.rtol + problem.atol)
+            solution, broken = still_redundant(
+                self._program, solution, problem.constants, self.stages.reduced.left_out, max(tolerance, 1e-6)
+            )
+            note = "; ".join(text for text in (self._note, note, broken) if text)
         statistics = RunStatistics(
             method=method,
             steps=solution.steps,
@@ -358,6 +412,7 @@ class CompiledModel:
         """
         begin = time.perf_counter()
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        given = (t_span, initial, parameters)
         if grid is not None:
             initial, parameters = _with_grid(self.layout, grid, initial, parameters)
         cases = Cases(self._program, self._start, t_span, initial, parameters)
@@ -382,6 +437,13 @@ class CompiledModel:
         if watch is not None and error_estimate:
             raise OptionError(_NO_ESTIMATE)
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
+        first = single_problem(cases, settings, 0) if self._enforced else None
+        able = self if first is None else self._independent(first, chosen, begin)
+        if isinstance(able, CompiledModel) and able is not self:
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+            options |= {"t_eval": t_eval, "events": events, "error_estimate": error_estimate}
+            return able.sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
         self._give_gains(cases, settings, parameters)
@@ -429,6 +491,42 @@ class CompiledModel:
         """
         run = (t_span, initial, parameters)
         return compare(self._in_formulation, self.name, formulations, run, (float(rtol), float(atol)), method)
+
+    def linearize(
+        self,
+        t: float,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        states: Sequence[str] | None = None,
+    ) -> Linearization:
+        """Linearise the motion about a state, in independent coordinates and speeds.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        initial, parameters : mapping of symbols or names to numbers
+            The state and the parameters, as for `simulate`: what the constraints fix may be left out.
+        states : sequence of str, optional
+            Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
+            that the constraints fix least.
+
+        Returns
+        -------
+        Linearization
+            With named rows and columns, and `eigenvalues`.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong.
+        """
+        p = self.parameter_vector(parameters)
+        c = inputs.constants(self._program, p)
+        values = inputs.given_values(self.layout, initial)
+        y = inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+        return linearized(self._program, float(t), y, p, c, states)
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""

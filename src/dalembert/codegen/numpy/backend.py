@@ -56,19 +56,17 @@ class NumpyEngine(Engine):
         """See `Engine.integrate`."""
         from ...integrators.scipy.solvers import integrate
 
-        return self._integrate_stages(problem) if self._staged else integrate(self._stepped(method), method, problem)
+        if "stages" in self._kernels:
+            return self._integrate_stages(problem)
+        return integrate(self._stepped(method), method, problem)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: one step each; of equations in stages, the whole run."""
         from ...integrators.scipy.solvers import stretches
 
-        if self._staged:
-            return iter([self._integrate_stages(problem)])
+        if "stages" in self._kernels:
+            return super().stretches(problem, method)
         return stretches(self._stepped(method), method, problem)
-
-    @property
-    def _staged(self) -> bool:
-        return "stages" in self._kernels
 
     def _stepped(self, method: str) -> Kernels:
         from ...integrators.scipy.solvers import IMPLICIT

@@ -1,0 +1,251 @@
+"""Where constraints lose rank: redundant ones at the start of a run, and configurations that are singular.
+
+Measured by the smallest singular value of the constraint Jacobian, its `share` below, with rows of length one: 1 for
+constraints that are orthogonal to each other, 0 where one follows from others. A row that vanishes somewhere is to
+count as dependent there, so that rows are measured by how long they are elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import list_names
+from ..integrators.problem import PiecewisePolynomial, Solution
+from ..integrators.status import Status
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+
+__all__ = ["indeterminate", "judged", "redundant", "singular_start", "still_redundant"]
+
+_LOST = 1e-7
+"""Share below which rank is lost."""
+
+_NEAR = 0.05
+"""Share below which a run that failed is taken to have failed for it."""
+
+_CROSSED = 1e-5
+_NEARBY = 1e-3
+_PER_STEP = 3
+
+
+def _jacobians(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
+    """Return constraint Jacobians (k, n_enforced, n_q) at coordinates and rates x (k, 2 n_q)."""
+    layout = program.layout
+    rows = interpret_rows(program.kernel("constraint_jacobian"), t, x, c)
+    return rows.reshape(len(t), len(layout.constraints), len(layout.coordinates))[:, list(enforced)]
+
+
+def _at_states(program: Program, t: FloatArray, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
+    return _jacobians(program, t, interpret_rows(program.kernel("expand"), t, y, c), c, enforced)
+
+
+def _lengths(j: FloatArray) -> FloatArray:
+    """Return what rows are measured by (n_enforced,): their longest, at the least a tenth of the longest of all."""
+    longest = np.nanmax(np.linalg.norm(j, axis=2), axis=0)
+    found: FloatArray = np.maximum(longest, 0.1 * longest.max())
+    return np.where(found > 0.0, found, 1.0)
+
+
+def _shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite."""
+    found = np.full(len(j), np.nan)
+    fine = np.all(np.isfinite(j), axis=(1, 2))
+    if j.shape[1] > j.shape[2]:
+        found[fine] = 0.0
+    elif np.any(fine):
+        found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, -1]
+    return found
+
+
+def _dependent(j: FloatArray) -> list[int]:
+    """Return the rows of a Jacobian with rows of length one that follow from those before them."""
+    basis: list[FloatArray] = []
+    found = []
+    for i, row in enumerate(j):
+        rest = row
+        for _ in range(2):
+            for direction in basis:
+                rest = rest - (rest @ direction) * direction
+        length = float(np.linalg.norm(rest))
+        if length < _LOST:
+            found.append(i)
+        else:
+            basis.append(rest / length)
+    return found
+
+
+def redundant(
+    program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]
+) -> tuple[int, ...] | None:
+    """Return the constraints that follow from others at a start y (n_y,) and all around it.
+
+    Returns
+    -------
+    tuple of int or None
+        Their numbers; none for constraints that are independent. None where the start alone is singular.
+    """
+    times = np.array([t])
+    j = _at_states(program, times, y[np.newaxis], c, enforced)
+    if not np.all(np.isfinite(j)):
+        return ()
+    lengths = _lengths(j)[:, np.newaxis]
+    lost = _dependent(j[0] / lengths)
+    if not lost:
+        return ()
+    for x in _around(program, t, y, c, j[0] / lengths):
+        near = _jacobians(program, times, x[np.newaxis], c, enforced)[0]
+        if np.all(np.isfinite(near)) and len(_dependent(near / lengths)) < len(lost):
+            return None
+    return tuple(enforced[i] for i in lost)
+
+
+def _around(program: Program, t: float, y: FloatArray, c: FloatArray, j: FloatArray) -> list[FloatArray]:
+    """Return coordinates and rates at some configurations near a start that fulfil the constraints."""
+    times, n = np.array([t]), len(program.layout.coordinates)
+    x0 = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
+    _, values, directions = np.linalg.svd(j)
+    free = directions[int(np.sum(values > _LOST)) :]
+    found = []
+    for direction in [*free, np.sum(free, axis=0)]:
+        x = x0.copy()
+        x[:n] += _NEARBY * direction
+        for _ in range(8):
+            if "position_residual" not in program:
+                break
+            left = interpret_rows(program.kernel("position_residual"), times, x[np.newaxis], c)[0]
+            whole = interpret_rows(program.kernel("constraint_jacobian"), times, x[np.newaxis], c)[0]
+            rows = whole.reshape(-1, n)[: len(left)]
+            if not (np.all(np.isfinite(left)) and np.all(np.isfinite(rows))):
+                break
+            x[:n] -= np.linalg.pinv(rows, rcond=1e-5) @ left
+        found.append(x)
+    return found
+
+
+def _where(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+    """Return which constraints come to depend on each other, and where."""
+    layout = program.layout
+    times, rows = np.array([t]), y[np.newaxis]
+    j = _at_states(program, times, rows, c, enforced)
+    left, values, _ = np.linalg.svd(j[0] / _lengths(j)[:, np.newaxis])
+    weights = np.abs(left[:, -1])
+    labels = [layout.constraints[enforced[i]] for i in range(len(weights)) if weights[i] > 0.2 * weights.max()]
+    x = interpret_rows(program.kernel("expand"), times, rows, c)[0]
+    place = ", ".join(f"{name} = {x[i]:.6g}" for i, name in enumerate(layout.coordinates))
+    return (
+        f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} depend on each other, or nearly so (smallest"
+        f" singular value {values[-1]:.1e})"
+    )
+
+
+def singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+    """Return the note of a run that would start at a singular configuration."""
+    return f"{_where(program, t, y, c, enforced)}, and not around it: start elsewhere, or use other coordinates"
+
+
+def judged(program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int]) -> tuple[Solution, str]:
+    """Return a run ended where it met a singular configuration, and where that was.
+
+    A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
+    for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them.
+    """
+    if len(solution.t) == 0 or solution.status is Status.MAX_STEPS:
+        return solution, ""
+    if "project_velocity" not in program:
+        crossing = _crossing(program, solution, c, enforced)
+        if crossing is not None:
+            t, y = crossing
+            return _cut(solution, t), _where(program, t, y, c, enforced)
+    if not solution.success:
+        j = _at_states(program, solution.t, solution.y, c, enforced)
+        if _shares(j[-1:], _lengths(j))[0] < _NEAR:
+            where = _where(program, float(solution.t[-1]), solution.y[-1], c, enforced)
+            return replace(solution, status=Status.SINGULAR_CONFIGURATION), where
+    return solution, ""
+
+
+def _crossing(
+    program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int]
+) -> tuple[float, FloatArray] | None:
+    """Return the first time and state at which rank is lost."""
+    t, y = solution.t, solution.y
+    dense = solution.dense
+    if dense is not None:
+        knots = dense.knots
+        parts = np.linspace(0.0, 1.0, _PER_STEP, endpoint=False)
+        t = np.append((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * parts).ravel(), knots[-1])
+        y = dense(t)
+    j = _at_states(program, t, y, c, enforced)
+    lengths = _lengths(j)
+    profile = _shares(j, lengths)
+    for i in range(len(t)):
+        before, after = max(i - 1, 0), min(i + 1, len(t) - 1)
+        if not (profile[i] < 0.5 and profile[i] <= profile[before] and profile[i] <= profile[after]):
+            continue
+        place, state, share = float(t[i]), y[i], float(profile[i])
+        if dense is not None:
+            first, last = float(t[before]), float(t[after])
+            for _ in range(6):
+                times = np.linspace(first, last, 17)
+                states = dense(times)
+                fine = _shares(_at_states(program, times, states, c, enforced), lengths)
+                k = int(np.argmin(np.nan_to_num(fine, nan=np.inf)))
+                place, state, share = float(times[k]), states[k], float(fine[k])
+                first, last = float(times[max(k - 1, 0)]), float(times[min(k + 1, 16)])
+        if share < _CROSSED:
+            return place, state
+    return None
+
+
+def _cut(solution: Solution, t: float) -> Solution:
+    """Return a run that ends before time t with the status of a singular configuration."""
+    forward = solution.t[-1] >= solution.t[0]
+    kept = solution.t < t if forward else solution.t > t
+    kept[0] = True
+    dense = solution.dense
+    if isinstance(dense, PiecewisePolynomial):
+        steps = max(1, int(np.sum(dense.knots < t if forward else dense.knots > t)) - 1)
+        dense = PiecewisePolynomial(dense.knots[: steps + 1], dense.coefficients[:steps])
+    return replace(solution, status=Status.SINGULAR_CONFIGURATION, t=solution.t[kept], y=solution.y[kept], dense=dense)
+
+
+def still_redundant(
+    program: Program, solution: Solution, c: FloatArray, left_out: Sequence[int], tolerance: float
+) -> tuple[Solution, str]:
+    """Return a run ended before constraints that were left out as redundant come to be violated by more than rounding.
+
+    The tolerance is relative to the size of the coordinates.
+    """
+    places = [i for i in left_out if i < program.layout.holonomic]
+    if not places or len(solution.t) == 0:
+        return solution, ""
+    x = interpret_rows(program.kernel("expand"), solution.t, solution.y, c)
+    left = np.abs(interpret_rows(program.kernel("position_residual"), solution.t, x, c)[:, places])
+    wrong = np.max(left, axis=1) > tolerance * max(1.0, float(np.max(np.abs(x), initial=0.0)))
+    if not np.any(wrong):
+        return solution, ""
+    first = int(np.argmax(wrong))
+    label = program.layout.constraints[places[int(np.argmax(left[first]))]]
+    note = f"at t = {solution.t[first]:.6g} {label} no longer follows from the others, as it did around the start"
+    return _cut(solution, float(solution.t[first])), note
+
+
+def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> str:
+    """Return which of the requested reactions the equations do not determine at a state, as a note."""
+    if "reaction_matrix" not in program:
+        return ""
+    layout = program.layout
+    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
+    rows = interpret_rows(program.kernel("reaction_matrix"), np.array([t]), x, c)
+    matrix = rows.reshape(len(layout.coordinates), len(layout.unknowns))
+    if not np.all(np.isfinite(matrix)):
+        return ""
+    _, values, directions = np.linalg.svd(matrix)
+    loose = directions[int(np.sum(values > _LOST * values.max(initial=0.0))) :]
+    weights = np.max(np.abs(loose), axis=0, initial=0.0)
+    names = [n for n, weight in zip(layout.unknowns, weights, strict=True) if weight > _LOST and n in layout.outputs]
+    return f"the reactions {list_names(names)} are not determined here, and the least ones are given" if names else ""

@@ -1,0 +1,62 @@
+"""Closed loops whose constraints lose rank: at some configurations, or at all that they allow."""
+
+import sympy as sp
+from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
+
+m, M, L, g = sp.symbols("m M L g", positive=True)
+
+
+def _cranks(name, count, more):
+    """Return a scene with upright cranks in a row, and their tips."""
+    angles = dynamicsymbols(f"a0:{count}")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene(name, frame=N, origin=O, coordinates=[*angles, *more])
+    tips = []
+    for i, angle in enumerate(angles):
+        F = N.orientnew(f"crank{i}", "Axis", (-angle, N.z))
+        foot = O.locatenew(f"foot{i}", i * L * N.x)
+        G = foot.locatenew(f"G{i}", L / 2 * F.y)
+        scene.add_bodies(RigidBody(f"crank{i}", G, F, m, (inertia(F, 0, 0, m * L**2 / 12), G)))
+        tips.append(foot.locatenew(f"tip{i}", L * F.y))
+    return scene, N, tips
+
+
+def windows(count):
+    """The N-four-bar mechanism (multibody benchmark A02): all bars are parallel at every quarter turn."""
+    angles = dynamicsymbols(f"b0:{count}")
+    scene, N, tips = _cranks(f"windows_{count}", count + 1, angles)
+    for i, angle in enumerate(angles):
+        F = N.orientnew(f"bar{i}", "Axis", (angle, N.z))
+        G = tips[i].locatenew(f"H{i}", L / 2 * F.x)
+        scene.add_bodies(RigidBody(f"bar{i}", G, F, m, (inertia(F, 0, 0, m * L**2 / 12), G)))
+        gap = tips[i].locatenew(f"end{i}", L * F.x).pos_from(tips[i + 1])
+        scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+def platform(count=3, joints=False):
+    """A bar on parallel cranks: from the third on, a constraint follows from the others; with the forces at their tips.
+
+    The first crank's force has no power on any coordinate.
+    """
+    b = dynamicsymbols("b")
+    scene, N, tips = _cranks(f"platform_{count}", count, [b])
+    F = N.orientnew("bar", "Axis", (b, N.z))
+    G = tips[0].locatenew("G", L * F.x)
+    scene.add_bodies(RigidBody("bar", G, F, M, (inertia(F, 0, 0, M * L**2 / 3), G)))
+    for i in range(1, count):
+        end = tips[0].locatenew(f"on{i}", i * L * F.x)
+        gap = end.pos_from(tips[i])
+        scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+        if joints:
+            X, Y = da.unknowns(f"X{i} Y{i}")
+            force = X * N.x + Y * N.y
+            scene.add_joints(
+                da.Joint(f"bar at {i}", body="bar", at=end, force=force),
+                da.Joint(f"crank at {i}", body=f"crank{i}", at=tips[i], force=-force),
+            )
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene

@@ -1,0 +1,165 @@
+"""Constraints that lose rank: passed through, ended with a status that says where, or left out where redundant."""
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dalembert as da
+from dalembert.integrators.status import Status
+from system.singular_scenes import platform, windows
+
+BARS = {"m": 1.0, "L": 1.0, "g": 9.81}
+TURN = {1: 3.337870803105097731817957161247564911941, 4: 12.68425959351397191786347626886160363293}
+"""Angle of the first crank of two windows by time (multibody benchmark A02, 40 digits)."""
+
+CARRIED = {"m": 1.0, "M": 2.0, "L": 0.7, "g": 9.81}
+LEANING = {"a0": 2.5, "a1": 2.5, "a2": 2.5, "b": 0.0, "a0_dot": 1.0, "a1_dot": 1.0, "a2_dot": 1.0, "b_dot": 0.0}
+
+
+def start(count, angle=0.0):
+    bars = dict.fromkeys([f"a{i}" for i in range(count + 1)], angle) | dict.fromkeys(
+        [f"b{i}" for i in range(count)], 0.0
+    )
+    return bars | {"a0_dot": 1.0}
+
+
+@functools.cache
+def compiled(build, formulation="projected", backend="numba"):
+    return da.compile_model(build(), backend=backend, formulation=formulation)
+
+
+@functools.cache
+def two_windows():
+    return windows(2)
+
+
+def leaning(t):
+    """Angle and rate of the cranks that carry the bar."""
+    p = CARRIED
+    pull = (1.5 * p["m"] + p["M"]) * p["g"] / ((p["m"] + p["M"]) * p["L"])
+    run = solve_ivp(lambda _, y: [y[1], pull * np.sin(y[0])], (0, t), [2.5, 1.0], "DOP853", rtol=1e-12, atol=1e-12)
+    return run.y[:, -1]
+
+
+# -- singular configurations --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_projected_runs_pass_through_on_their_branch(method):
+    run = compiled(two_windows).simulate((0, 4), start(2), BARS, method=method, rtol=1e-8, atol=1e-9)
+    assert run.success and run.stats.note == ""
+    assert run["a0"][-1] == pytest.approx(TURN[4], abs=1e-6)
+    np.testing.assert_allclose(run.q[:, 1:3], run.q[:, :1] @ np.ones((1, 2)), atol=1e-7)
+    assert np.ptp(run["energy"]) < 1e-5
+    assert np.abs(run.constraint_violation).max() < 1e-12
+
+
+@pytest.mark.parametrize("formulation", ["baumgarte", "augmented", "ggl"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-9])
+def test_other_runs_end_there_and_say_where_and_why(formulation, rtol):
+    """The first quarter turn is at 0.714 s."""
+    run = compiled(two_windows, formulation).simulate((0, 4), start(2), BARS, rtol=rtol, atol=rtol)
+    assert run.status is Status.SINGULAR_CONFIGURATION
+    assert 0.5 < run.t[-1] < 0.72
+    assert "at t = 0.714" in run.message and "a0 = 1.5" in run.message and "projected" in run.message
+    assert "holonomic constraint 1" in run.message and "holonomic constraint 3" in run.message
+    assert np.ptp(run["energy"]) < 1e-2
+    times = np.linspace(0, run.t[-1], 7)
+    np.testing.assert_allclose(run(times)["a1"], run(times)["a0"], atol=1e-3)
+
+
+def test_start_at_a_singular_configuration_is_a_status():
+    run = compiled(two_windows).simulate(
+        (0, 1), start(2, np.pi / 2) | {"b0_dot": 0.0, "b1_dot": 0.0, "a1_dot": 1.0, "a2_dot": 1.0}, BARS
+    )
+    assert run.status is Status.SINGULAR_CONFIGURATION and run.t.tolist() == [0.0]
+    assert "at t = 0 (a0 = 1.5708" in run.message and "start elsewhere" in run.message
+
+
+def test_regular_runs_are_left_alone():
+    """Short of the first quarter turn nothing is found."""
+    for formulation in ("baumgarte", "augmented", "ggl"):
+        run = compiled(two_windows, formulation).simulate((0, 0.6), start(2), BARS)
+        assert run.success and run.stats.note == ""
+
+
+# -- redundant constraints ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("formulation", ["projected", "baumgarte", "ggl", "augmented"])
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+def test_redundant_constraints_are_found_at_the_start_and_watched(formulation, backend):
+    model = compiled(platform, formulation, backend)
+    end = 1.0 if backend == "numba" else 0.3
+    options = {} if formulation == "ggl" else {"method": "dop853"}
+    run = model.simulate((0, end), LEANING, CARRIED, rtol=1e-8, atol=1e-9, **options)
+    assert run.success, run.message
+    np.testing.assert_allclose([run["a0"][-1], run["a0_dot"][-1]], leaning(end), atol=1e-6)
+    assert run.constraint_violation.shape[1] == 4
+    assert np.abs(run.constraint_violation).max() < 1e-6
+    assert "it follows from the others around the start: holonomic constraint" in run.message
+
+
+def test_redundant_constraints_in_sweeps():
+    model, speeds = compiled(platform), np.array([0.5, 1.0, 2.0])
+    initial = {**LEANING, **dict.fromkeys(("a0_dot", "a1_dot", "a2_dot"), speeds)}
+    sweep = model.sweep((0, 1), initial, CARRIED, rtol=1e-9, atol=1e-10)
+    assert np.all(sweep.status == 0)
+    assert sweep.final["a0"][1] == pytest.approx(leaning(1.0)[0], abs=1e-7)
+
+
+def test_start_that_contradicts_a_redundant_constraint_is_refused_by_name():
+    with pytest.raises(da.errors.InitialStateError, match=r"holonomic constraint \d"):
+        compiled(platform).simulate((0, 1), {**LEANING, "a2": 2.6}, CARRIED)
+
+
+# -- reactions ----------------------------------------------------------------------------
+
+
+def bar_acceleration(t):
+    """Horizontal and vertical acceleration of the bar, and angle and angular acceleration of the cranks."""
+    p, (a, rate) = CARRIED, leaning(t)
+    second = (1.5 * p["m"] + p["M"]) * p["g"] / ((p["m"] + p["M"]) * p["L"]) * np.sin(a)
+    across = p["L"] * (second * np.cos(a) - rate**2 * np.sin(a))
+    return across, -p["L"] * (second * np.sin(a) + rate**2 * np.cos(a)), a, second
+
+
+@pytest.mark.parametrize("formulation", ["projected", "ggl"])
+def test_reactions_that_redundant_constraints_share_are_named_and_least(formulation):
+    """The cranks may pull against each other along the direction `loose`; what balances moments is determined."""
+    names = ("X1", "Y1", "X2", "Y2")
+    model = da.compile_model(platform(joints=True), formulation=formulation, outputs=names)
+    run = model.simulate((0, 0.5), LEANING, CARRIED, rtol=1e-9, atol=1e-10)
+    assert run.success
+    assert "the reactions X1, Y1, X2, Y2 are not determined here, and the least ones are given" in run.message
+    x1, y1, x2, y2 = given = np.array([run[name][-1] for name in names])
+    p, (_, up, a, second) = CARRIED, bar_acceleration(0.5)
+    assert y1 + 2 * y2 == pytest.approx(p["M"] * (up + p["g"]), rel=1e-5)
+    inertia = p["m"] * p["L"] ** 2 / 3 * second - p["m"] * p["g"] * p["L"] / 2 * np.sin(a)
+    for x, y in ((x1, y1), (x2, y2)):
+        assert (y * np.sin(a) - x * np.cos(a)) * p["L"] == pytest.approx(inertia, abs=1e-5)
+    loose = np.array([-2 * np.sin(a), -2 * np.cos(a), np.sin(a), np.cos(a)])
+    assert abs(given @ loose) < 1e-5 * np.linalg.norm(given)
+
+
+def test_reactions_of_a_regular_loop_are_determined():
+    """The same bar on two cranks, in a formulation that knows of no regular basis."""
+    model = da.compile_model(platform(2, joints=True), outputs=["X1", "Y1"])
+    assert model.formulation == "projected"
+    two = {name: value for name, value in LEANING.items() if not name.startswith("a2")}
+    run = model.simulate((0, 0.4), two, CARRIED, rtol=1e-9, atol=1e-10)
+    assert run.success and run.stats.note == ""
+    p = CARRIED
+    _, up = (np.gradient(np.gradient(v(np.linspace(0, 0.4, 401)), 1e-3), 1e-3)[200] for v in tip_of(run))
+    at = run(np.array([0.2]))
+    assert at["Y1"][0] == pytest.approx(p["M"] * (up + p["g"]), rel=1e-4)
+
+
+def tip_of(run):
+    """Return the coordinates of the first crank's tip as functions of times."""
+    return (
+        lambda t: CARRIED["L"] * np.sin(run(t)["a0"]),
+        lambda t: CARRIED["L"] * np.cos(run(t)["a0"]),
+    )
