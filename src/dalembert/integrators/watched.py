@@ -181,7 +181,7 @@ class _Run:
         What rounding leaves of a zero is what it makes of the state, of the time, or what was left when the zero was
         found, if the motion goes on from one.
         """
-        value, rate, noise = self.watched.begins(t, y).T
+        value, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
         noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
         zero = np.abs(value) <= noise
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
@@ -189,7 +189,7 @@ class _Run:
 
     def _noise(self, t: float, y: FloatArray) -> FloatArray:
         """Return the size below which each expression counts as zero, for a state that is not one of its zeros."""
-        _, rate, noise = self.watched.begins(t, y).T
+        _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
         return np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
 
     def _until_jump(self) -> Status | None:
@@ -226,6 +226,9 @@ class _Run:
         def sample(step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
             return self.watched.values(*states(step, theta))
 
+        if not self.counts:
+            self._take(stretch)
+            return False, None
         noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         cut = pieces(sample, len(sizes), noise, least)
@@ -247,10 +250,7 @@ class _Run:
             return True, Status.EVENT_NON_FINITE
         if not ended:
             self.seen |= seen
-            self._record(stretch.t[1:], stretch.y[1:])
-            self.parts.append(dense)
-            self.knots.append(float(knots[-1]))
-            self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
+            self._take(stretch)
         return ended, outcome
 
     def _occur(
@@ -324,6 +324,14 @@ class _Run:
         self.soon = self.soon + 1 if gap <= SOON * self.span else 0
         close = gap <= RESOLUTION * max(abs(t), 1e-3 * self.span)
         return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
+
+    def _take(self, stretch: Solution) -> None:
+        """Record a whole stretch."""
+        assert stretch.dense is not None
+        self._record(stretch.t[1:], stretch.y[1:])
+        self.parts.append(stretch.dense)
+        self.knots.append(float(stretch.dense.knots[-1]))
+        self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
 
     def _cut(self, stretch: Solution, t: float, y: FloatArray) -> None:
         """Record a stretch up to time t, where the state is y."""

@@ -15,16 +15,18 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
+from ...integrators.reductions import KINDS
 from ...integrators.status import Status
 from ...integrators.tableaus import TABLEAUS
-from ...ir.program import Program
+from ...ir.program import Kernel, Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
-from ...ir.watch import quiet_kernel
+from ...ir.watch import StepShape, quiet_kernel, running_kernel
 from ...runtime.cache import keep, load, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
@@ -135,7 +137,8 @@ class NumbaEngine(Engine):
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
         loop, watch = sweeping_loop(block.watch is not None), self._watch(block.watch, method, shape, lanes)
-        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, result.happened)
+        kept = result.happened, result.totals
+        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, *kept)
         if np.any(inside):
             sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
@@ -167,16 +170,17 @@ class NumbaEngine(Engine):
 
         if code is None:
             nothing = np.zeros(0, np.int64)
-            return Watch(*(0,) * 8, *(nothing,) * 4)
+            return Watch(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
         key = (code, method, shape, lanes)
         if key not in self._watches:
             steps, values = self.steps, code.watch.values
             tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
             jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
             (degree, memory), n = shape, self._sizes["rhs"]
-            quiet = quiet_kernel(values, degree, n, n + 2 + memory, in_time=tableau is None)
+            step = StepShape(degree, n, n + 2 + memory, in_time=tableau is None)
+            running = code.running
             self._watches[key] = Watch(
-                quiet=steps.further(quiet, lanes),
+                quiet=steps.further(quiet_kernel(values, step), lanes),
                 values=steps.further(values, POINT_LANES),
                 value=steps.further(values, 1),
                 begins=steps.further(code.watch.begins, 1),
@@ -187,7 +191,12 @@ class NumbaEngine(Engine):
                 jumps=np.array(jumps, np.int64),
                 directions=np.array([event.direction for event in code.events], np.int64),
                 last=np.array([int(event.terminal) for event in code.events], np.int64),
-                used=np.array(sorted({load.index or 0 for load in values.loads if load.array == "y"}), np.int64),
+                used=_components(values),
+                quick=steps.further(running_kernel(running, step), lanes),
+                running=steps.further(running, POINT_LANES),
+                at=steps.further(running, 1),
+                kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
+                read=_components(running),
             )
         return self._watches[key]
 
@@ -200,6 +209,11 @@ class NumbaEngine(Engine):
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
         return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
+
+
+def _components(kernel: Kernel) -> NDArray[np.int64]:
+    """Return which components of the state a kernel reads."""
+    return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
 
 
 @final

@@ -24,16 +24,20 @@ __all__ = [
     "BROKEN",
     "NOTHING",
     "POINT_LANES",
+    "SERIES",
+    "SLOPE_SERIES",
     "STOPPED",
     "WATCH",
     "Scratch",
     "Watch",
     "begin_signs",
     "resolve",
+    "sample",
     "scan",
     "scratch",
     "starts",
     "state_at",
+    "transformed",
     "zeros_at_end",
 ]
 
@@ -41,8 +45,8 @@ POINT_LANES = 8
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 
 _POINTS = POINTS.copy()
-_SERIES = np.ascontiguousarray(COEFFICIENTS.T)
-_SLOPES = np.ascontiguousarray(SLOPES.T)
+SERIES = np.ascontiguousarray(COEFFICIENTS.T)
+SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
@@ -59,6 +63,9 @@ class Watch(NamedTuple):
     expressions, ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0,
     ``start`` the state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are
     the components of the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
+
+    Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
+    points and ``at`` one; ``quick`` tests them over a step of every lane, and ``read`` is what they read of the state.
     """
 
     quiet: int
@@ -73,9 +80,14 @@ class Watch(NamedTuple):
     directions: NDArray[np.int64]
     last: NDArray[np.int64]
     used: NDArray[np.int64]
+    quick: int
+    running: int
+    at: int
+    kinds: NDArray[np.int64]
+    read: NDArray[np.int64]
 
 
-WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4), Watch)
+WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4, *(types.intp,) * 3, *(_INTEGERS,) * 2), Watch)
 
 
 class Scratch(NamedTuple):
@@ -99,13 +111,14 @@ class Scratch(NamedTuple):
     happens: FloatArray
     residual: FloatArray
     jumped: FloatArray
+    work: FloatArray
     stack: FloatArray
 
 
 @compiled
 def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
     """Return room to work in for states of n components, polynomials of a degree, and a number of lanes."""
-    k = watch.directions.size
+    k = max(watch.directions.size, watch.kinds.size)
     size = max(3 * k, watch.given, n + watch.checks, 2 * n + 8)
     return Scratch(
         np.zeros((lanes * n_c, POINT_LANES)),
@@ -126,6 +139,7 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
         np.zeros((1, max(k, 1))),
         np.zeros((1, max(k, 1))),
         np.zeros((lanes, 2)),
+        np.zeros((3, 8)),
         np.zeros((2 * DEEPEST + 4, 3)),
     )
 
@@ -239,10 +253,10 @@ def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
                 largest = math.inf
         if lost or largest <= room.noise[0, e]:
             continue
-        transformed(_SERIES, room.values, e, series)
+        transformed(SERIES, room.values, e, series)
         if _one_sign(series):
             continue
-        transformed(_SLOPES, room.values, e, slopes)
+        transformed(SLOPE_SERIES, room.values, e, slopes)
         if not _monotone(series, slopes):
             simple = False
     return simple, finite
@@ -392,7 +406,7 @@ def scan(
         for e in range(count):
             if abs(room.ends[1, e]) > room.noise[0, e]:
                 room.seen[lane, e] = 1.0
-    return NOTHING, 0.0
+    return NOTHING, 1.0
 
 
 @compiled
