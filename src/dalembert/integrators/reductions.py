@@ -14,7 +14,7 @@ import numpy as np
 from .crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from .problem import DenseOutput, FloatArray, JoinedOutput
 
-__all__ = ["BENDS", "BEND_TAIL", "CLOSE", "INTEGRAL", "KINDS", "SHALLOW", "SMOOTH", "running_values"]
+__all__ = ["BENDS", "BEND_TAIL", "CLOSE", "INTEGRAL", "KINDS", "NEGLIGIBLE", "SHALLOW", "SMOOTH", "running_values"]
 
 KINDS = ("minimum", "maximum", "mean")
 
@@ -31,8 +31,12 @@ INTEGRAL: FloatArray = np.array([1.0 / (1.0 - k * k) if k % 2 == 0 else 0.0 for 
 BEND_TAIL = 2.0 * (_COUNT - 1) ** 2 * ((_COUNT - 1) ** 2 - 1) / 3.0
 """What the last two coefficients are multiplied by, to stand for what the second derivative leaves out."""
 
-SMOOTH, CLOSE = 1e-9, 1e-8
-"""Share of the last two coefficients in all, for an integral, and in what varies, for an extremum."""
+SMOOTH, CLOSE = 3e-11, 1e-8
+"""For an integral, share in all coefficients of the last two times their ratio to the two before them, which is what
+the first two that are left out may be; for an extremum, share of the last two in what varies."""
+
+NEGLIGIBLE = 1e-13
+"""Share of the last two coefficients in all, below which their ratio to others is rounding."""
 
 SHALLOW = 16
 """Halvings after which the integral of a piece is taken as it is: a jump or a kink is in it."""
@@ -81,7 +85,9 @@ def _integral(sample: Sample, till: float) -> float:
     while stack:
         low, high, depth = stack.pop()
         series = COEFFICIENTS @ sample(low + (high - low) * POINTS)
-        if np.abs(series[-2:]).sum() > SMOOTH * np.abs(series).sum() and depth < SHALLOW:
+        tail, before, size = (np.abs(part).sum() for part in (series[-2:], series[-4:-2], series))
+        smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
+        if not smooth and depth < SHALLOW and np.isfinite(tail):
             middle = 0.5 * (low + high)
             stack += [(middle, high, depth + 1), (low, middle, depth + 1)]
         else:

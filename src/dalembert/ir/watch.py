@@ -12,7 +12,7 @@ from typing import final
 
 from ..integrators.crossings import COEFFICIENTS, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..integrators.problem import FloatArray
-from ..integrators.reductions import INTEGRAL, SMOOTH
+from ..integrators.reductions import INTEGRAL, NEGLIGIBLE, SMOOTH
 from .lines import Lines
 from .passes import eliminate_dead_code, run
 from .program import Kernel, Load, Operand
@@ -137,7 +137,9 @@ def _running(lines: Lines, values: list[Operand]) -> list[Operand]:
     mean: Operand = 0.0
     for weight, term in zip(map(float, INTEGRAL), series, strict=True):
         mean = lines.fma(term, weight, mean)
-    smooth = lines.op("less_equal", tail, lines.mul(_sum(lines, sizes), SMOOTH))
+    size, before = _sum(lines, sizes), lines.add(sizes[4], sizes[5])
+    smooth = lines.op("less_equal", lines.mul(tail, tail), lines.mul(lines.mul(size, before), SMOOTH))
+    smooth = lines.op("max", smooth, lines.op("less_equal", tail, lines.mul(size, NEGLIGIBLE)))
     reach = lines.fma(tail, TAIL, _sum(lines, sizes[1:]))
     bounds = [lines.sub(series[0], reach), lines.add(series[0], reach)]
     monotone = lines.op("less", lines.fma(tail, SLOPE_TAIL, _sum(lines, falls[1:])), falls[0])

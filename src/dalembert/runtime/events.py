@@ -133,6 +133,11 @@ class EventCode:
     plan: Mapping[str, tuple[str, int]]
 
     @property
+    def along(self) -> bool:
+        """Whether anything has to be watched along the motions, and not only at their ends."""
+        return bool(self.events or self.kinds)
+
+    @property
     def labels(self) -> list[str]:
         """Names of the events that were asked for."""
         return [event.label for event in self.events[: self.reported]]

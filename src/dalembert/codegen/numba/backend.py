@@ -126,17 +126,18 @@ class NumbaEngine(Engine):
         """See `Engine.integrate_block`: steps run in lanes, refilled as cases end."""
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
 
-        if block.watch is not None and not block.y.shape[1]:
+        if not block.y.shape[1]:
             return super().integrate_block(block, method, result)
+        watched = None if block.watch is None or not block.watch.along else block.watch
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
-        dense = wanted > 0 or block.watch is not None
+        dense = wanted > 0 or watched is not None
         codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=dense)
         limits, shape = [block.max_step, float(block.max_steps), *settings], (degree, memory)
         projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        loop, watch = sweeping_loop(block.watch is not None), self._watch(block.watch, method, shape, lanes)
+        loop, watch = sweeping_loop(watched is not None), self._watch(watched, method, shape, lanes)
         kept = result.happened, result.totals
         loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, *kept)
         if np.any(inside):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
-from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, SHALLOW, SMOOTH
+from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
 from .code import call_code, row
 from .jit import compiled
 from .scan import SERIES, SLOPE_SERIES, Scratch, Watch, sample, transformed
@@ -54,7 +54,9 @@ def accumulate(
         for k in range(1, 8):
             varies += abs(series[k])
         if kind == MEAN:
-            if not tail > SMOOTH * (varies + abs(series[0])) or depth >= SHALLOW:
+            size, before = varies + abs(series[0]), abs(series[4]) + abs(series[5])
+            smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
+            if smooth or depth >= SHALLOW or not math.isfinite(tail):
                 mean = 0.0
                 for k in range(8):
                     mean += _INTEGRAL[k] * series[k]
