@@ -25,7 +25,9 @@ SOON, SOON_IN_A_ROW = 1e-9, 4
 RESOLUTION = 64 * 2.220446049250313e-16
 """Share of the time below which two jumps are not told apart."""
 
-_SAME = 8 * 2.220446049250313e-16
+TOGETHER = 2 * RESOLUTION
+"""Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
+
 _ULP = 2.220446049250313e-16
 
 Stretches = Callable[[IntegrationProblem], Iterator[Solution]]
@@ -272,7 +274,7 @@ class _Run:
                 continue
             together = [crossing]
             for other in found:
-                if abs(state(other)[0] - t) > _SAME * max(abs(t), abs(self.t)):
+                if abs(state(other)[0] - t) > TOGETHER * max(abs(t), abs(self.t)):
                     break
                 if rules[other.function].counts(other.sign):
                     together.append(other)

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = ["CompiledModel"]
 
+_MOST_WATCHES = 64
+"""Sets of events of which the kernels are kept."""
+
 _NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 
@@ -184,6 +187,8 @@ class CompiledModel:
             return None
         key = repr((listed, reductions))
         if key not in self._watches:
+            if len(self._watches) >= _MOST_WATCHES:
+                self._watches.clear()
             self._watches[key] = compiled_events(self.stages, listed, self._start, reductions)
         return self._watches[key]
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["NumbaBackend"]
 
 _FIRST_STRETCH, _LARGEST_STRETCH = 1, 256
+_MOST_WATCHES = 64
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
@@ -174,6 +175,8 @@ class NumbaEngine(Engine):
             return Watch(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
         key = (code, method, shape, lanes)
         if key not in self._watches:
+            if len(self._watches) >= _MOST_WATCHES:
+                self._watches.clear()
             steps, values = self.steps, code.watch.values
             tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
             jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]

@@ -393,7 +393,7 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
                 if found == BROKEN:
                     status[lane] = _EVENT_NON_FINITE
                     continue
-                outcome = resolve(watch, room, lane, n, t, abs(spans[i, 1] - spans[i, 0]), one)
+                outcome = resolve(watch, room, lane, n, t, forward, abs(spans[i, 1] - spans[i, 0]), one, happened, i)
                 for m in range(n):
                     states[old + m, lane] = room.one_point[0, m]
                 if outcome >= 0:
