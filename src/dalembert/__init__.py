@@ -6,6 +6,8 @@ from . import errors, scenes
 from .compiler import compile_model
 from .results.grid import grid
 from .runtime.events import Event
+from .runtime.reductions import final_value as final
+from .runtime.reductions import first_crossing, maximum, mean, minimum
 from .scene import Joint, Scene, unknowns
 
 if TYPE_CHECKING:
@@ -22,8 +24,13 @@ __all__ = [
     "__version__",
     "compile_model",
     "errors",
+    "final",
+    "first_crossing",
     "grid",
     "lagrange",
+    "maximum",
+    "mean",
+    "minimum",
     "scenes",
     "unknowns",
 ]

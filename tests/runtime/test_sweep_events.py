@@ -7,7 +7,7 @@ import sympy as sp
 import dalembert as da
 from dalembert.codegen.numba import backend as numba_backend
 from dalembert.integrators.status import Status
-from runtime.test_events import FALL, SWING, ball, bounce, bounces, model, pendulum, theta, time, x, y
+from runtime.test_events import FALL, SWING, ball, bounce, bounces, g, model, pendulum, theta, time, x, y
 
 LANES = ("taylor", "dop853", "tsit5")
 OTHERS = [("numpy", "dop853"), ("numpy", "lsoda"), ("jax", "dopri8")]
@@ -180,6 +180,23 @@ def test_failures_stay_with_their_case(method):
     broken = sweep_pendula(formulation="projected", events=[da.Event(theta, apply={theta.diff(): 0})], method=method)
     assert {Status(s) for s in broken.status} == {Status.EVENT_STATE}
     np.testing.assert_array_equal(broken.events["theta"].count, 1)
+
+
+@pytest.mark.parametrize("method", LANES)
+def test_events_at_one_time(method):
+    events = [
+        da.Event(y, direction=-1, apply={y.diff(): -y.diff()}, name="floor"),
+        da.Event(time - sp.sqrt(2 / g), apply={x.diff(): -x.diff()}, name="clock"),
+        da.Event(time**2 * g / 2 - 1, name="again"),
+        "x",
+    ]
+    start = {x: 0.0, y: 1.0, x.diff(): np.linspace(1.0, 2.0, N), y.diff(): 0.0}
+    sweep = model(ball).sweep((0.0, 1.2), start, FALL, events=events, method=method, threads=1)
+    assert np.all(sweep.success)
+    for name in ("floor", "clock", "again", "x"):
+        np.testing.assert_array_equal(sweep.events[name].count, 1)
+    np.testing.assert_allclose(sweep.events["x"].first, 2 * np.sqrt(2 / 9.81), atol=1e-12)
+    assert np.all(sweep["y"] > 0.0)
 
 
 @pytest.mark.parametrize("method", LANES)

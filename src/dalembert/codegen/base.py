@@ -53,7 +53,7 @@ class RenderedModule:
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
-    ``watch`` are events, or None.
+    ``watch`` are events and reductions, or None.
     """
 
     y: FloatArray
@@ -72,28 +72,37 @@ class CaseBlock:
 class BlockResult:
     """Arrays to write to: final states (k, n_y), ends (k, 3) = final time, status, steps, samples (k, n_t, n_y).
 
-    ``happened`` (k, 3 n_events) are the number of each event and the times of its first and last occurrence.
+    ``happened`` (k, 3 n_events) are the number of each event and the times of its first and last occurrence,
+    ``totals`` (k, n_running) minima, maxima and integrals.
     """
 
     y: FloatArray
     ends: FloatArray
     samples: FloatArray
     happened: FloatArray
+    totals: FloatArray
 
     @classmethod
-    def empty(cls, count: int, size: int, wanted: int, events: int = 0) -> BlockResult:
-        """Return results of cases that did not run, for states of a size, times to record, and events."""
+    def empty(cls, count: int, size: int, wanted: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
+        """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
+        y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan)
+        return cls(y, ends, samples, *cls.nothing_yet(count, events, kinds))
+
+    @staticmethod
+    def nothing_yet(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Return what happened, and minima, maxima and integrals, before anything is known of the motions."""
         happened = np.full((count, 3 * events), np.nan)
         happened[:, ::3] = 0.0
-        return cls(np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan), happened)
+        start = [{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds]
+        return happened, np.tile(np.array(start, dtype=float), (count, 1))
 
     def __getitem__(self, cases: slice | NDArray[np.bool_]) -> BlockResult:
         """Return the results of some cases: views for a slice, copies for a mask."""
-        return BlockResult(self.y[cases], self.ends[cases], self.samples[cases], self.happened[cases])
+        return BlockResult(*(getattr(self, name)[cases] for name in self.__dataclass_fields__))
 
     def __setitem__(self, cases: NDArray[np.bool_], other: BlockResult) -> None:
-        self.y[cases], self.ends[cases] = other.y, other.ends
-        self.samples[cases], self.happened[cases] = other.samples, other.happened
+        for name in self.__dataclass_fields__:
+            getattr(self, name)[cases] = getattr(other, name)
 
 
 class Engine(ABC):
@@ -192,6 +201,7 @@ def watched_case(
     ends = ((solution.t[0], solution.y[0]), (solution.t[-1], solution.y[-1]))
     for t, y in ends:
         result.samples[i, : len(reached)][reached == t] = y
+    result.totals[i] = block.watch.totals(block.c[i], solution.dense)
     for occurrence in occurrences:
         count, first, _ = result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3]
         row = count + 1, first if count else occurrence.t, occurrence.t

@@ -25,7 +25,9 @@ SOON, SOON_IN_A_ROW = 1e-9, 4
 RESOLUTION = 64 * 2.220446049250313e-16
 """Share of the time below which two jumps are not told apart."""
 
-_SAME = 8 * 2.220446049250313e-16
+TOGETHER = 2 * RESOLUTION
+"""Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
+
 _ULP = 2.220446049250313e-16
 
 Stretches = Callable[[IntegrationProblem], Iterator[Solution]]
@@ -181,7 +183,7 @@ class _Run:
         What rounding leaves of a zero is what it makes of the state, of the time, or what was left when the zero was
         found, if the motion goes on from one.
         """
-        value, rate, noise = self.watched.begins(t, y).T
+        value, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
         noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
         zero = np.abs(value) <= noise
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
@@ -189,7 +191,7 @@ class _Run:
 
     def _noise(self, t: float, y: FloatArray) -> FloatArray:
         """Return the size below which each expression counts as zero, for a state that is not one of its zeros."""
-        _, rate, noise = self.watched.begins(t, y).T
+        _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
         return np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
 
     def _until_jump(self) -> Status | None:
@@ -226,6 +228,9 @@ class _Run:
         def sample(step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
             return self.watched.values(*states(step, theta))
 
+        if not self.counts:
+            self._take(stretch)
+            return False, None
         noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         cut = pieces(sample, len(sizes), noise, least)
@@ -247,10 +252,7 @@ class _Run:
             return True, Status.EVENT_NON_FINITE
         if not ended:
             self.seen |= seen
-            self._record(stretch.t[1:], stretch.y[1:])
-            self.parts.append(dense)
-            self.knots.append(float(knots[-1]))
-            self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
+            self._take(stretch)
         return ended, outcome
 
     def _occur(
@@ -272,7 +274,7 @@ class _Run:
                 continue
             together = [crossing]
             for other in found:
-                if abs(state(other)[0] - t) > _SAME * max(abs(t), abs(self.t)):
+                if abs(state(other)[0] - t) > TOGETHER * max(abs(t), abs(self.t)):
                     break
                 if rules[other.function].counts(other.sign):
                     together.append(other)
@@ -324,6 +326,14 @@ class _Run:
         self.soon = self.soon + 1 if gap <= SOON * self.span else 0
         close = gap <= RESOLUTION * max(abs(t), 1e-3 * self.span)
         return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
+
+    def _take(self, stretch: Solution) -> None:
+        """Record a whole stretch."""
+        assert stretch.dense is not None
+        self._record(stretch.t[1:], stretch.y[1:])
+        self.parts.append(stretch.dense)
+        self.knots.append(float(stretch.dense.knots[-1]))
+        self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
 
     def _cut(self, stretch: Solution, t: float, y: FloatArray) -> None:
         """Record a stretch up to time t, where the state is y."""

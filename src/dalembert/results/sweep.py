@@ -83,6 +83,8 @@ class Sweep:
     stats : SweepStatistics
     events : dict of str to EventCounts
         How often each event occurred in each case, and when first and last.
+    reduced : dict of str to ndarray (n_case,)
+        What was to be kept of every motion; NaN for cases that failed.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Sweep:
         self.initial, self.parameters = varied
         self._estimate: ErrorEstimate | None = None
         self.events: dict[str, EventCounts] = {}
+        self.reduced: dict[str, FloatArray] = {}
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.y, self.samples, self.t_eval = y, samples, t_eval
         self.axes, self.stats = dict(axes), stats
@@ -108,8 +111,11 @@ class Sweep:
     def __len__(self) -> int:
         return len(self.y)
 
-    def with_events(self, names: Sequence[str], happened: FloatArray) -> Sweep:
-        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times."""
+    def with_events(
+        self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray
+    ) -> Sweep:
+        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
+        self.reduced = {name: reduced[:, i] for i, name in enumerate(kept)}
         self.events = {
             name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
             for i, name in enumerate(names)
@@ -231,5 +237,8 @@ class Sweep:
             data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
         for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
             data[name] = (dims, counts.reshape(shape))
+        taken = {*data, *coords}
+        for name, values in self.reduced.items():
+            data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
         attrs = {"scene": self._program.name, "formulation": self._program.formulation}
         return xarray.Dataset(data, coords=coords, attrs=attrs)

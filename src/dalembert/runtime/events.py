@@ -10,6 +10,9 @@ import numpy as np
 
 from ..codegen.base import FloatArray
 from ..errors import OptionError
+from ..integrators.problem import DenseOutput, JoinedOutput
+from ..integrators.reductions import running_values
+from ..integrators.status import Status
 from ..integrators.watched import Jump, Rule, Watched
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
@@ -19,6 +22,7 @@ from ..results.trajectory import projected
 
 if TYPE_CHECKING:
     from ..compiler import Stages
+    from .reductions import Reduction
 
 __all__ = ["Event", "EventCode", "compiled_events", "event_list"]
 
@@ -97,13 +101,95 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class EventCode:
-    """Events as kernels: what is watched, and for each event the map of a jump, which `start` makes consistent."""
+    """Events and reductions as kernels.
+
+    Attributes
+    ----------
+    program : Program
+        Of the model.
+    events : tuple of Event
+        What is watched: the events that were asked for, then those whose first times are reductions.
+    reported : int
+        How many were asked for.
+    watch, jumps, start
+        The watched expressions, and for each event the map of a jump or None, which `start` makes consistent.
+    running, kinds
+        Kernel of the expressions whose minima, maxima and integrals are taken, and which of these.
+    finals
+        Kernel of the expressions whose final values are taken.
+    plan : mapping of str to (str, int)
+        Kind of each reduction, and its number among those of its kind.
+    """
 
     program: Program
     events: tuple[Event, ...]
+    reported: int
     watch: Watch
     jumps: tuple[Kernel | None, ...]
     start: Start
+    running: Kernel
+    kinds: tuple[str, ...]
+    finals: Kernel
+    plan: Mapping[str, tuple[str, int]]
+
+    @property
+    def along(self) -> bool:
+        """Whether anything has to be watched along the motions, and not only at their ends."""
+        return bool(self.events or self.kinds)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the events that were asked for."""
+        return [event.label for event in self.events[: self.reported]]
+
+    def totals(self, c: FloatArray, dense: DenseOutput | None) -> FloatArray:
+        """Return minima, maxima and integrals (n,) along a motion with the constants c (n_c,)."""
+
+        def sampled(part: DenseOutput) -> Callable[[int, FloatArray], FloatArray]:
+            def values(step: int, theta: FloatArray) -> FloatArray:
+                t = part.knots[step] + theta * (part.knots[step + 1] - part.knots[step])
+                y = projected(self.program, c, t, part.within(np.full(len(theta), step), theta))
+                return interpret_rows(self.running, t, y, c)
+
+            return values
+
+        return running_values(JoinedOutput(np.zeros(1), ()) if dense is None else dense, sampled, self.kinds)
+
+    def reduced(
+        self, spans: FloatArray, ends: FloatArray, y: FloatArray, c: FloatArray, totals: FloatArray, first: FloatArray
+    ) -> FloatArray:
+        """Return the reductions (k, n) of a block of cases.
+
+        Parameters
+        ----------
+        spans, ends, y, c
+            Spans (k, 2), final times, statuses and steps (k, 3), final states (k, n_y) and constants (k, n_c).
+        totals
+            Minima, maxima and integrals (k, n_running).
+        first
+            Times of the first of each event (k, n_events).
+        """
+        t = ends[:, 0]
+        finals = interpret_rows(self.finals, t, y, c)
+        last = interpret_rows(self.running, t, y, c)
+        times = t - spans[:, 0]
+        columns = []
+        for kind, number in self.plan.values():
+            if kind == "final":
+                columns.append(finals[:, number])
+            elif kind == "first crossing":
+                columns.append(first[:, number])
+            elif kind == "mean":
+                at_once = last[:, number]
+                columns.append(np.divide(totals[:, number], times, out=at_once.copy(), where=times != 0.0))
+            else:
+                extreme = np.minimum if kind == "minimum" else np.maximum
+                columns.append(extreme(totals[:, number], last[:, number]))
+        out = np.empty((len(t), len(columns)))
+        for i, column in enumerate(columns):
+            out[:, i] = column
+        out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
+        return out
 
     def watched(self, c: FloatArray) -> Watched:
         """Return what an integration with the constants c (n_c,) needs to know."""
@@ -134,8 +220,13 @@ class EventCode:
         return apply
 
 
-def compiled_events(stages: Stages, events: Sequence[Event], start: Callable[[Iterable[str]], Start]) -> EventCode:
-    """Return events as kernels on the state of the formulation.
+def compiled_events(
+    stages: Stages,
+    events: Sequence[Event],
+    start: Callable[[Iterable[str]], Start],
+    reductions: Mapping[str, Reduction] | None = None,
+) -> EventCode:
+    """Return events and reductions as kernels on the state of the formulation.
 
     Raises
     ------
@@ -143,9 +234,36 @@ def compiled_events(stages: Stages, events: Sequence[Event], start: Callable[[It
         For expressions that cannot be watched, and for what cannot jump.
     """
     scene, reduced, layout = stages.scene, stages.reduced, stages.program.layout
-    watch = watching(scene, reduced, [event.expression for event in events], "event", moving=True)
+    table = dict(reductions or {})
+    plan: dict[str, tuple[str, int]] = {}
+    watched = list(events)
+    running: list[Any] = []
+    finals: list[Any] = []
+    kinds: list[str] = []
+    for name, reduction in table.items():
+        if reduction.kind == "first crossing":
+            plan[name] = reduction.kind, len(watched)
+            watched.append(reduction.event(name))
+        elif reduction.kind == "final":
+            plan[name] = reduction.kind, len(finals)
+            finals.append(reduction.expression)
+        else:
+            plan[name] = reduction.kind, len(running)
+            running.append(reduction.expression)
+            kinds.append(reduction.kind)
     jumps = [
         None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
-        for event in events
+        for event in watched
     ]
-    return EventCode(stages.program, tuple(events), watch, tuple(jumps), start((*layout.coordinates, *layout.rates)))
+    return EventCode(
+        program=stages.program,
+        events=tuple(watched),
+        reported=len(events),
+        watch=watching(scene, reduced, [event.expression for event in watched], "event", moving=True),
+        jumps=tuple(jumps),
+        start=start((*layout.coordinates, *layout.rates)),
+        running=watching(scene, reduced, running, "reduction", moving=False).values,
+        kinds=tuple(kinds),
+        finals=watching(scene, reduced, finals, "reduction", moving=False).values,
+        plan=plan,
+    )

@@ -29,6 +29,7 @@ from .explain import explain
 from .gains import gain_for
 from .linear import linearized
 from .prepared import PreparedRun
+from .reductions import reduction_table
 from .singular import indeterminate, judged, redundant, singular_start, still_redundant
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     from ..compiler import Stages
 
 __all__ = ["CompiledModel"]
+
+_MOST_WATCHES = 64
+"""Sets of events of which the kernels are kept."""
 
 _NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
@@ -243,14 +247,17 @@ class CompiledModel:
         p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
         return replace(problem, constants=inputs.constants(self._program, p))
 
-    def _events(self, events: Any) -> EventCode | None:
-        """Return the kernels of events, made once for each set of them; None where there are none."""
+    def _events(self, events: Any, reduce: Any = ()) -> EventCode | None:
+        """Return the kernels of events and reductions, made once for each set of them; None where there are none."""
         listed = event_list(events, self.layout.aliases)
-        if not listed:
+        reductions = reduction_table(reduce, self.layout.aliases)
+        if not listed and not reductions:
             return None
-        key = repr(listed)
+        key = repr((listed, reductions))
         if key not in self._watches:
-            self._watches[key] = compiled_events(self.stages, listed, self._start)
+            if len(self._watches) >= _MOST_WATCHES:
+                self._watches.clear()
+            self._watches[key] = compiled_events(self.stages, listed, self._start, reductions)
         return self._watches[key]
 
     def _run(
@@ -303,7 +310,7 @@ class CompiledModel:
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
-        return run if watch is None else run.with_events([event.label for event in watch.events], occurrences)
+        return run if watch is None else run.with_events(watch.labels, occurrences)
 
     def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
         """Integrate one problem with events."""
@@ -374,6 +381,7 @@ class CompiledModel:
         progress: bool = False,
         error_estimate: bool = False,
         events: Any = (),
+        reduce: Any = (),
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -399,6 +407,10 @@ class CompiledModel:
         events : sequence of Event, SymPy expressions or names
             What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
             and when first and last.
+        reduce : mapping of str to reductions, or sequence of expressions or names
+            What to keep of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
+            expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
+            for cases that failed.
 
         Returns
         -------
@@ -433,7 +445,7 @@ class CompiledModel:
             max_step=max_step,
             max_steps=max_steps,
         )
-        watch = self._events(events)
+        watch = self._events(events, reduce)
         if watch is not None and error_estimate:
             raise OptionError(_NO_ESTIMATE)
         settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
@@ -442,7 +454,7 @@ class CompiledModel:
         if isinstance(able, CompiledModel) and able is not self:
             options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
             options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
-            options |= {"t_eval": t_eval, "events": events, "error_estimate": error_estimate}
+            options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
             return able.sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
@@ -569,7 +581,7 @@ class CompiledModel:
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
         watch = settings.watch
-        return run if watch is None else run.with_events([event.label for event in watch.events], done.happened)
+        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""

@@ -206,15 +206,17 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     """Return the results of all cases. A case that fails is a status; an interrupt keeps what is finished."""
     count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
-    events = 0 if settings.watch is None else len(settings.watch.events)
-    result = BlockResult.empty(count, size, wanted, events)
+    watch = settings.watch
+    result = BlockResult.empty(count, size, wanted, 0 if watch is None else watch.reported)
+    if watch is not None:
+        result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // (threads * _BLOCKS_PER_THREAD))))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
     def run(block: slice) -> int:
-        _run_block(engine, cases, settings, block, result)
+        _run_block(engine, cases, settings, block, result[block])
         return block.stop - block.start
 
     with _meter(count, settings.progress) as advance, _workers(threads) as each:
@@ -226,24 +228,33 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     return result
 
 
-def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
-    """Run one block of cases and write what came of them; those that cannot start are left out."""
+def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
+    """Run one block of cases and write what came of them; those that cannot start are left out.
+
+    The totals of the results are the reductions.
+    """
     ready, status = cases.block(block, settings)
-    here = result[block]
-    good = status < 0
-    if not len(cases.program.layout.state) and settings.watch is None:  # the constraints prescribe the motion
+    watch, good = settings.watch, status < 0
+    if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
         here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
         return
+    done = here
+    if watch is not None:
+        happened, totals = BlockResult.nothing_yet(len(status), len(watch.events), watch.kinds)
+        done = replace(here, happened=happened, totals=totals)
     if np.all(good):
-        engine.integrate_block(ready, settings.method, here)
-        return
-    here.y[~good] = np.nan
-    here.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
-    if np.any(good):
-        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good])
-        done = here[good]
-        engine.integrate_block(part, settings.method, done)
-        here[good] = done
+        engine.integrate_block(ready, settings.method, done)
+    else:
+        done.y[~good] = np.nan
+        done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
+    if np.any(good) and not np.all(good):
+        part, some = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good]), done[good]
+        engine.integrate_block(part, settings.method, some)
+        done[good] = some
+    if watch is not None:
+        first = done.happened[:, 1::3]
+        here.happened[:] = done.happened[:, : 3 * watch.reported]
+        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

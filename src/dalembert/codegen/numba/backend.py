@@ -15,19 +15,21 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...integrators.choosing import runge_kutta_pays
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
+from ...integrators.reductions import KINDS
 from ...integrators.status import Status
 from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
 from ...integrators.tableaus import DOP853, TABLEAUS
 from ...ir.interpret import interpret_rows
-from ...ir.program import Program
+from ...ir.program import Kernel, Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
-from ...ir.watch import quiet_kernel
+from ...ir.watch import StepShape, quiet_kernel, running_kernel
 from ...runtime.cache import keep, load, rebuilding
 from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 __all__ = ["NumbaBackend"]
 
 _FIRST_STRETCH, _LARGEST_STRETCH = 1, 256
+_MOST_WATCHES = 64
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
 
@@ -56,11 +59,15 @@ class NumbaEngine(Engine):
     def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
         program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
-        self._program, self._rhs = program, program.kernel("rhs")
+        self._program = program
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
         self._watches: dict[tuple[EventCode, str, tuple[int, int], int], Watch] = {}
+
+    @property
+    def _rhs(self) -> Kernel:
+        return self._program.kernel("rhs")
 
     @cached_property
     def _module(self) -> ModuleType:
@@ -187,18 +194,20 @@ class NumbaEngine(Engine):
             return
         from ...integrators.numba.lanes import sample_projection, sweeping_loop
 
-        if block.watch is not None and not block.y.shape[1]:
+        if not block.y.shape[1]:
             return super().integrate_block(block, method, result)
+        watched = None if block.watch is None or not block.watch.along else block.watch
         (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
-        dense = wanted > 0 or block.watch is not None
+        dense = wanted > 0 or watched is not None
         codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=dense)
         limits, shape = [block.max_step, float(block.max_steps), *settings], (degree, memory)
         projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
         samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
         inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
         arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        loop, watch = sweeping_loop(block.watch is not None), self._watch(block.watch, method, shape, lanes)
-        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, result.happened)
+        loop, watch = sweeping_loop(watched is not None), self._watch(watched, method, shape, lanes)
+        kept = result.happened, result.totals
+        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, *kept)
         if np.any(inside):
             sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
 
@@ -232,16 +241,19 @@ class NumbaEngine(Engine):
 
         if code is None:
             nothing = np.zeros(0, np.int64)
-            return Watch(*(0,) * 8, *(nothing,) * 4)
+            return Watch(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
         key = (code, method, shape, lanes)
         if key not in self._watches:
+            if len(self._watches) >= _MOST_WATCHES:
+                self._watches.clear()
             steps, values = self.steps, code.watch.values
             tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
             jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
             (degree, memory), n = shape, self._sizes["rhs"]
-            quiet = quiet_kernel(values, degree, n, n + 2 + memory, in_time=tableau is None)
+            step = StepShape(degree, n, n + 2 + memory, in_time=tableau is None)
+            running = code.running
             self._watches[key] = Watch(
-                quiet=steps.further(quiet, lanes),
+                quiet=steps.further(quiet_kernel(values, step), lanes),
                 values=steps.further(values, POINT_LANES),
                 value=steps.further(values, 1),
                 begins=steps.further(code.watch.begins, 1),
@@ -252,7 +264,12 @@ class NumbaEngine(Engine):
                 jumps=np.array(jumps, np.int64),
                 directions=np.array([event.direction for event in code.events], np.int64),
                 last=np.array([int(event.terminal) for event in code.events], np.int64),
-                used=np.array(sorted({load.index or 0 for load in values.loads if load.array == "y"}), np.int64),
+                used=_components(values),
+                quick=steps.further(running_kernel(running, step), lanes),
+                running=steps.further(running, POINT_LANES),
+                at=steps.further(running, 1),
+                kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
+                read=_components(running),
             )
         return self._watches[key]
 
@@ -280,6 +297,11 @@ class NumbaEngine(Engine):
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
         return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
+
+
+def _components(kernel: Kernel) -> NDArray[np.int64]:
+    """Return which components of the state a kernel reads."""
+    return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
 
 
 @final

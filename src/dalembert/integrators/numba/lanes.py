@@ -23,6 +23,7 @@ from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
 from .jit import MATRIX, VECTOR, compiled, compiled_and_cached
+from .running import QUICK, accumulate, advance
 from .scan import (
     BROKEN,
     NOTHING,
@@ -57,16 +58,16 @@ _FLAGS = types.Array(types.boolean, 2, "C")
 def sweeping_loop(watched: bool) -> Callable[..., int]:
     """Return the loop, with or without events, compiled or loaded from numba's disk cache.
 
-    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, inside, lanes, watch, happened)`` runs the
-    cases of y (k, n) with constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what
+    ``loop(codes, limits, y, c, spans, t_eval, shape, out, ends, samples, inside, lanes, watch, happened, totals)`` runs
+    the cases of y (k, n) with constants c (k or 1, n_c) over spans (k, 2). ``codes`` are four addresses: the step, what
     fills in its memory before the first step, and the projections (0 for none). ``limits`` are the largest step, the
     number of steps, and what else the step reads behind step and direction. ``shape`` is the degree of its polynomials
     and the number of outputs that it remembers; polynomials of a step with a memory are in the fraction of the step,
     others in time. The loop writes final states to ``out`` (k, n_y), states at the times ``t_eval`` (m,) to
     ``samples`` (k, m * n_y), and final time, status and steps to the rows of ``ends`` (k, 3). In ``inside`` (k, m) or
     (0, 0) it marks the samples that were interpolated. The events of ``watch`` are counted in the rows of ``happened``
-    (k, 3 n_events): how many there were, and the time of the first and the last. With events, a step must write its
-    polynomials.
+    (k, 3 n_events): how many there were, and the time of the first and the last. Minima, maxima and integrals are
+    taken on in ``totals`` (k, n_running). With any of these, a step must write its polynomials.
     """
     return _sweeping_loop(integrator_digest(), watched)
 
@@ -185,6 +186,7 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
         lanes: int,
         watch: Watch,
         happened: FloatArray,
+        totals: FloatArray,
     ) -> int:
         digest  # noqa: B018
         step, start, position, velocity = codes
@@ -210,6 +212,7 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
         marks = np.zeros(lanes, np.int64)
         marked = inside.size > 0
         fresh, lone, setting = np.zeros(lanes, np.bool_), np.zeros(lanes, np.int64), np.zeros((1, limits.size))
+        quick = np.zeros((QUICK * watch.kinds.size, lanes))
         signs, earlier = np.zeros((watch.directions.size, lanes)), np.zeros((1, lanes))
         if watched:
             room = scratch(watch, n, degree, c.shape[1], lanes)
@@ -328,28 +331,37 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
                 continue
             for lane in range(lanes):
                 earlier[0, lane] = before[lane]
-            call_code(
-                watch.quiet, row(earlier, 0), row(states, old), row(constants, 0), row(settings, 0), row(signs, 0)
-            )
+            at, rest_of_it = row(earlier, 0), row(constants, 0)
+            if signs.shape[0] > 0:
+                call_code(watch.quiet, at, row(states, old), rest_of_it, row(settings, 0), row(signs, 0))
+            if quick.shape[0] > 0:
+                call_code(watch.quick, at, row(states, old), rest_of_it, row(settings, 0), row(quick, 0))
             for lane in range(lanes):
                 if marks[lane] != _WANTED:
                     continue
-                quiet = True
+                i, now = case[lane], before[lane]
+                one, many = row(c, i if c.shape[0] > 1 else 0), row(room.constants, lane * c.shape[1])
+                h, scale = clock[0, lane] - now, 1.0 if memory > 0 else clock[0, lane] - now
+                quiet, found, theta = True, NOTHING, 1.0
                 for e in range(signs.shape[0]):
                     quiet = quiet and signs[e, lane] * room.signs[lane, e] > 0.0
                     quiet = quiet and not (fresh[lane] and room.zero[lane, e] != 0.0)
-                if quiet:
-                    fresh[lane] = False
-                    for e in range(signs.shape[0]):
-                        room.seen[lane, e] = 1.0
-                    continue
-                i, now = case[lane], before[lane]
-                one = row(c, i if c.shape[0] > 1 else 0)
-                h = clock[0, lane] - now
-                _follow(room, lane, states, old + held, 1.0 if memory > 0 else h, old)
-                many = row(room.constants, lane * c.shape[1])
-                found, theta = scan(watch, room, lane, many, one, now, h, fresh[lane], happened, i)
+                    room.seen[lane, e] = 1.0 if quiet else room.seen[lane, e]
+                if not quiet:
+                    _follow(room, lane, states, old + held, scale, old)
+                    found, theta = scan(watch, room, lane, many, one, now, h, fresh[lane], happened, i)
                 fresh[lane] = False
+                followed = not quiet
+                for e in range(watch.kinds.size):
+                    decided, total = advance(watch.kinds[e], totals[i, e], quick, e, lane, h)
+                    if found != NOTHING or not decided:
+                        if not followed:
+                            _follow(room, lane, states, old + held, scale, old)
+                        followed = True
+                        total = accumulate(watch, room, many, one, now, h, theta, e, watch.kinds[e], totals[i, e])
+                    totals[i, e] = total
+                if quiet:
+                    continue
                 if found == NOTHING:
                     if status[lane] != _SUCCESS:
                         continue
@@ -381,7 +393,7 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
                 if found == BROKEN:
                     status[lane] = _EVENT_NON_FINITE
                     continue
-                outcome = resolve(watch, room, lane, n, t, abs(spans[i, 1] - spans[i, 0]), one)
+                outcome = resolve(watch, room, lane, n, t, forward, abs(spans[i, 1] - spans[i, 0]), one, happened, i)
                 for m in range(n):
                     states[old + m, lane] = room.one_point[0, m]
                 if outcome >= 0:
@@ -410,7 +422,7 @@ def _sweeping_loop(digest: str, watched: bool) -> Callable[..., int]:
     numbers = types.UniTuple(integer, 4), types.UniTuple(integer, 2)
     arrays = (VECTOR, MATRIX, MATRIX, MATRIX, VECTOR)
     return compiled_and_cached(
-        loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, _FLAGS, integer, WATCH, MATRIX)
+        loop, (numbers[0], *arrays, numbers[1], MATRIX, MATRIX, MATRIX, _FLAGS, integer, WATCH, MATRIX, MATRIX)
     )
 
 

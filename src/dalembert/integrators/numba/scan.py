@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..problem import FloatArray
 from ..status import Status
-from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW
+from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import call_code, row
 from .jit import compiled
 
@@ -24,16 +24,20 @@ __all__ = [
     "BROKEN",
     "NOTHING",
     "POINT_LANES",
+    "SERIES",
+    "SLOPE_SERIES",
     "STOPPED",
     "WATCH",
     "Scratch",
     "Watch",
     "begin_signs",
     "resolve",
+    "sample",
     "scan",
     "scratch",
     "starts",
     "state_at",
+    "transformed",
     "zeros_at_end",
 ]
 
@@ -41,12 +45,11 @@ POINT_LANES = 8
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 
 _POINTS = POINTS.copy()
-_SERIES = np.ascontiguousarray(COEFFICIENTS.T)
-_SLOPES = np.ascontiguousarray(SLOPES.T)
+SERIES = np.ascontiguousarray(COEFFICIENTS.T)
+SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
-_SAME = 8 * _ULP
 _BUDGET, _TRIES = 8192, 200
 _INTEGERS = types.Array(types.int64, 1, "C")
 
@@ -59,6 +62,9 @@ class Watch(NamedTuple):
     expressions, ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0,
     ``start`` the state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are
     the components of the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
+
+    Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
+    points and ``at`` one; ``quick`` tests them over a step of every lane, and ``read`` is what they read of the state.
     """
 
     quiet: int
@@ -73,9 +79,14 @@ class Watch(NamedTuple):
     directions: NDArray[np.int64]
     last: NDArray[np.int64]
     used: NDArray[np.int64]
+    quick: int
+    running: int
+    at: int
+    kinds: NDArray[np.int64]
+    read: NDArray[np.int64]
 
 
-WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4), Watch)
+WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4, *(types.intp,) * 3, *(_INTEGERS,) * 2), Watch)
 
 
 class Scratch(NamedTuple):
@@ -99,13 +110,14 @@ class Scratch(NamedTuple):
     happens: FloatArray
     residual: FloatArray
     jumped: FloatArray
+    work: FloatArray
     stack: FloatArray
 
 
 @compiled
 def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
     """Return room to work in for states of n components, polynomials of a degree, and a number of lanes."""
-    k = watch.directions.size
+    k = max(watch.directions.size, watch.kinds.size)
     size = max(3 * k, watch.given, n + watch.checks, 2 * n + 8)
     return Scratch(
         np.zeros((lanes * n_c, POINT_LANES)),
@@ -126,6 +138,7 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
         np.zeros((1, max(k, 1))),
         np.zeros((1, max(k, 1))),
         np.zeros((lanes, 2)),
+        np.zeros((3, 8)),
         np.zeros((2 * DEEPEST + 4, 3)),
     )
 
@@ -239,10 +252,10 @@ def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
                 largest = math.inf
         if lost or largest <= room.noise[0, e]:
             continue
-        transformed(_SERIES, room.values, e, series)
+        transformed(SERIES, room.values, e, series)
         if _one_sign(series):
             continue
-        transformed(_SLOPES, room.values, e, slopes)
+        transformed(SLOPE_SERIES, room.values, e, slopes)
         if not _monotone(series, slopes):
             simple = False
     return simple, finite
@@ -317,22 +330,28 @@ def _occur(
     for place in range(count):
         theta, e = room.found[place, 0], int(room.found[place, 1])
         now = t + theta * h
-        if stop >= 0.0 and abs(theta - stop) * abs(h) > _SAME * max(abs(now), abs(t)):
+        if stop >= 0.0 and abs(theta - stop) * abs(h) > TOGETHER * max(abs(now), abs(t)):
             break
         direction = float(watch.directions[e])
         if direction != 0.0 and direction * room.signs[lane, e] <= 0.0:
             continue
-        if happened[case, 3 * e] == 0.0:
-            happened[case, 3 * e + 1] = now
-        happened[case, 3 * e] += 1.0
-        happened[case, 3 * e + 2] = now
-        ends = watch.last[e] > 0 and happened[case, 3 * e] >= watch.last[e]
-        if watch.jumps[e] != 0 or ends:
-            room.happens[0, e] = 2.0 if ends else 1.0
-            stop = theta if stop < 0.0 else stop
-        elif stop >= 0.0:
-            room.happens[0, e] = 0.5
+        _count(watch, room, e, now, happened, case)
+        if stop < 0.0 and room.happens[0, e] >= 1.0:
+            stop = theta
+        elif stop < 0.0:
+            room.happens[0, e] = 0.0
     return stop
+
+
+@compiled
+def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray, case: int) -> None:
+    """Take down an occurrence; it is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5."""
+    if happened[case, 3 * e] == 0.0:
+        happened[case, 3 * e + 1] = now
+    happened[case, 3 * e] += 1.0
+    happened[case, 3 * e + 2] = now
+    ends = watch.last[e] > 0 and happened[case, 3 * e] >= watch.last[e]
+    room.happens[0, e] = 2.0 if ends else 1.0 if watch.jumps[e] != 0 else 0.5
 
 
 @compiled
@@ -392,7 +411,7 @@ def scan(
         for e in range(count):
             if abs(room.ends[1, e]) > room.noise[0, e]:
                 room.seen[lane, e] = 1.0
-    return NOTHING, 0.0
+    return NOTHING, 1.0
 
 
 @compiled
@@ -423,15 +442,34 @@ def zeros_at_end(
 
 
 @compiled
-def resolve(watch: Watch, room: Scratch, lane: int, n: int, t: float, span: float, one: int) -> int:
+def resolve(
+    watch: Watch,
+    room: Scratch,
+    lane: int,
+    n: int,
+    t: float,
+    direction: float,
+    span: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
+) -> int:
     """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
 
+    Other expressions that are zero there to rounding, and about to change their sign, change it at the same time.
     Returns the status that it gives the case, or -1 where it goes on.
     """
     count = watch.directions.size
     room.one_clock[0, 0] = t
     call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
     ended, jumped, seen = False, False, True
+    for e in range(count):
+        value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+        crosses = room.signs[lane, e] * rate * direction < 0.0
+        if crosses and room.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
+            if watch.directions[e] == 0 or watch.directions[e] * room.signs[lane, e] < 0.0:
+                _count(watch, room, e, t, happened, case)
+                room.seen[lane, e] = 1.0
     for e in range(count):
         here = room.happens[0, e] > 0.0
         room.residual[0, e] = 4.0 * abs(room.one_out[0, 3 * e]) if here else 0.0

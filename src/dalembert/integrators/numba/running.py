@@ -1,0 +1,121 @@
+"""Extrema and integrals along one step of one case: `dalembert.integrators.reductions`, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
+from ..problem import FloatArray
+from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
+from .code import call_code, row
+from .jit import compiled
+from .scan import SERIES, SLOPE_SERIES, Scratch, Watch, sample, transformed
+
+__all__ = ["QUICK", "accumulate", "advance"]
+
+MINIMUM, MAXIMUM, MEAN = 0, 1, 2
+QUICK = 7
+"""Outputs of the quick test for each expression, see `dalembert.ir.watch.running_kernel`."""
+
+_BENDS = np.ascontiguousarray(BENDS.T)
+_INTEGRAL = INTEGRAL.copy()
+
+
+@compiled
+def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
+    """Return whether the quick test decides what a step adds to a minimum, maximum or integral, and the new one."""
+    first = QUICK * e
+    if kind == MEAN:
+        return quick[first + 1, lane] != 0.0, total + h * quick[first, lane]
+    sign = 1.0 if kind == MAXIMUM else -1.0
+    best = max(sign * total, sign * quick[first + 4, lane], sign * quick[first + 5, lane])
+    bound = quick[first + 3, lane] if kind == MAXIMUM else -quick[first + 2, lane]
+    return quick[first + 6, lane] != 0.0 or bound <= best, sign * best
+
+
+@compiled
+def accumulate(
+    watch: Watch, room: Scratch, many: int, one: int, t: float, h: float, till: float, e: int, kind: int, total: float
+) -> float:
+    """Return a minimum, maximum or integral with a step up to a fraction of it, whose series are in place."""
+    sign = 1.0 if kind == MAXIMUM else -1.0
+    best = sign * total
+    series, slopes, bends = room.work[0], room.work[1], room.work[2]
+    room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, till, 0.0
+    height = 1
+    while height > 0:
+        height -= 1
+        low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
+        sample(watch.running, watch.read, room, many, t, h, low, high - low)
+        transformed(SERIES, room.values, e, series)
+        varies, tail = 0.0, abs(series[6]) + abs(series[7])
+        for k in range(1, 8):
+            varies += abs(series[k])
+        if kind == MEAN:
+            size, before = varies + abs(series[0]), abs(series[4]) + abs(series[5])
+            smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
+            if smooth or depth >= SHALLOW or not math.isfinite(tail):
+                mean = 0.0
+                for k in range(8):
+                    mean += _INTEGRAL[k] * series[k]
+                total += (high - low) * h * mean
+                continue
+        else:
+            for j in range(8):
+                if not math.isfinite(room.values[e, j]):
+                    return math.nan
+                best = max(best, sign * room.values[e, j])
+            if sign * series[0] + varies + TAIL * tail <= best or depth >= DEEPEST:
+                continue
+            transformed(SLOPE_SERIES, room.values, e, slopes)
+            transformed(_BENDS, room.values, e, bends)
+            falls, turns = 0.0, 0.0
+            for k in range(1, 8):
+                falls += abs(slopes[k])
+                turns += abs(bends[k])
+            if abs(slopes[0]) > falls + SLOPE_TAIL * tail:
+                continue
+            if tail <= CLOSE * varies and abs(bends[0]) > turns + BEND_TAIL * tail:
+                if sign * bends[0] < 0.0:
+                    theta = low + (high - low) * _turning(slopes, sign)
+                    best = max(best, sign * _value(watch, room, one, t, h, theta, e))
+                continue
+            if varies + TAIL * tail <= 4e-16 * abs(best):
+                continue
+        middle = 0.5 * (low + high)
+        room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
+        room.stack[height + 1, 0], room.stack[height + 1, 1], room.stack[height + 1, 2] = low, middle, depth + 1.0
+        height += 2
+    return total if kind == MEAN else sign * best
+
+
+@compiled
+def _turning(slopes: FloatArray, sign: float) -> float:
+    """Return where sign times a slope, which falls, changes its sign, as a fraction of the piece."""
+    low, high = -1.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        a = b = 0.0
+        for k in range(7, 0, -1):
+            a, b = slopes[k] + 2.0 * middle * a - b, a
+        if sign * (slopes[0] + middle * a - b) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.25 * (low + high) + 0.5
+
+
+@compiled
+def _value(watch: Watch, room: Scratch, one: int, t: float, h: float, theta: float, e: int) -> float:
+    degree = room.series.shape[1] - 1
+    for u in range(watch.read.size):
+        m = watch.read[u]
+        value = room.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = value * theta + room.series[m, k]
+        room.one_point[1, m] = value
+    room.one_clock[0, 0] = t + theta * h
+    call_code(watch.at, row(room.one_clock, 0), row(room.one_point, 1), one, 0, row(room.one_out, 0))
+    return float(room.one_out[0, e])

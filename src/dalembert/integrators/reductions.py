@@ -1,0 +1,134 @@
+"""Extrema and integrals of functions along a motion, from the Chebyshev series through eight points of a piece.
+
+A piece of a step is cut in halves until the series is as good as the function: for an integral, until its last two
+coefficients are small; for an extremum, until the piece cannot hold a better one, or the function is monotone on it,
+or bends one way on it, where the zero of the slope of the series is where the extremum is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from .problem import DenseOutput, FloatArray, JoinedOutput
+
+__all__ = ["BENDS", "BEND_TAIL", "CLOSE", "INTEGRAL", "KINDS", "NEGLIGIBLE", "SHALLOW", "SMOOTH", "running_values"]
+
+KINDS = ("minimum", "maximum", "mean")
+
+_COUNT = len(POINTS)
+
+_DERIVATIVE = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T
+
+BENDS: FloatArray = _DERIVATIVE @ SLOPES
+"""From values at the points to the Chebyshev coefficients of the second derivative."""
+
+INTEGRAL: FloatArray = np.array([1.0 / (1.0 - k * k) if k % 2 == 0 else 0.0 for k in range(_COUNT)])
+"""From Chebyshev coefficients to the mean over the piece (Clenshaw and Curtis, Numerische Mathematik 2, 1960)."""
+
+BEND_TAIL = 2.0 * (_COUNT - 1) ** 2 * ((_COUNT - 1) ** 2 - 1) / 3.0
+"""What the last two coefficients are multiplied by, to stand for what the second derivative leaves out."""
+
+SMOOTH, CLOSE = 3e-11, 1e-8
+"""For an integral, share in all coefficients of the last two times their ratio to the two before them, which is what
+the first two that are left out may be; for an extremum, share of the last two in what varies."""
+
+NEGLIGIBLE = 1e-13
+"""Share of the last two coefficients in all, below which their ratio to others is rounding."""
+
+SHALLOW = 16
+"""Halvings after which the integral of a piece is taken as it is: a jump or a kink is in it."""
+
+Sample = Callable[[FloatArray], FloatArray]
+Values = Callable[[int, FloatArray], FloatArray]
+
+
+def running_values(dense: DenseOutput, sampled: Callable[[DenseOutput], Values], kinds: Sequence[str]) -> FloatArray:
+    """Return minimum, maximum or integral over time (n,), as `kinds` say, of functions along a motion.
+
+    Parameters
+    ----------
+    dense
+        The motion.
+    sampled
+        From continuous output to a function from a number of a step and fractions of it (k,) to values (k, n).
+    kinds
+        One of `KINDS` a function.
+    """
+    parts = zip(dense.parts, dense.knots[1:], strict=True) if isinstance(dense, JoinedOutput) else [(dense, None)]
+    totals = np.array([{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds])
+    for part, end in parts:
+        values = sampled(part)
+        sizes = np.diff(part.knots)
+        for step, h in enumerate(sizes):
+            share = 1.0 if end is None else (end - part.knots[step]) / h if h else 0.0
+            if share <= 0.0:
+                break
+            for i, kind in enumerate(kinds):
+
+                def sample(theta: FloatArray, step: int = step, i: int = i, values: Values = values) -> FloatArray:
+                    return values(step, theta)[:, i]
+
+                till = min(1.0, float(share))
+                if kind == "mean":
+                    totals[i] += h * _integral(sample, till)
+                else:
+                    sign = 1.0 if kind == "maximum" else -1.0
+                    totals[i] = sign * _largest(sample, till, sign, sign * totals[i])
+    return totals
+
+
+def _integral(sample: Sample, till: float) -> float:
+    total, stack = 0.0, [(0.0, till, 0)]
+    while stack:
+        low, high, depth = stack.pop()
+        series = COEFFICIENTS @ sample(low + (high - low) * POINTS)
+        tail, before, size = (np.abs(part).sum() for part in (series[-2:], series[-4:-2], series))
+        smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
+        if not smooth and depth < SHALLOW and np.isfinite(tail):
+            middle = 0.5 * (low + high)
+            stack += [(middle, high, depth + 1), (low, middle, depth + 1)]
+        else:
+            total += (high - low) * float(INTEGRAL @ series)
+    return total
+
+
+def _largest(sample: Sample, till: float, sign: float, best: float) -> float:
+    """Return the largest value of sign times a function over a step up to a fraction of it, at least `best`."""
+    stack = [(0.0, till, 0)]
+    while stack:
+        low, high, depth = stack.pop()
+        values = sign * sample(low + (high - low) * POINTS)
+        if not np.all(np.isfinite(values)):
+            return np.nan
+        best = max(best, float(values.max()))
+        series, slopes, bends = COEFFICIENTS @ values, SLOPES @ values, BENDS @ values
+        varies, tail = np.abs(series[1:]).sum(), np.abs(series[-2:]).sum()
+        if series[0] + varies + TAIL * tail <= best or depth >= DEEPEST:
+            continue
+        if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * tail:
+            continue
+        if tail <= CLOSE * varies and abs(bends[0]) > np.abs(bends[1:]).sum() + BEND_TAIL * tail:
+            if bends[0] < 0.0:
+                theta = low + (high - low) * _turning(slopes)
+                best = max(best, sign * float(sample(np.array([theta]))[0]))
+            continue
+        if varies + TAIL * tail <= 4e-16 * abs(best):
+            continue
+        middle = 0.5 * (low + high)
+        stack += [(middle, high, depth + 1), (low, middle, depth + 1)]
+    return best
+
+
+def _turning(slopes: FloatArray) -> float:
+    """Return where a slope that falls changes its sign, as a fraction of the piece."""
+    low, high = -1.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if np.polynomial.chebyshev.chebval(middle, slopes) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.25 * (low + high) + 0.5

@@ -1,0 +1,79 @@
+"""Reductions: numbers that a sweep keeps of every case instead of its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from ..errors import OptionError
+from .events import Event
+
+__all__ = ["Reduction", "final_value", "first_crossing", "maximum", "mean", "minimum", "reduction_table"]
+
+
+@final
+@dataclass(frozen=True)
+class Reduction:
+    """A number that comes of a motion: ``kind`` is "final", "minimum", "maximum", "mean" or "first crossing".
+
+    Made by `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing`.
+    """
+
+    kind: str
+    expression: Any
+    direction: int = 0
+
+    def event(self, name: str) -> Event:
+        """Return the event whose first time is wanted."""
+        return Event(self.expression, direction=self.direction, name=f"first crossing {name!r}")
+
+
+def final_value(expression: Any) -> Reduction:
+    """Return the value at the end of a case, of an expression or a name as in `Event`."""
+    return Reduction("final", expression)
+
+
+def minimum(expression: Any) -> Reduction:
+    """Return the least value along the motion, between steps too."""
+    return Reduction("minimum", expression)
+
+
+def maximum(expression: Any) -> Reduction:
+    """Return the largest value along the motion, between steps too."""
+    return Reduction("maximum", expression)
+
+
+def mean(expression: Any) -> Reduction:
+    """Return the integral over time divided by the time that the case ran."""
+    return Reduction("mean", expression)
+
+
+def first_crossing(expression: Any, direction: int = 0) -> Reduction:
+    """Return when an expression first changes its sign [s], NaN where it does not; `direction` as in `Event`."""
+    return Reduction("first crossing", expression, direction)
+
+
+def reduction_table(reduce: Any, aliases: Mapping[str, str]) -> dict[str, Reduction]:
+    """Return reductions by name, from such a mapping, or from expressions and names whose final values are wanted.
+
+    Raises
+    ------
+    OptionError
+        For what is neither, and for a name that occurs twice.
+    """
+    if isinstance(reduce, Mapping):
+        given = [(str(name), value) for name, value in reduce.items()]
+    elif isinstance(reduce, Iterable) and not isinstance(reduce, str):
+        given = [(aliases.get(str(value), str(value)), value) for value in reduce]
+        if any(isinstance(value, Reduction) for _, value in given):
+            raise OptionError("a reduction needs a name: give reduce={'name': dalembert.maximum(...), ...}")
+    else:
+        raise OptionError(
+            "reduce must map names to dalembert.final, minimum, maximum, mean or first_crossing of expressions, or list"
+            f" expressions whose final values are wanted, not {reduce!r}"
+        )
+    table = {name: value if isinstance(value, Reduction) else final_value(value) for name, value in given}
+    if len(table) < len(given):
+        raise OptionError("two reductions have the same name; give reduce= as a mapping with a name for each")
+    return table
