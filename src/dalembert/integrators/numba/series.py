@@ -61,6 +61,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
     y = np.array(problem.y0, dtype=float).reshape(1, n)
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
+    low = np.zeros(n + 1)
     record = _Record(problem, code.order, bool(code.position or code.velocity))
     status, size = RUNNING, _FIRST_BLOCK
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
@@ -72,7 +73,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             break
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
-        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit)
+        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit, low)
         record.add(start, times[:count], y[0], rows[:count])
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)
