@@ -226,6 +226,8 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     return run(kernel, [eliminate_dead_code])
 
 
+_TURNS = 4.0 * math.pi
+
 _SETTINGS = ("largest_", "direction_", "floor_")
 
 
@@ -277,13 +279,13 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     """Return the step that the last two coefficients of the state allow, read off those of its rate.
 
     The scale is the largest component that anything depends on, but at least the floor; quadratures count in
-    the error and not in the scale, and an angle counts as half a turn at most, however often it has gone round.
+    the error and not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     scale: list[Operand] = [state for state in recurrences.states if state in used] or list(recurrences.states)
     angles = recurrences.angles
-    bounded = [lines.op("min", lines.op("abs", state), math.pi) if state in angles else state for state in scale]
+    bounded = [lines.op("min", lines.op("abs", state), _TURNS) if state in angles else state for state in scale]
     size = lines.op("rough_log2", _norm(lines, bounded, floor))
     steps = []
     for k in (order - 1, order):
