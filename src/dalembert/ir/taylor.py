@@ -14,6 +14,7 @@ therefore multiplied too.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import final
 
@@ -284,9 +285,11 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     scale: list[Operand] = [state for state in recurrences.states if state in used] or list(recurrences.states)
-    angles = recurrences.angles
-    bounded = [lines.op("min", lines.op("abs", state), _TURNS) if state in angles else state for state in scale]
-    size = lines.op("rough_log2", _norm(lines, bounded, floor))
+    angles = [state for state in scale if state in recurrences.angles]
+    largest = _norm(lines, [state for state in scale if state not in recurrences.angles], floor)
+    if angles:
+        largest = lines.op("max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS))
+    size = lines.op("rough_log2", largest)
     steps = []
     for k in (order - 1, order):
         norm = lines.op("rough_log2", _norm(lines, [_at(rate, k - 1) for rate in rates], 1e-300))
@@ -296,7 +299,7 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     return lines.op("rough_exp2", lines.op("add", lines.op("min", *steps), safety))
 
 
-def _norm(lines: Lines, values: list[Operand], least: Operand) -> Operand:
+def _norm(lines: Lines, values: Sequence[Operand], least: Operand) -> Operand:
     total = least
     for value in values:
         if value != 0.0:

@@ -36,6 +36,14 @@ _QUADRATIC = 1e-8
 
 
 @compiled
+def _sum(a: float, b: float) -> tuple[float, float]:
+    """Return a + b as rounded, and what rounding took (Knuth's two-sum)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@compiled
 def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float, low: FloatArray) -> None:
     """Write to ``rows[here, :n]`` the state ``old[before, :n]`` moved by the series in that row, with compensation."""
     n = low.size - 1
@@ -45,12 +53,7 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
         move = 0.0
         for k in range(width - 1, 0, -1):
             move = (move + rows[here, first + k]) * h
-        start = old[before, i]
-        move += low[i]
-        end = start + move
-        part = end - start
-        low[i] = (start - (end - part)) + (move - part)
-        rows[here, i] = end
+        rows[here, i], low[i] = _sum(old[before, i], move + low[i])
 
 
 @cache
@@ -107,9 +110,7 @@ def _entry_point(digest: str) -> Callable[..., tuple[int, int]]:
             if size == rest:
                 t, low[n] = t1, 0.0
             else:
-                move = settings[0, 1] * size + low[n]
-                low[n] = move - ((t + move) - t)
-                t += move
+                t, low[n] = _sum(t, settings[0, 1] * size + low[n])
             clock[0, 0] = t
             for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
                 if kernel == 0:
