@@ -8,7 +8,9 @@ from hard_cases.case import HardCase
 __all__ = ["CASES", "hard_case"]
 
 CASES = {
-    name: builder for family in (sleigh, balls, bodies, particles, loops, machines) for name, builder in family.CASES.items()
+    name: builder
+    for family in (sleigh, balls, bodies, particles, loops, machines)
+    for name, builder in family.CASES.items()
 }
 
 

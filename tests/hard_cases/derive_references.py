@@ -91,12 +91,32 @@ def slider_crank():
     rows = []
     guess = start
     for t in (0.1, 1.0, 5.0):
-        guess = mp.findroot(lambda phi, t=t: time(phi) - mp.mpf(t), (guess + spin * t, guess + 11 * t + 0.01), tol=1e-26)
+        guess = mp.findroot(
+            lambda phi, t=t: time(phi) - mp.mpf(t), (guess + spin * t, guess + 11 * t + 0.01), tol=1e-26
+        )
         _, _, beta, slope, slider, speed = parts(guess)
         w = rate(guess)
         rows.append({"t": repr(t), "state": text([guess, beta, slider, w, slope * w, speed * w])})
     source = "energy, and time by quadrature in 30 digits"
     return {"source": source, "values": {"parameters": p, "rows": rows}}
+
+
+def four_bar():
+    """Return the first half second of IFToMM A02 with two windows: phi'' = 7/6 g sin(phi), upright, phi' = 1."""
+    k = mp.mpf("9.81") * 7 / 6
+
+    def rate(phi):
+        return mp.sqrt(1 + 2 * k * (1 - mp.cos(phi)))
+
+    def time(phi):
+        return mp.quad(lambda x: 1 / rate(x), mp.linspace(0, phi, 9), method="gauss-legendre")
+
+    rows = []
+    for t in (0.3, 0.5):
+        phi = mp.findroot(lambda x, t=t: time(x) - mp.mpf(t), mp.sinh(mp.sqrt(k) * t) / mp.sqrt(k), tol=1e-50)
+        x, y = mp.sin(phi), mp.cos(phi)
+        rows.append({"t": repr(t), "state": text([x, y, rate(phi) * y, -rate(phi) * x])})
+    return {"source": "energy, and time by quadrature in 30 digits", "values": rows}
 
 
 def spring_pendulum():
@@ -140,6 +160,7 @@ def main():
             "edge_plate_flat": edge_plate(),
             "slider_crank": slider_crank(),
             "stiff_spring_pendulum": spring_pendulum(),
+            "four_bar_start": four_bar(),
         }
     FILE.write_text(json.dumps(entries, indent=1) + "\n")
 

@@ -2,7 +2,8 @@
 
 import math
 
-from sympy import cos, pi, sin, sqrt, symbols
+import numpy as np
+from sympy import pi, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -50,7 +51,7 @@ def governor():
         observed=["alpha", "s", "alpha_dot", "s_dot", "phi", "phi_dot"],
         values={float(row["t"]): [row[key] for key in keys] for row in entry["values"]},
         source=entry["source"],
-        bound=1e-9,
+        bound=1e-13,
         conserved=(),
         report_only=(2.0, 5.0, 10.0),
     )
@@ -74,7 +75,6 @@ def bicycle_scene():
     lean = yaw.orientnew("L", "Axis", (psi, yaw.x))
     b = lean.orientnew("b", "Axis", (phi, lean.z))
     rear = O.locatenew("R", x * N.x + y * N.y + z * N.z)
-    axis = sin(p["lam"]) * b.x + cos(p["lam"]) * b.y
     tilted = b.orientnew("T", "Axis", (-p["lam"], b.z))  # T.y is the steering axis, downwards
     steer = tilted.orientnew("U", "Axis", (-psif, tilted.y))
     f = steer.orientnew("f", "Axis", (p["lam"], steer.z))
@@ -91,7 +91,6 @@ def bicycle_scene():
         RigidBody("front wheel", front, wheel_f, p["mF"], (inertia(wheel_f, p["IFxx"], p["IFxx"], p["IFyy"]), front)),
     )
     scene.apply_uniform_gravity(-p["g"] * N.z)
-    del axis
     for centre, wheel, carrier, radius in ((rear, wheel_r, b, p["rR"]), (front, wheel_f, f, p["rF"])):
         up = N.z - N.z.dot(carrier.z) * carrier.z
         arm = -radius / sqrt(1 - N.z.dot(carrier.z) ** 2) * up
@@ -109,6 +108,33 @@ def bicycle_parameters():
         words = given[name].split()
         p |= {name + key: float(x) for key, x in zip(words[::2], words[1::2], strict=True)}
     return p
+
+
+def bicycle_eigenvalues(model, speed, step=2e-3):
+    """Return the eigenvalues of roll and steer about upright motion at this speed, by differences.
+
+    Lean and steer are set, the rest of the position is assembled, and the rates follow from those of lean, steer and
+    the rear wheel, which keeps its speed to first order.
+    """
+    p = bicycle_parameters()
+    upright = dict.fromkeys(COORDINATES, 0.0) | {"z": p["rR"], "psi": math.pi / 2, "phi": math.pi}
+
+    def second(state):
+        psi, psif, psi_rate, psif_rate = state
+        guess = upright | {"psi": math.pi / 2 + psi, "psif": psif}
+        rates = {"psi_dot": psi_rate, "psif_dot": psif_rate, "betar_dot": speed / p["rR"]}
+        found = model.assemble(guess | rates, p, fixed=["psi", "psif", "x", "y", "theta", "betar", "betaf", *rates])
+        q = np.array([found[name] for name in COORDINATES])
+        qdot = np.array([found[f"{name}_dot"] for name in COORDINATES])
+        return model.accelerations(0.0, q, qdot, p)[[COORDINATES.index("psi"), COORDINATES.index("psif")]]
+
+    matrix = np.zeros((4, 4))
+    matrix[0, 2] = matrix[1, 3] = 1.0
+    for j in range(4):
+        unit = step * np.eye(4)[j]
+        near, far = second(unit) - second(-unit), second(2 * unit) - second(-2 * unit)
+        matrix[2:, j] = (8 * near - far) / (12 * step)
+    return np.linalg.eigvals(matrix)
 
 
 CASES = {"stiff flyball governor": governor}

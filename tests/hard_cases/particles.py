@@ -38,7 +38,7 @@ def knife_edge():
         observed=["x", "y", "phi", "x_dot", "y_dot"],
         values={float(row["t"]): [row[k] for k in ("x", "y", "phi", "vx", "vy")] for row in entry["values"]},
         source=entry["source"],
-        bound=5e-13,
+        bound=1e-13,
     )
 
 
@@ -54,7 +54,7 @@ def rosenberg():
         observed=["x", "y", "z", "x_dot", "y_dot", "z_dot"],
         values={float(row["t"]): [row[k] for k in ("x", "y", "z", "vx", "vy", "vz")] for row in entry["values"]},
         source=entry["source"],
-        bound=5e-13,
+        bound=3e-14,
     )
 
 
@@ -70,7 +70,7 @@ def heisenberg():
         observed=["x", "y", "z"],
         values={float(row["t"]): [row[k] for k in ("x", "y", "z")] for row in entry["values"]},
         source=entry["source"],
-        bound=1e-13,
+        bound=2e-15,
     )
 
 
@@ -87,7 +87,7 @@ def cartesian_pendulum():
         observed=["x", "y", "x_dot", "y_dot"],
         values={float(row["t"]): [row[k] for k in ("x", "y", "vx", "vy")] for row in entry["values"]},
         source=entry["source"],
-        bound=2e-11,
+        bound=5e-12,
         refused=NO_CLOSED_FORM,
     )
 
@@ -105,7 +105,7 @@ def spherical_pendulum():
         observed=["x", "y", "z", "x_dot", "y_dot", "z_dot"],
         values={float(row["t"]): [*(row[k] for k in ("x", "y", "z")), *row["v"]] for row in entry["values"]["rows"]},
         source=entry["source"],
-        bound=5e-10,
+        bound=1e-11,
         conserved=["energy", x * y.diff() - y * x.diff()],
         refused=NO_CLOSED_FORM,
     )
@@ -115,7 +115,7 @@ def spring_pendulum():
     """Stiffness 1e6: 160 oscillations of the spring a second upon the swing."""
     entry = reference("stiff_spring_pendulum")
     scene, (x, y) = _point("spring_pendulum", "x y", mass=symbols("m", positive=True))
-    m, g, k, l = symbols("m g k l", positive=True)
+    g, k, l = symbols("g k l", positive=True)
     N, P = scene.frame, scene.bodies[0].point
     scene.apply_uniform_gravity(-g * N.y)
     length = sqrt(x**2 + y**2)
@@ -128,7 +128,7 @@ def spring_pendulum():
         observed=["x", "y", "x_dot", "y_dot"],
         values={float(row["t"]): row["state"] for row in entry["values"]},
         source=entry["source"],
-        bound=2e-10,
+        bound=5e-11,
     )
 
 
@@ -190,7 +190,7 @@ def double_pendulum_cartesian():
         observed=names,
         values=values,
         source=entry["source"],
-        bound=1000 * 7.782e8 * 2.2e-16,
+        bound=100 * 7.782e8 * 2.2e-16,
         drift=1e-13,
         refused=NO_CLOSED_FORM,
     )
@@ -208,7 +208,7 @@ def chain_of_8():
         observed=[*names, *rates],
         values={float(row["t"]): [*row["theta"], *row["omega"]] for row in entry["values"]},
         source=entry["source"],
-        bound=1e-9,
+        bound=1e-11,
     )
 
 

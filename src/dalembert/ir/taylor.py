@@ -288,7 +288,9 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     angles = [state for state in scale if state in recurrences.angles]
     largest = _norm(lines, [state for state in scale if state not in recurrences.angles], floor)
     if angles:
-        largest = lines.op("max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS))
+        largest = lines.op(
+            "max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS)
+        )
     size = lines.op("rough_log2", largest)
     steps = []
     for k in (order - 1, order):
