@@ -69,6 +69,7 @@ def _free(times, bound):
         scene=scene,
         parameters={"I1": 1.0, "I2": 2.0, "I3": 3.0},
         initial=spin((1, 0, 0, 0), (0.01, 2.0, 0.02)),
+        quantity="omega in the body, quaternion",
         observed=[*(omega.dot(a) for a in scene.bodies[0].frame), "e0", "e1", "e2", "e3"],
         values={t: rows[t] for t in times},
         source=entry["source"] + "; Jacobi's elliptic functions",
@@ -88,6 +89,7 @@ def free_asymmetric_long():
         **{
             **{name: getattr(case, name) for name in ("scene", "parameters", "initial", "conserved", "refused")},
             "observed": case.observed[:3],
+            "quantity": "omega in the body",
             "values": values,
             "source": "Jacobi's elliptic functions in 40 digits",
             "bound": 1e-9,
@@ -110,6 +112,7 @@ def _heavy_top(name, tilt, spin_rate, precession, quaternion, bound):
         scene=scene,
         parameters={"A": 0.5, "C": 0.2, "mgl": 2.0},
         initial=start,
+        quantity="quaternion, cos of the tilt",
         observed=["e0", "e1", "e2", "e3", S.z.dot(scene.frame.z)],
         values={10.0: [*quaternion, math.cos(tilt)]},
         source=name,
@@ -167,6 +170,7 @@ def suslov():
         scene=scene,
         parameters={"I11": 1.0, "I22": 2.0, "I33": 2.5, "I13": 0.6},
         initial=spin((1, 0, 0, 0), (0.8, -0.5, 0.0)),
+        quantity="omega in the body, quaternion",
         observed=[omega.dot(S.x), omega.dot(S.y), "e0", "e1", "e2", "e3"],
         values=values,
         source=entry["source"],
@@ -206,6 +210,7 @@ def wobbling_disk():
             **{"X": 0.0, "Y": 0.0, "psi": 0.0, "theta": theta, "phi": 0.0},
             **{"psi_dot": psi_dot, "theta_dot": float(data["thd"]), "phi_dot": phi_dot},
         },
+        quantity="angles, omega in the disk, contact point",
         observed=observed,
         values={
             float(row["t"]): [*(row[key] for key in ("psi", "theta", "phi", "p", "q", "r")), *row["contact_xy"]]
@@ -233,6 +238,7 @@ def vertical_disk():
         scene=scene,
         parameters={"m": 1.0, "R": 0.5, "I": 0.125, "J": 0.0625},
         initial={"x": 0.0, "y": 0.0, "phi": 0.3, "theta": 0.0, "phi_dot": 0.7, "theta_dot": 3.0},
+        quantity="x, y, both angles",
         observed=["x", "y", phi - 0.3, "theta"],
         values={
             float(row["t"]): [row["x"], row["y"], float(row["phi"]) - 0.3, row["theta"]] for row in entry["values"]

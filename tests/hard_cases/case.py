@@ -31,6 +31,8 @@ class HardCase:
         As for `simulate`.
     observed : sequence of names and expressions of the scene's symbols
         The reference quantities.
+    quantity : str
+        What is observed, in words, where names do not say it.
     values : mapping of float to sequence
         Time -> the reference values of what is observed, as numbers or strings of digits.
     source : str
@@ -60,6 +62,7 @@ class HardCase:
     values: Mapping[float, Sequence[Any]]
     source: str
     bound: float
+    quantity: str = ""
     scale: Sequence[float] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     conserved: Sequence[Any] = ("energy",)

@@ -205,6 +205,7 @@ def chain_of_8():
         scene=scene,
         parameters={"g": 9.81},
         initial={**dict.fromkeys(names, 1.5), **dict.fromkeys(rates, 0.0)},
+        quantity="angles and rates",
         observed=[*names, *rates],
         values={float(row["t"]): [*row["theta"], *row["omega"]] for row in entry["values"]},
         source=entry["source"],

@@ -21,6 +21,7 @@ def _case(parameters, start, values, source, **options):
         scene=da.scenes.chaplygin_sleigh(),
         parameters=parameters,
         initial={"x": x0, "y": y0, "theta": theta0, "x_dot": v0 * float(cos(theta0)), "theta_dot": omega0},
+        quantity="position and angle, v along the blade, omega",
         observed=_observed(),
         values=values,
         source=source,

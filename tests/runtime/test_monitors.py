@@ -64,12 +64,13 @@ def test_a_motion_without_a_scene_says_so():
         _ = run.invariants
 
 
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(hard_case("knife edge on an incline").scene)
+
+
 class TestTolerances:
     """Less than double precision gives is asked for with a warning, never in silence."""
-
-    @pytest.fixture(scope="class")
-    def model(self):
-        return da.compile_model(hard_case("knife edge on an incline").scene)
 
     def run(self, model, how, **tolerances):
         case = hard_case("knife edge on an incline")
