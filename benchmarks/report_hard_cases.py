@@ -1,6 +1,6 @@
 """Run the hard cases of `tests/hard_cases` and write docs/hard_cases.md.
 
-``python benchmarks/hard_cases.py`` takes some ten minutes; ``--quick`` leaves the long runs at a hundredth of
+``python benchmarks/report_hard_cases.py`` takes some ten minutes; ``--quick`` leaves the long runs at a hundredth of
 their length and writes to build/ instead. What it measures is deterministic but for the times.
 """
 
@@ -195,7 +195,7 @@ def bicycle() -> str:
 
 TEMPLATE = """# Hard cases
 
-Written by `benchmarks/hard_cases.py` from a run ({machine}).
+Written by `benchmarks/report_hard_cases.py` from a run ({machine}).
 The scenes, their reference values and bounds are in `tests/hard_cases`, and every case is a test there.
 
 Errors are the largest over the observed quantities and times, relative to max(1, size). Drift is the largest change of
