@@ -2,7 +2,7 @@
 
 import math
 
-from sympy import Rational, cos, sin, symbols
+from sympy import Rational, cos, sin, sqrt, symbols
 from sympy.physics.mechanics import RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -243,6 +243,44 @@ def incline():
     )
 
 
+def sliding():
+    """A billiard ball that slides before it rolls: the friction is along the slip, whose direction is constant."""
+    x, y = dynamicsymbols("x y")
+    m, R, g, mu = symbols("m R g mu", positive=True)
+    N, O, S, e = quaternion_frame()
+    G = O.locatenew("G", x * N.x + y * N.y + R * N.z)
+    scene = da.Scene("billiard_ball", frame=N, origin=O, coordinates=[x, y, *e])
+    J = Rational(2, 5) * m * R**2
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, J, J, J), G)))
+    scene.add_holonomic_constraints(UNIT)
+    slip = x.diff() * N.x + y.diff() * N.y + S.ang_vel_in(N).cross(-R * N.z)
+    along = [slip.dot(N.x), slip.dot(N.y)]
+    friction = -mu * m * g / sqrt(along[0] ** 2 + along[1] ** 2) * (along[0] * N.x + along[1] * N.y)
+    scene.add_loads((G, friction), (S, (-R * N.z).cross(friction)))
+    v, omega, radius, pull = (2.0, 0.5), (20.0, -60.0, 15.0), 0.03, 0.2 * 9.81
+    u = (v[0] - radius * omega[1], v[1] + radius * omega[0])
+    unit = [a / math.hypot(*u) for a in u]
+
+    def exact(t):
+        spin_rate = [omega[0] + 2.5 * pull * t * -unit[1] / radius, omega[1] + 2.5 * pull * t * unit[0] / radius]
+        place = [a * t - pull * t * t / 2 * b for a, b in zip(v, unit, strict=True)]
+        return [*place, *(a - pull * t * b for a, b in zip(v, unit, strict=True)), *spin_rate, omega[2]]
+
+    space = S.ang_vel_in(N)
+    return HardCase(
+        scene=scene,
+        parameters={"m": 1.0, "R": radius, "g": 9.81, "mu": 0.2},
+        initial={"x": 0.0, "y": 0.0, "x_dot": v[0], "y_dot": v[1], **spin((1, 0, 0, 0), omega)},
+        observed=["x", "y", "x_dot", "y_dot", *(space.dot(axis) for axis in N)],
+        quantity="position, velocity, omega in space",
+        values={t: exact(t) for t in (0.2, 0.5)},
+        source="closed form: the slip keeps its direction and shrinks by (7/2) mu g; Euler",
+        bound=1e-11,
+        conserved=(),
+        refused=NO_CLOSED_FORM,
+    )
+
+
 CASES = {
     "sphere, 3-1-3 angles": generic,
     "sphere through theta = 0": through_theta_0,
@@ -252,4 +290,5 @@ CASES = {
     "sphere on a turntable": turntable,
     "sphere on a tilted turntable": tilted_turntable,
     "sphere on an incline": incline,
+    "billiard ball that slides": sliding,
 }
