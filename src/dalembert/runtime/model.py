@@ -572,7 +572,7 @@ class CompiledModel:
         p = self.parameter_vector(parameters)
         c = inputs.constants(self._program, p)
         values = inputs.given_values(self.layout, initial)
-        y = inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+        y = inputs.initial_state(self._start(values), float(t), values, c, self._program)
         return linearized(self._program, float(t), y, p, c, states)
 
     def _in_formulation(self, name: str) -> CompiledModel:
