@@ -17,6 +17,7 @@ __all__ = [
     "InitialStateError",
     "MissingExtraError",
     "OptionError",
+    "PrecisionWarning",
     "SceneError",
     "SingularMassMatrixError",
     "UnknownNameError",
@@ -83,6 +84,10 @@ class MissingExtraError(DalembertError, ImportError):
 
 class CacheWarning(UserWarning):
     """A file of the module cache was damaged and has been rebuilt."""
+
+
+class PrecisionWarning(UserWarning):
+    """A tolerance is below what double precision gives; the message names the floor."""
 
 
 def list_names(names: Iterable[str]) -> str:

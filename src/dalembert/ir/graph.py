@@ -202,8 +202,6 @@ class Graph:
             return self.neg(self.mul(self.const(-x), b))
         if y is not None and y < 0:
             return self.neg(self.mul(a, self.const(-y)))
-        if a.op == "sqrt" and a is b:
-            return a.args[0]
         if y is not None:
             a, b = b, a
         return self._intern("mul", (a, b), a.fingerprint * b.fingerprint % _P)

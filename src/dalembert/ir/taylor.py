@@ -4,11 +4,18 @@ A step computes the series of the state, takes its size from the last two coeffi
 the series by Horner's scheme. Order and step size follow Jorba and Zou (Experimental Mathematics
 14, 2005): order ceil(-log(tolerance)/2 + 1), and the smaller of the two estimates of the radius of
 convergence, divided by e**2, with their safety factor exp(-0.7 / (order - 1)).
+
+The recurrences divide by the order k. A product with the rounded 1 / k is off by the same share at every step, which
+makes the errors of a long run grow with time and not with its square root (energy of the harmonic oscillator over 1e5
+time units: 1.5e-12 and 2.6e-14). From `FAITHFUL_ORDER` on, where tolerances are near that share, the rest of 1 / k is
+therefore multiplied too.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import final
 
 from .lines import Lines
@@ -16,11 +23,23 @@ from .passes import eliminate_dead_code, run
 from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
 
-__all__ = ["SETTINGS", "STEP_ARGUMENTS", "clipped_tolerance", "controlled", "order_for", "series_kernel", "step_kernel"]
+__all__ = [
+    "FAITHFUL_ORDER",
+    "SETTINGS",
+    "STEP_ARGUMENTS",
+    "clipped_tolerance",
+    "controlled",
+    "order_for",
+    "series_kernel",
+    "step_kernel",
+]
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
 """What the argument s holds. The scale floor is atol / rtol, below which a state counts as that large."""
+
+FAITHFUL_ORDER = 16
+"""Order from which quotients by the order are rounded but once: that of tolerances up to 1e-13."""
 
 Series = list[Operand]
 
@@ -39,6 +58,15 @@ def _at(series: Series, k: int) -> Operand:
     return series[k] if k < len(series) else 0.0
 
 
+def _over(lines: Lines, value: Operand, k: int, faithful: bool) -> Operand:
+    """Return value / k."""
+    share = 1.0 / k
+    rest = float(Fraction(1, k) - Fraction(share))
+    if not faithful or rest == 0.0:
+        return lines.mul(value, share)
+    return lines.fma(value, share, lines.mul(value, rest))
+
+
 Dot = list[tuple[Series, int, Series, int]]
 """A sum of products of coefficients, each a series and an index into it that may not be known yet."""
 
@@ -47,9 +75,9 @@ Dot = list[tuple[Series, int, Series, int]]
 class _Expansion:
     """The series of every value, extended order by order."""
 
-    def __init__(self, recurrences: Recurrences) -> None:
+    def __init__(self, recurrences: Recurrences, order: int) -> None:
         self.lines = Lines()
-        self.recurrences = recurrences
+        self.recurrences, self.faithful = recurrences, order >= FAITHFUL_ORDER
         self.rate = dict(zip(recurrences.states, recurrences.rates, strict=True))
         self.series: dict[str, Series] = {state: [state] for state in recurrences.states}
         self.slopes: dict[Operand, Series] = {}
@@ -77,7 +105,7 @@ class _Expansion:
                 sums = [self._finish(dot, begun) for dot in group]
                 self._append(line.target, self._coefficient(item, line, sums, k))
         for state, rate in self.rate.items():
-            self._append(state, self.lines.mul(_at(self.of(rate), k), 1.0 / (k + 1)))
+            self._append(state, _over(self.lines, _at(self.of(rate), k), k + 1, self.faithful))
 
     def _append(self, target: str, value: Operand) -> None:
         self.series[target].append(value)
@@ -133,7 +161,7 @@ class _Expansion:
             total: Operand = 0.0
             for (sign, _, _), term in zip(item.terms, sums, strict=True):
                 total = lines.add(total, term) if sign > 0 else lines.sub(total, term)
-            return lines.mul(total, 1.0 / k)
+            return _over(lines, total, k, self.faithful)
         a, *rest = (self.of(arg) for arg in line.args)
         match line.op:
             case "add":
@@ -186,7 +214,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     Its outputs are the new state (n_y), the size of the step, a zero that is NaN where the new state is not finite,
     and, where `dense`, the coefficients of orders 0 to `order` of each component in turn, in powers of the signed time.
     """
-    expansion = _Expansion(recurrences)
+    expansion = _Expansion(recurrences, order)
     for k in range(order):
         expansion.extend(k)
     lines = expansion.lines
@@ -198,6 +226,8 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])
 
+
+_TURNS = 4.0 * math.pi
 
 _SETTINGS = ("largest_", "direction_", "floor_")
 
@@ -230,7 +260,7 @@ def controlled(recurrences: Recurrences, rates: list[list[str]], order: int) -> 
 
 def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
     """Return the series alone: coefficients of orders 0 to `order` of each component of the state in turn."""
-    expansion = _Expansion(recurrences)
+    expansion = _Expansion(recurrences, order)
     for k in range(order):
         expansion.extend(k)
     outputs = [a for state in recurrences.states for a in expansion.series[state]]
@@ -243,19 +273,25 @@ def _weights(lines: Lines, h: Operand, order: int) -> list[Operand]:
     powers: list[Operand] = [h]
     for k in range(2, order + 1):
         powers.append(lines.op("mul", powers[(k - 1) // 2], powers[k // 2 - 1]))
-    return [lines.mul(power, 1.0 / (k + 1)) for k, power in enumerate(powers)]
+    return [_over(lines, power, k + 1, order >= FAITHFUL_ORDER) for k, power in enumerate(powers)]
 
 
 def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, floor: Operand) -> Operand:
     """Return the step that the last two coefficients of the state allow, read off those of its rate.
 
     The scale is the largest component that anything depends on, but at least the floor; quadratures count in
-    the error and not in the scale.
+    the error and not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     scale: list[Operand] = [state for state in recurrences.states if state in used] or list(recurrences.states)
-    size = lines.op("rough_log2", _norm(lines, scale, floor))
+    angles = [state for state in scale if state in recurrences.angles]
+    largest = _norm(lines, [state for state in scale if state not in recurrences.angles], floor)
+    if angles:
+        largest = lines.op(
+            "max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS)
+        )
+    size = lines.op("rough_log2", largest)
     steps = []
     for k in (order - 1, order):
         norm = lines.op("rough_log2", _norm(lines, [_at(rate, k - 1) for rate in rates], 1e-300))
@@ -265,7 +301,7 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     return lines.op("rough_exp2", lines.op("add", lines.op("min", *steps), safety))
 
 
-def _norm(lines: Lines, values: list[Operand], least: Operand) -> Operand:
+def _norm(lines: Lines, values: Sequence[Operand], least: Operand) -> Operand:
     total = least
     for value in values:
         if value != 0.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["RunStatistics", "Trajectory", "projected"]
 
 FloatArray = NDArray[np.float64]
+Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
 _ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 
 
@@ -91,6 +92,7 @@ class Trajectory:
         self._program, self._c, self._dense = program, constants, dense
         self._estimate: ErrorEstimate | None = None
         self.events = EventRecords()
+        self._monitors: Monitors | None = None
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
@@ -101,6 +103,22 @@ class Trajectory:
         """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
         self._estimate = ErrorEstimate(self, twin)
         return self
+
+    def with_monitors(self, monitors: Monitors) -> Trajectory:
+        """Return this motion with what gives first integrals from (c, t, q, qdot) when they are asked for."""
+        self._monitors = monitors
+        return self
+
+    @cached_property
+    def invariants(self) -> dict[str, FloatArray]:
+        """First integrals along the motion (n_t,) by name, to see how well they are kept.
+
+        They are "energy" where no force, constraint or motion of the scene does work, and "p_x" = dT/dx_dot for each
+        coordinate x whose momentum nothing changes. What is conserved is told by the equations, not by the motion.
+        """
+        if self._monitors is None:
+            raise OptionError("this motion does not know its scene; ask one that simulate returned")
+        return self._monitors(self._c, self.t, self.q, self.qdot)
 
     @property
     def error_estimate(self) -> ErrorEstimate:
@@ -205,7 +223,8 @@ class Trajectory:
         if self._dense is None:
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
         y = projected(self._program, self._c, times, self._dense(times))
-        return Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+        motion = Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+        return motion if self._monitors is None else motion.with_monitors(self._monitors)
 
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
         """Return states y (k, n_y) of this scene at times t (k,), by name."""

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..codegen.base import FloatArray
-from ..errors import InitialStateError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..errors import InitialStateError, PrecisionWarning, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
+from .assembly import nearest
 
-__all__ = ["constants", "given_values", "initial_state", "parameter_vector", "prepare_rows", "resolve"]
+__all__ = [
+    "FLOOR",
+    "constants",
+    "given_values",
+    "initial_state",
+    "parameter_vector",
+    "prepare_rows",
+    "resolve",
+    "resolve_names",
+    "warn_below_floor",
+]
+
+FLOOR = 1e-16
+"""Relative error below which no tolerance is met: half the spacing of doubles, rounded down."""
 
 
 def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]) -> dict[str, float]:
@@ -50,6 +65,34 @@ def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: 
     if wrong:
         raise ValueInputError(f"every {kind} must be a finite number: {'; '.join(wrong)}")
     return values
+
+
+def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases: Mapping[str, str]) -> list[str]:
+    """Return names from names or symbols.
+
+    Raises
+    ------
+    UnknownNameError
+        For those that are not known, all of them at once.
+    """
+    known = list(known)
+    names = [aliases.get(str(key), str(key)) for key in given]
+    unknown = [unknown_name(kind, name, known) for name in names if name not in known]
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    return names
+
+
+def warn_below_floor(rtol: float, atol: float) -> None:
+    """Warn of tolerances below what numbers of double precision can give, for components of size 1."""
+    if 0.0 <= rtol < FLOOR and 0.0 <= atol < FLOOR and (rtol or atol):
+        warnings.warn(
+            f"rtol = {rtol:g} with atol = {atol:g} asks for less than double precision gives: its floor is {FLOOR:g} of"
+            " the size of the state, and below it steps get shorter while errors do not. Give one of them at least"
+            f" {FLOOR:g}",
+            PrecisionWarning,
+            stacklevel=3,
+        )
 
 
 def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArray:
@@ -107,16 +150,15 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     return c
 
 
-def initial_state(
-    start: Start, t: float, values: Mapping[str, float], c: FloatArray, state: Sequence[str]
-) -> FloatArray:
+def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatArray, program: Program) -> FloatArray:
     """Return the state y (n_y,) of the formulation at time t from values by name, which `start` expects.
 
     Raises
     ------
     InitialStateError
-        When a constraint is contradicted, or the state is not finite there.
+        When a constraint is contradicted, with the nearest consistent state, or the state is not finite there.
     """
+    state = program.layout.state
     given = np.array([[values[name] for name in start.given]])
     out = interpret_rows(start.kernel, np.array([t]), given, c)[0]
     y, checks = out[: len(state)], out[len(state) :].reshape(-1, 2)
@@ -139,6 +181,7 @@ def initial_state(
                 f"the initial {what} contradict the constraints:\n  "
                 + "\n  ".join(faults)
                 + f"\nCorrect them, or leave out {what} that the constraints fix: they are solved for"
+                + nearest(program, c, t, values)
             )
     if not np.all(np.isfinite(out)):
         lost = [name for name, value in zip(state, y, strict=True) if not np.isfinite(value)]

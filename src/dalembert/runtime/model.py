@@ -15,6 +15,7 @@ from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.program import Layout
+from ..reduction.invariants import Candidates, candidates
 from ..reduction.starting import Start, starting
 from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
@@ -23,11 +24,13 @@ from ..results.linearization import Linearization
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
+from .assembly import assembled
 from .comparing import compare
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
 from .gains import gain_for
 from .linear import linearized
+from .monitors import conserved
 from .prepared import PreparedRun
 from .reductions import reduction_table
 from .singular import indeterminate, judged, redundant, singular_start, still_redundant
@@ -70,6 +73,7 @@ class CompiledModel:
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._watches: dict[str, EventCode] = {}
+        self._candidates: Candidates | None = None
 
     @property
     def name(self) -> str:
@@ -170,10 +174,11 @@ class CompiledModel:
         t0, t1 = _span(t_span)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
+        inputs.warn_below_floor(rtol, atol)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
-            y0=inputs.initial_state(self._start(values), t0, values, c, self.layout.state),
+            y0=inputs.initial_state(self._start(values), t0, values, c, self._program),
             constants=c,
             rtol=float(rtol),
             atol=float(atol),
@@ -310,6 +315,7 @@ class CompiledModel:
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        run.with_monitors(self._monitors)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
     def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
@@ -322,11 +328,50 @@ class CompiledModel:
 
         return integrate_watched(stretches, problem, watch.watched(problem.constants))
 
+    def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
+        """Return the first integrals of a motion; what may be conserved is derived once."""
+        if self._candidates is None:
+            self._candidates = candidates(self.stages.equations)
+        return conserved(self._program, self._candidates, c, t, q, qdot)
+
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
         values = inputs.given_values(self.layout, initial)
-        return inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+        return inputs.initial_state(self._start(values), float(t), values, c, self._program)
+
+    def assemble(
+        self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
+    ) -> dict[str, float]:
+        """Return the consistent initial values nearest to a rough guess, for `simulate`.
+
+        Parameters
+        ----------
+        guess : mapping of symbols or names to numbers
+            Every coordinate, roughly. Rates may be given too; those that the constraints fix may be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t : float
+            Time [s], where constraints depend on it.
+        fixed : iterable of symbols or names
+            What keeps exactly the value of the guess, such as the angle of a crank.
+
+        Returns
+        -------
+        dict of str to float
+            Coordinates, and rates where the guess has any. Nearest is meant by the sum of the squares of the changes.
+
+        Raises
+        ------
+        InitialStateError
+            When the loops cannot close, with what is left of each constraint at the best position found.
+        UnknownNameError, ValueInputError
+            For input that is wrong.
+        """
+        c = inputs.constants(self._program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, guess)
+        held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
+        return assembled(self._program, c, float(t), values, held)
 
     def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
@@ -349,6 +394,7 @@ class CompiledModel:
         t_span, method, rtol, atol, max_step, max_steps
             As for `simulate`.
         """
+        inputs.warn_below_floor(rtol, atol)
         t0, t1 = _span(t_span)
         chosen = self._method(method, rtol, atol)
         problem = IntegrationProblem(
@@ -423,6 +469,7 @@ class CompiledModel:
             For input that is wrong for all cases.
         """
         begin = time.perf_counter()
+        inputs.warn_below_floor(rtol, atol)
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         given = (t_span, initial, parameters)
         if grid is not None:
@@ -537,7 +584,7 @@ class CompiledModel:
         p = self.parameter_vector(parameters)
         c = inputs.constants(self._program, p)
         values = inputs.given_values(self.layout, initial)
-        y = inputs.initial_state(self._start(values), float(t), values, c, self.layout.state)
+        y = inputs.initial_state(self._start(values), float(t), values, c, self._program)
         return linearized(self._program, float(t), y, p, c, states)
 
     def _in_formulation(self, name: str) -> CompiledModel:

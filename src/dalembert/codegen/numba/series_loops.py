@@ -188,10 +188,11 @@ class _Step:
             self._store(self._first(rate), self.slots[state], "1")
         lines += ["br label %orders", "orders:", "%n.k = phi i64 [1, %entry], [%n.next, %orders]"]
         self._set("n.next", "add i64 %n.k, 1")
-        self._reciprocal("n.next", "n.up.inverse")
+        self._set("n.up", "uitofp i64 %n.next to double")
+        self._splat("n.up")
         lines += [f"call void @next.{place}(ptr %n.work, i64 %n.k)" for place in range(pieces)]
         for state, rate in self.rate.items():
-            moved = self._set(self._fresh(), f"fmul {self.v} {self._value(rate, '%n.k')}, %n.up.inverse.pack")
+            moved = self._set(self._fresh(), f"fdiv {self.v} {self._value(rate, '%n.k')}, %n.up.pack")
             self._store(moved, self.slots[state], "%n.k", 1)
         self._set("n.finished", f"icmp eq i64 %n.next, {self.order}")
         lines += ["br i1 %n.finished, label %close, label %orders", "close:"]
@@ -218,7 +219,6 @@ class _Step:
         self._set("n.next", "add i64 %n.k, 1")
         self._set("n.double", "uitofp i64 %n.k to double")
         self._splat("n.double")
-        self._reciprocal("n.k", "n.inverse")
         for item in items:
             line = item.value if isinstance(item, Integrated) else item
             if line.target not in self.recurrences.varying:
@@ -228,11 +228,6 @@ class _Step:
             if line.target in self.slopes:
                 scaled = self._set(self._fresh(), f"fmul {self.v} {value}, %n.double.pack")
                 self._store(scaled, self.slopes[line.target], "%n.k")
-
-    def _reciprocal(self, integer: str, target: str) -> None:
-        self._set(f"{target}.whole", f"uitofp i64 %{integer} to double")
-        self._set(target, f"fdiv double 1.0, %{target}.whole")
-        self._splat(target)
 
     def _splat(self, name: str) -> None:
         if self.lanes == 1:
@@ -261,7 +256,7 @@ class _Step:
                 last = self._load(self.slots[factor], "%n.k", -1)
                 term = self._set(self._fresh(), f"fmul {self.v} {self._first(rate)}, {last}")
             total = self._set(self._fresh(), f"{'fadd' if sign > 0 else 'fsub'} {self.v} {total}, {term}")
-        return self._set(self._fresh(), f"fmul {self.v} {total}, %n.inverse.pack")
+        return self._set(self._fresh(), f"fdiv {self.v} {total}, %n.double.pack")
 
     def _coefficient(self, line: Assignment) -> str:
         v, own = self.v, self.slots[line.target]

@@ -61,6 +61,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
     y = np.array(problem.y0, dtype=float).reshape(1, n)
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
+    low = np.zeros(n + 1)
     record = _Record(problem, code.order, bool(code.position or code.velocity))
     status, size = RUNNING, _FIRST_BLOCK
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
@@ -72,7 +73,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             break
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
-        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit)
+        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit, low)
         record.add(start, times[:count], y[0], rows[:count])
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)
@@ -117,7 +118,8 @@ class _Record:
             self._keep(times.copy(), ends.copy())
         if self.problem.dense or wanted is not None:
             knots = np.concatenate([[start], times])
-            series = self._series(knots, ends, rows[:, n + 2 :].reshape(count, n, self.order + 1))
+            sizes = rows[:, n] * (1.0 if self.problem.t1 >= self.problem.t0 else -1.0)
+            series = self._series(sizes, ends, rows[:, n + 2 :].reshape(count, n, self.order + 1))
             if wanted is not None:
                 low, high = min(start, times[-1]), max(start, times[-1])
                 inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
@@ -126,10 +128,12 @@ class _Record:
                 self.knots.append(times.copy())
                 self.series.append(series)
 
-    def _series(self, knots: FloatArray, ends: FloatArray, raw: FloatArray) -> FloatArray:
-        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots."""
-        h = np.diff(knots)
-        powers = h[:, np.newaxis] ** np.arange(self.order + 1)
+    def _series(self, sizes: FloatArray, ends: FloatArray, raw: FloatArray) -> FloatArray:
+        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots.
+
+        `sizes` are those of the steps themselves: differences of late knots have lost digits.
+        """
+        powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
         series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
         gap = ends - series.sum(axis=1)
         series[:, 2] += 3.0 * gap

@@ -1,0 +1,86 @@
+"""First integrals that a scene may have: energy, and the momenta dT/dq_dot of its coordinates.
+
+With p = M q_dot, along every motion dp_i/dt = (dp_i/dq . q_dot + dp_i/dt + forcing_i) + (J^T lam)_i, and the energy
+changes by q_dot . forcing + d(T + V)/dq . q_dot + d(T + V)/dt less lam . drift. Where the graph sees these vanish
+identically, the integral is certain. Where they may vanish on the constraints only, as with a quaternion of norm one,
+the rate of change is handed on as a kernel, to be looked at in states that satisfy the constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..ir.linear import matvec
+from ..ir.lower import lower_kernel
+from ..ir.program import Kernel
+from ..mechanics.equations import EquationsOfMotion
+
+__all__ = ["Candidates", "candidates"]
+
+
+@final
+@dataclass(frozen=True)
+class Candidates:
+    """What may be conserved.
+
+    Attributes
+    ----------
+    names : tuple of str
+        "energy", and "p_x" for the momentum of x.
+    certain : tuple of bool
+        Whether each is conserved whatever the state.
+    values : Kernel
+        Of arguments (t, y, c), y = (q, q_dot) and c beginning with the parameters.
+    changes : Kernel
+        Alike, with y = (q, q_dot, q_ddot): the rate of each, and the sum of the sizes of its terms.
+    """
+
+    names: tuple[str, ...]
+    certain: tuple[bool, ...]
+    values: Kernel
+    changes: Kernel
+
+
+def candidates(equations: EquationsOfMotion) -> Candidates:
+    """Return what may be conserved in a scene."""
+    symbols = equations.symbols
+    graph = Graph()  # a graph of its own, so that the kernels depend on the scene alone
+    q, qdot = graph.adopt(equations.q), graph.adopt(equations.qdot)
+    forcing = graph.adopt(equations.forcing)
+    jacobian = [graph.adopt(row.jacobian) for row in equations.constraints]
+    drifts = graph.adopt([row.drift for row in equations.constraints])
+    kinetic, potential = graph.adopt([equations.kinetic_energy, equations.potential_energy])
+    mass = [graph.adopt(row) for row in equations.mass_matrix]
+    time = graph.input(symbols.time)
+    flow = dict(zip(q, qdot, strict=True)) | {time: graph.one}
+    momenta = [tangents(graph, [kinetic], {rate: graph.one})[0] for rate in qdot]
+    plain = all((a - b).is_zero for a, b in zip(momenta, matvec(graph, mass, qdot), strict=True))
+    energy = kinetic + potential
+    power = graph.sum(a * b for a, b in zip(forcing, qdot, strict=True)) + tangents(graph, [energy], flow)[0]
+    found: dict[str, tuple[Node, bool]] = {}
+    found["energy"] = energy, plain and power.is_zero and all(drift.is_zero for drift in drifts)
+    for i, (name, momentum) in enumerate(zip(symbols.coordinates, momenta, strict=True)):
+        if not momentum.is_zero:
+            silent = plain and all(row[i].is_zero for row in jacobian)
+            certain = silent and (tangents(graph, [momentum], flow)[0] + forcing[i]).is_zero
+            found[f"p_{name}"] = momentum, certain
+    nodes = [node for node, _ in found.values()]
+    second = [graph.input(f"{name} of {name}_dot") for name in symbols.coordinates]
+    directions = [{time: graph.one}]
+    directions += [{x: rate} for x, rate in zip((*q, *qdot), (*qdot, *second), strict=True)]
+    terms = [tangents(graph, nodes, direction) for direction in directions]
+    sizes = [graph.sum(graph.call("abs", row[k]) for row in terms) for k in range(len(nodes))]
+    rates = [graph.sum(row[k] for row in terms) for k in range(len(nodes))]
+    inputs: dict[Node, tuple[str, int | None]] = {time: ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
+    inputs |= {node: ("y", i) for i, node in enumerate((*q, *qdot, *second))}
+    arguments = ("t", "y", "c")
+    return Candidates(
+        tuple(found),
+        tuple(certain for _, certain in found.values()),
+        lower_kernel(graph, "invariants", nodes, inputs, arguments=arguments),
+        lower_kernel(graph, "changes", [*rates, *sizes], inputs, arguments=arguments),
+    )

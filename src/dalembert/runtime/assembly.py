@@ -1,0 +1,254 @@
+"""Consistent states: closed loops assembled from a rough guess, and the state nearest to one that is not consistent.
+
+Positions are found by the method of Levenberg and Marquardt (J. J. More, Lecture Notes in Mathematics 630, 1978,
+with the damping of H. B. Nielsen), which ends at a least residual even where loops cannot close, and then drawn to
+the guess along the constraints; rates solve the velocity constraints by least squares. Ranks are decided by singular
+values, so that redundant constraints do no harm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import InitialStateError, list_names
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+
+__all__ = ["assembled", "nearest"]
+
+_ITERATIONS = 300
+_DRAWS = 60
+_RANK = 1e-9
+_CLOSED = 1e-10
+"""Residual that counts as closed, relative to one and to the size of the constraint's terms."""
+
+
+@final
+@dataclass(frozen=True)
+class _Constraints:
+    """The constraints of a program at given constants and time."""
+
+    program: Program
+    c: FloatArray
+    t: float
+
+    def _run(self, kernel: str, q: FloatArray, qdot: FloatArray | None = None) -> FloatArray:
+        if kernel not in self.program:
+            return np.zeros(0)
+        x = np.concatenate([q, np.zeros_like(q) if qdot is None else qdot])[np.newaxis]
+        with np.errstate(all="ignore"):
+            return interpret_rows(self.program.kernel(kernel), np.array([self.t]), x, self.c)[0]
+
+    def positions(self, q: FloatArray) -> FloatArray:
+        """Return the residuals of the holonomic constraints."""
+        return self._run("position_residual", q)
+
+    def rates(self, q: FloatArray, qdot: FloatArray) -> FloatArray:
+        """Return the residuals of all velocity constraints."""
+        return self._run("velocity_residual", q, qdot)
+
+    def jacobian(self, q: FloatArray, *, holonomic: bool) -> FloatArray:
+        """Return the Jacobian of the velocity constraints, or of the holonomic ones."""
+        layout = self.program.layout
+        matrix = self._run("constraint_jacobian", q).reshape(len(layout.constraints), len(q))
+        return matrix[: layout.holonomic] if holonomic else matrix
+
+
+def assembled(
+    program: Program, c: FloatArray, t: float, guess: Mapping[str, float], fixed: Collection[str]
+) -> dict[str, float]:
+    """Return consistent coordinates near a guess, and rates where the guess gives any.
+
+    Parameters
+    ----------
+    program : Program
+        With the kernels of the constraints.
+    c : ndarray (n_c,)
+        Constants.
+    t : float
+        Time.
+    guess : mapping of str to float
+        Every coordinate; of the rates, those that the constraints fix may be missing.
+    fixed : collection of str
+        Names that keep the value of the guess.
+
+    Raises
+    ------
+    InitialStateError
+        When a coordinate is missing, loops cannot close, or the rates cannot be reconciled or are not determined.
+    """
+    layout = program.layout
+    missing = [name for name in layout.coordinates if name not in guess]
+    if missing:
+        raise InitialStateError(
+            f"a guess is missing for the coordinates {list_names(missing)}; any rough value will do"
+        )
+    constraints = _Constraints(program, c, t)
+    start = np.array([guess[name] for name in layout.coordinates])
+    movable = np.array([name not in fixed for name in layout.coordinates])
+    q = _closed(constraints, start, movable)
+    found = dict(zip(layout.coordinates, q.tolist(), strict=True))
+    if any(name in guess for name in layout.rates):
+        qdot = _moving(constraints, q, guess, fixed)
+        found |= dict(zip(layout.rates, qdot.tolist(), strict=True))
+    return found
+
+
+def nearest(program: Program, c: FloatArray, t: float, values: Mapping[str, float]) -> str:
+    """Return a sentence on the consistent state nearest to given values, or nothing where none was found."""
+    try:
+        found = assembled(program, c, t, values, ())
+    except InitialStateError:
+        return ""
+    changes = {name: found[name] - value for name, value in values.items()}
+    distance = float(np.linalg.norm(list(changes.values())))
+    shown = sorted(changes, key=lambda name: -abs(changes[name]))[:6]
+    moved = ", ".join(f"{name} = {found[name]:.10g}" for name in shown if abs(changes[name]) > 1e-3 * distance)
+    return (
+        f"\nThe nearest consistent state is at distance {distance:.3g}, mainly by {moved};"
+        " model.assemble(initial, parameters) returns it"
+    )
+
+
+def _closed(constraints: _Constraints, start: FloatArray, movable: np.ndarray[Any, Any]) -> FloatArray:
+    """Return the closed position near `start`."""
+    if not constraints.program.layout.holonomic:
+        return start
+    q = _least_residual(constraints, start, movable)
+    if not _within(constraints, q):
+        raise InitialStateError(_open(constraints, q, start, movable))
+    q = _drawn(constraints, q, start, movable)
+    for _ in range(3):
+        q = _newton(constraints, q, movable)
+    return q
+
+
+def _newton(constraints: _Constraints, q: FloatArray, movable: np.ndarray[Any, Any]) -> FloatArray:
+    moved = q.copy()
+    jacobian = constraints.jacobian(q, holonomic=True)[:, movable]
+    moved[movable] -= np.linalg.pinv(jacobian, rcond=_RANK) @ constraints.positions(q)
+    better = np.linalg.norm(constraints.positions(moved)) <= np.linalg.norm(constraints.positions(q))
+    return moved if better else q
+
+
+def _inverse(matrix: FloatArray, size: float) -> FloatArray:
+    """Return the pseudo-inverse; singular values small beside `size` are none."""
+    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    kept = s > _RANK * size
+    inverse: FloatArray = (vt[kept].T / s[kept]) @ u[:, kept].T
+    return inverse
+
+
+def _least_residual(constraints: _Constraints, start: FloatArray, movable: np.ndarray[Any, Any]) -> FloatArray:
+    """Minimize the sum of the squares of the residuals, from `start`."""
+    q = start.copy()
+    residual = constraints.positions(q)
+    if not np.all(np.isfinite(residual)):
+        raise InitialStateError("the constraints are not finite at the guess; start from other values")
+    damping, growth = -1.0, 2.0
+    for _ in range(_ITERATIONS):
+        jacobian = constraints.jacobian(q, holonomic=True)[:, movable]
+        u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+        if damping < 0.0:
+            damping = 1e-3 * float(s.max(initial=0.0)) ** 2
+        down = u.T @ residual
+        step = -vt.T @ (s / (s * s + damping + 1e-300) * down)
+        if not np.any(np.abs(step) > 1e-15 * (1e-3 + np.abs(q[movable]))):
+            break
+        trial = q.copy()
+        trial[movable] += step
+        new = constraints.positions(trial)
+        gain = residual @ residual - new @ new
+        expected = float(step @ (damping * step - jacobian.T @ residual))
+        if np.all(np.isfinite(new)) and gain > 0.0:
+            q, residual = trial, new
+            ratio = float(gain) / max(expected, 1e-300)
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+            growth = 2.0
+        else:
+            damping *= growth
+            growth *= 2.0
+            if not np.isfinite(damping) or damping > 1e30:
+                break
+    return q
+
+
+def _drawn(constraints: _Constraints, q: FloatArray, start: FloatArray, movable: np.ndarray[Any, Any]) -> FloatArray:
+    """Draw a closed position towards `start`: iterations for the nearest one, kept while they come nearer."""
+    best, distance = q, float(np.linalg.norm(q - start))
+    for _ in range(_DRAWS):
+        jacobian = constraints.jacobian(best, holonomic=True)[:, movable]
+        back = (start - best)[movable]
+        moved = start.copy()
+        moved[movable] -= np.linalg.pinv(jacobian, rcond=_RANK) @ (constraints.positions(best) + jacobian @ back)
+        for _ in range(4):
+            moved = _newton(constraints, moved, movable)
+        nearer = float(np.linalg.norm(moved - start))
+        if not (_within(constraints, moved) and nearer < distance * (1.0 - 1e-12)):
+            break
+        best, distance = moved, nearer
+    return best
+
+
+def _limits(matrix: FloatArray, x: FloatArray, least: float) -> FloatArray:
+    limits: FloatArray = _CLOSED * (least + np.abs(matrix) @ np.abs(x))
+    return limits
+
+
+def _within(constraints: _Constraints, q: FloatArray) -> bool:
+    limits = _limits(constraints.jacobian(q, holonomic=True), q, 1e-4)
+    return bool(np.all(np.abs(constraints.positions(q)) <= limits))
+
+
+def _open(constraints: _Constraints, q: FloatArray, start: FloatArray, movable: np.ndarray[Any, Any]) -> str:
+    """Return why loops do not close: what the best position found leaves of each constraint."""
+    layout = constraints.program.layout
+    residual = constraints.positions(q)
+    limits = _limits(constraints.jacobian(q, holonomic=True), q, 1e-4)
+    rows = zip(layout.constraints, residual, limits, strict=False)
+    left = [f"{label}: {value:.3g} is left" for label, value, limit in rows if not abs(value) <= limit]
+    held = [name for name, free in zip(layout.coordinates, movable, strict=True) if not free]
+    at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(layout.coordinates, q, strict=True))
+    kept = f", with {list_names(held)} fixed" if held else ""
+    return (
+        f"scene {constraints.program.name!r} cannot be assembled from this guess{kept}. The least residual found is at"
+        f" {at}, where\n  " + "\n  ".join(left) + "\nCheck lengths and fixed values: the loops may be unable to close."
+        " If they can, start from a guess nearer to a closed position"
+    )
+
+
+def _moving(constraints: _Constraints, q: FloatArray, guess: Mapping[str, float], fixed: Collection[str]) -> FloatArray:
+    """Return rates that satisfy the velocity constraints, near the given ones; missing ones follow from them."""
+    names = constraints.program.layout.rates
+    qdot = np.array([guess.get(name, 0.0) for name in names])
+    missing = np.array([name not in guess for name in names])
+    free = np.array([name in guess and name not in fixed for name in names])
+    jacobian = constraints.jacobian(q, holonomic=False)
+    unknown = jacobian[:, missing]
+    size = max(float(np.linalg.norm(jacobian)), 1e-300)
+    if np.any(missing) and np.linalg.matrix_rank(unknown, tol=_RANK * size) < unknown.shape[1]:
+        lost = [name for name, gone in zip(names, missing, strict=True) if gone]
+        raise InitialStateError(
+            f"a guess is missing for the rates {list_names(lost)}: the constraints do not fix all of them, and"
+            " nothing defaults to zero"
+        )
+    inverse = _inverse(unknown, size)
+    across = jacobian[:, free] - unknown @ (inverse @ jacobian[:, free])
+    back = _inverse(across, size)
+    for _ in range(2):
+        qdot[missing] -= inverse @ constraints.rates(q, qdot)
+        qdot[free] -= back @ constraints.rates(q, qdot)
+        qdot[missing] -= inverse @ constraints.rates(q, qdot)
+    residual = constraints.rates(q, qdot)
+    rows = zip(constraints.program.layout.constraints, residual, _limits(jacobian, qdot, 1e-4), strict=True)
+    left = [f"{label}: {value:.3g} is left" for label, value, limit in rows if not abs(value) <= limit]
+    if left:
+        raise InitialStateError(
+            "no rates near the guess satisfy the velocity constraints:\n  " + "\n  ".join(left) + "\nFix fewer of them"
+        )
+    return qdot

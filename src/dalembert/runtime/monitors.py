@@ -1,0 +1,61 @@
+"""First integrals of a motion: which of the candidates are conserved, and their values."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import InitialStateError
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from ..reduction.invariants import Candidates
+from .assembly import assembled
+
+__all__ = ["conserved"]
+
+_TRIALS = 8
+_SPREAD = 0.2
+_STILL = 1e-9
+"""Rate of change, over the sum of its terms' sizes, that rounding explains."""
+
+
+def conserved(
+    program: Program, found: Candidates, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray
+) -> dict[str, FloatArray]:
+    """Return the first integrals along a motion t (n_t,), q and qdot (n_t, n_q), as arrays (n_t,) by name.
+
+    A candidate that is not certain counts as conserved when its rate vanishes in random states around the motion that
+    satisfy the constraints; the random numbers are the same in every run.
+    """
+    kept = np.array(found.certain)
+    if not np.all(kept) and len(t):
+        kept = kept | _still(program, found, c, t, q, qdot)
+    values = interpret_rows(found.values, t, np.hstack([q, qdot]), c)
+    return {name: values[:, i] for i, name in enumerate(found.names) if kept[i]}
+
+
+def _still(
+    program: Program, found: Candidates, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which candidates do not change in any of the random states."""
+    layout, random = program.layout, np.random.default_rng(1)
+    count, size = len(found.names), q.shape[1]
+    still, trials = np.ones(count, bool), 0
+    for place in np.linspace(0, len(t) - 1, _TRIALS).astype(int):
+        speed = max(1.0, float(np.max(np.abs(qdot[place]), initial=0.0)))
+        start = np.concatenate([q[place], np.zeros(size)])
+        start += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
+        guess = dict(zip((*layout.coordinates, *layout.rates), start.tolist(), strict=True))
+        try:
+            state = assembled(program, c, float(t[place]), guess, ())
+        except (InitialStateError, np.linalg.LinAlgError):
+            continue
+        y = np.array([[state[name] for name in (*layout.coordinates, *layout.rates)]])
+        now = t[place : place + 1]
+        with np.errstate(all="ignore"):
+            second = interpret_rows(program.kernel("accelerations"), now, y, c)
+            out = interpret_rows(found.changes, now, np.hstack([y, second]), c)[0]
+        if np.all(np.isfinite(out)):
+            still &= np.abs(out[:count]) <= _STILL * out[count:]
+            trials += 1
+    return still & (trials > 0)
