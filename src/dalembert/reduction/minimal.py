@@ -13,7 +13,7 @@ from ..ir.linear import matmul, matvec, transpose
 from ..ir.ops import OPERATIONS
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
-from .base import Formulation, ReducedSystem, ReductionSettings, factorize_inertia
+from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
 
@@ -48,7 +48,7 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         accelerations = tuple(bias)
         speed_rates: list[Node] = []
     elif plain:
-        speed_rates = factorize_inertia(graph, mass, p.names, equations.name).solve(forcing)
+        speed_rates = solve_inertia(equations, mass, forcing, p.names)
         accelerations = tuple(speed_rates)
     else:
         across = transpose(basis)
@@ -56,7 +56,7 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         inertia = matmul(graph, across, matmul(graph, mass, basis))
         demand = matvec(graph, across, load)
         drop_independent(graph, [*(entry for row in inertia for entry in row), *demand], equations.q)
-        speed_rates = factorize_inertia(graph, inertia, p.names, equations.name).solve(demand)
+        speed_rates = solve_inertia(equations, inertia, demand, p.names)
         drop_independent(graph, speed_rates, equations.q)
         moved = matvec(graph, basis, speed_rates)
         accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
