@@ -134,7 +134,7 @@ def share_reciprocals(kernel: Kernel) -> Kernel:
     reciprocal: dict[Operand, str] = {}
     body: list[Assignment] = []
     for line in kernel.body:
-        if line.op != "div" or divisors[line.args[1]] < 2:
+        if line.op != "div" or divisors[line.args[1]] < 3:
             body.append(line)
             continue
         divisor = line.args[1]

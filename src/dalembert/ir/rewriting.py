@@ -20,7 +20,9 @@ from .polynomial import Form, Monomial, Polynomial, Polynomials, pythagorean, si
 __all__ = ["Forms", "rewritten"]
 
 _PRODUCT, _SQUARE = 12.0, 7.0
-_PASSES = 4
+_PASSES = 3
+_THOROUGH, _LARGEST = 300, 1000
+"""Values up to which every form is tried, and up to which any is: the time goes with their number."""
 _FIRST_SLACK = 1.5
 """What a form may cost more in the first pass: that a product can be shared shows once others have it too."""
 _LAST = 1 << 60
@@ -103,9 +105,11 @@ class Forms:
 
 def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tuple[Forms, list[Node]]:
     """Return forms for `nodes`, copied to a graph of their own, where inputs called `fixed` do not vary."""
+    order = list(graph.topological(nodes))
+    if len(order) > _LARGEST:
+        return Forms(graph), list(nodes)
     copy = Graph()
     new: dict[int, Node] = {}
-    order = list(graph.topological(nodes))
     forms = Forms(copy, 0)
     for node in order:
         made = copy.adopt_one(node, new)
@@ -134,6 +138,7 @@ class _Rewriter:
 
     def __init__(self, forms: Forms, order: Sequence[Node]) -> None:
         self.forms, self.graph, self.order = forms, forms.graph, order
+        self.thorough = len(order) <= _THOROUGH
         self.places = {node.index: (i, _LAST) for i, node in enumerate(order)}
         self.values = Polynomials(self.graph, forms.moving, forms.of)
         self.pairs: Counter[tuple[int, int]] = Counter()
@@ -143,9 +148,9 @@ class _Rewriter:
 
     def run(self) -> None:
         """Rewrite until nothing gets cheaper."""
-        for number in range(_PASSES):
+        for number in range(_PASSES if self.thorough else 1):
             self._count_pairs()
-            self.slack = _FIRST_SLACK if number == 0 else -1e-9
+            self.slack = _FIRST_SLACK if number == 0 and self.thorough else -1e-9
             near, self.changed = self.changed, set()
             for node in self.order:
                 if self._is_open(node) and self.forms.uses[node.index] and (near is None or self._touches(node, near)):
@@ -217,10 +222,11 @@ class _Rewriter:
             return n is node or not uses[n.index] or self._is_product(n)
 
         seen: list[Polynomial] = []
-        for opened in (open_unused, open_products, open_unused_sums):
+        for opened in (open_unused, open_products, open_unused_sums) if self.thorough else (open_unused_sums,):
             found = Polynomials(graph, forms.moving, forms.of, opened).of(node)
             seen.append(pythagorean(graph, found, forms.of, canonical=False))
-        seen.append(pythagorean(graph, self.values.of(node), forms.of, canonical=False))
+        if self.thorough:
+            seen.append(pythagorean(graph, self.values.of(node), forms.of, canonical=False))
         for place, p in enumerate(seen):
             if p not in seen[:place] and p.keys() != {((node.index, 1),)}:
                 yield p
