@@ -11,16 +11,16 @@ from ..errors import ExpressionError
 from ..naming import Namer
 from .graph import Graph, Node
 from .ops import OPERATIONS
-from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_reciprocals
-from .rewriting import Forms, rewritten
+from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_equal, share_reciprocals
 from .program import Assignment, Kernel, Layout, Load, Operand, Program
+from .rewriting import Forms, rewritten
 
 if TYPE_CHECKING:
     from ..reduction import ReducedSystem
 
 __all__ = ["lower", "lower_kernel"]
 
-PASSES = (group_products, share_reciprocals, eliminate_dead_code)
+PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
 ARGUMENTS = ("t", "y", "p")
 
 
@@ -61,7 +61,8 @@ def lower(system: ReducedSystem) -> Program:
     }
     if not system.regular and set(system.outputs) & set(symbols.unknowns):
         on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
-    kernels = [lower_kernel(graph, "rhs", system.rhs, state, rewrite=True)]
+    still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
+    kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still))]
     kernels += [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
     kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
     if system.stages is not None:
@@ -93,9 +94,11 @@ def lower_kernel(
     inputs: Mapping[Node, tuple[str, int | None]],
     arguments: tuple[str, ...] = ARGUMENTS,
     *,
-    rewrite: bool = False,
+    fixed: Sequence[Node] | None = None,
 ) -> Kernel:
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
+
+    With `fixed`, the inputs that stay the same along a motion, it has few products of the others.
 
     Raises
     ------
@@ -105,15 +108,14 @@ def lower_kernel(
     graph.heal(nodes, inputs.keys())
     places = {str(node.payload): place for node, place in inputs.items()}
     forms = Forms(graph)
-    if rewrite:
-        fixed = [name for name, (array, _) in places.items() if array == "p"]
-        forms, nodes = rewritten(graph, nodes, fixed)
+    if fixed is not None:
+        forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
     namer = Namer()
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
     body: list[Assignment] = []
     for node in graph.topological(nodes, forms.args):
-        op, args_ = forms.of(node)
+        op, values = forms.of(node)
         if op == "input":
             if node.payload not in places:
                 raise ExpressionError(f"kernel {name!r} depends on {node.payload!r}, which it is not given")
@@ -124,7 +126,7 @@ def lower_kernel(
         elif node.deps == 0:
             operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
         else:
-            args = tuple(operands[arg.index] for arg in args_)
+            args = tuple(operands[arg.index] for arg in values)
             target = namer(_wish(op, args))
             body.append(Assignment(target, op, args))
             operands[node.index] = target

@@ -36,9 +36,7 @@ class DiagonalLessDyad:
         along = graph.sum(s * (g * x) for s, g, x in zip(shares, self.values, b, strict=True))
         part = graph.sum(s * w * (g * g) for s, w, g in zip(shares, self.weights, self.values, strict=True))
         lift = self.scale * along / (1 - self.scale * part)
-        return [
-            x / d + s * (g * lift) for x, d, s, g in zip(b, self.diagonal, shares, self.values, strict=True)
-        ]
+        return [x / d + s * (g * lift) for x, d, s, g in zip(b, self.diagonal, shares, self.values, strict=True)]
 
 
 def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -> DiagonalLessDyad | None:

@@ -80,6 +80,10 @@ class Forms:
             return 1.0
         return OPERATIONS[op].cost + _PRODUCT
 
+    def work(self, nodes: Sequence[Node]) -> float:
+        """Return the cost of `nodes` and all that they depend on, shared values counted once."""
+        return sum(self.weigh(self.of(n)) for n in self.graph.topological(nodes, self.args) if n.deps & self.moving)
+
     def acquire(self, node: Node) -> float:
         """Count the uses that the form of `node` makes, and return the cost of what was not used before."""
         uses, added, stack = self.uses, 0.0, [node.index]
@@ -124,7 +128,10 @@ def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tupl
             forms.uses[output.index] += 1
             if forms.uses[output.index] == 1:
                 forms.acquire(output)
+    before = forms.work(outputs)
     _Rewriter(forms, [new[node.index] for node in order]).run()
+    if forms.work(outputs) > before:
+        return Forms(graph), list(nodes)
     return forms, outputs
 
 
@@ -142,7 +149,8 @@ class _Rewriter:
         self.places = {node.index: (i, _LAST) for i, node in enumerate(order)}
         self.values = Polynomials(self.graph, forms.moving, forms.of)
         self.pairs: Counter[tuple[int, int]] = Counter()
-        self.target, self.final, self.serial = self.graph.zero, ("", ()), 0
+        self.target, self.serial = self.graph.zero, 0
+        self.final: Form = ("", ())
         self.budget, self.slack, self.counted = 0.0, 0.0, set[int]()
         self.changed: set[int] | None = None
 
@@ -161,9 +169,7 @@ class _Rewriter:
     def _touches(self, node: Node, near: set[int]) -> bool:
         """Whether a value, its operands or theirs are among `near`."""
         args = self.forms.args
-        return node.index in near or any(
-            a.index in near or any(b.index in near for b in args(a)) for a in args(node)
-        )
+        return node.index in near or any(a.index in near or any(b.index in near for b in args(a)) for a in args(node))
 
     def _is_open(self, node: Node) -> bool:
         return bool(node.deps & self.forms.moving) and self.forms.of(node)[0] in ("add", "sub", "mul", "div", "neg")
@@ -235,31 +241,33 @@ class _Rewriter:
 
     def _make(self, op: str, *args: Node) -> Node:
         """Return the value, in the form that it has already or else in this one."""
+        for arg in args:
+            self._bring(arg, (arg.op, arg.args))
         made = self._known(op, args) or self.graph.call(op, *args)
         if made is self.target:
             self.final = op, args
             return made
-        if not made.deps & self.forms.moving:
-            return made
-        if self.places.get(made.index, (_LAST, 0)) >= self.places[self.target.index]:
-            self._move(made, op, args)
-        if not self.forms.uses[made.index] and made.index not in self.counted:
+        self._bring(made, (op, args))
+        if made.deps & self.forms.moving and not self.forms.uses[made.index] and made.index not in self.counted:
             self.counted.add(made.index)
             self.budget -= self.forms.weight(made)
             if self.budget < 0:
                 raise _Unfit
         return made
 
-    def _move(self, made: Node, op: str, args: tuple[Node, ...]) -> None:
-        """Bring a value before the target, in a new form if nothing uses it."""
+    def _bring(self, node: Node, form: Form) -> None:
+        """Have a value stand before the target; one that nothing uses yet takes the form given."""
         here = self.places[self.target.index]
-        unused = not self.forms.uses[made.index]
-        if any(self._place(arg) >= here for arg in (args if unused else self.forms.args(made))):
+        if not node.deps & self.forms.moving or self.places.get(node.index, here) < here:
+            return
+        unused = not self.forms.uses[node.index]
+        args = form[1] if unused else self.forms.args(node)
+        if node is self.target or any(self._place(arg) >= here for arg in args):
             raise _Unfit
         if unused:
-            self.forms.choose(made, (op, args))
+            self.forms.choose(node, form)
         self.serial += 1
-        self.places[made.index] = here[0], self.serial
+        self.places[node.index] = here[0], self.serial
 
     def _known(self, op: str, args: tuple[Node, ...]) -> Node | None:
         """Return the value, where the graph holds it already."""
@@ -275,7 +283,7 @@ class _Rewriter:
                 return None
 
     def _place(self, node: Node) -> tuple[int, int]:
-        return self.places[node.index] if node.deps & self.forms.moving else (-1, 0)
+        return self.places.get(node.index, (_LAST, 0)) if node.deps & self.forms.moving else (-1, 0)
 
     def _build(self, p: Polynomial, factored: bool) -> Node:
         """Return the value of a polynomial, with common factors taken out of its terms."""

@@ -8,9 +8,9 @@ from typing import final
 
 from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.derivatives import tangents
-from ..ir.graph import Graph, Node
+from ..ir.graph import Node
 from ..ir.linear import matmul, matvec, transpose
-from ..ir.ops import OPERATIONS
+from ..ir.rewriting import Forms
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
@@ -63,11 +63,6 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
     return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations)
 
 
-def _work(graph: Graph, outputs: Sequence[Node]) -> float:
-    """Return the weighted operations that `outputs` cost, shared ones counted once."""
-    return sum(OPERATIONS[node.op].cost for node in graph.topological(outputs) if node.args)
-
-
 @final
 class Minimal(Formulation):
     """State: the coordinates that no holonomic constraint gives, and independent speeds."""
@@ -116,4 +111,5 @@ class Minimal(Formulation):
             if p.rates == equations.qdot:  # no choice of speeds can mend an unconstrained singular matrix
                 raise
             return float("inf")
-        return _work(equations.graph, (*motion.coordinate_rates, *motion.speed_rates))
+        moving = ~equations.graph.mask(equations.symbols.parameters)
+        return Forms(equations.graph, moving).work((*motion.coordinate_rates, *motion.speed_rates))
