@@ -155,8 +155,10 @@ def share_equal(kernel: Kernel) -> Kernel:
     body: list[Assignment] = []
     for line in kernel.body:
         args = tuple(same.get(arg, arg) for arg in line.args)
-        texts = [str(arg) for arg in args]  # in which 0.0 and -0.0 differ
-        key = line.op, tuple(sorted(texts) if line.op in _COMMUTATIVE else texts)
+        texts = [arg if isinstance(arg, str) else repr(arg) for arg in args]  # in which 0.0 and -0.0 differ
+        if line.op in _COMMUTATIVE:
+            texts.sort()
+        key = line.op, tuple(texts)
         if key in known:
             same[line.target] = known[key]
         else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import final
 
 from .graph import Graph, Node
@@ -49,7 +50,7 @@ def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -
     below = [a[i][j] for i in size for j in range(i)]
     if len(a) < 3 or any(entry.is_zero for entry in below):
         return None
-    if sum(1 for _ in graph.topological([a[i][j] for i in size for j in range(i + 1)])) > _NODES:
+    if sum(1 for _ in islice(graph.topological(below), _NODES + 1)) > _NODES:
         return None
     values = Polynomials(graph, moving)
     terms: dict[tuple[int, int], tuple[Monomial, Node]] = {}

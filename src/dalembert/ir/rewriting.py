@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import final
 
 from . import fingerprint as fp
@@ -109,7 +110,7 @@ class Forms:
 
 def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tuple[Forms, list[Node]]:
     """Return forms for `nodes`, copied to a graph of their own, where inputs called `fixed` do not vary."""
-    order = list(graph.topological(nodes))
+    order = list(islice(graph.topological(nodes), _LARGEST + 1))
     if len(order) > _LARGEST:
         return Forms(graph), list(nodes)
     copy = Graph()
