@@ -13,7 +13,15 @@ from ..ir.linear import Factorization, Matrix, SingularMatrix, factorize
 from ..ir.rank_one import diagonal_less_dyad
 from ..mechanics.equations import EquationsOfMotion
 
-__all__ = ["Formulation", "Projection", "ReducedSystem", "ReductionSettings", "StageSystem", "factorize_inertia", "solve_inertia"]
+__all__ = [
+    "Formulation",
+    "Projection",
+    "ReducedSystem",
+    "ReductionSettings",
+    "StageSystem",
+    "factorize_inertia",
+    "solve_inertia",
+]
 
 
 @final
