@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from ..errors import ExpressionError
 from ..naming import Namer
+from .forms import Forms
 from .graph import Graph, Node
 from .ops import OPERATIONS
 from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_equal, share_reciprocals
 from .program import Assignment, Kernel, Layout, Load, Operand, Program
-from .rewriting import Forms, rewritten
+from .rewriting import rewritten
 
 if TYPE_CHECKING:
     from ..reduction import ReducedSystem

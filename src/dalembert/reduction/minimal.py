@@ -8,9 +8,9 @@ from typing import final
 
 from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.derivatives import tangents
+from ..ir.forms import Forms
 from ..ir.graph import Node
 from ..ir.linear import matmul, matvec, transpose
-from ..ir.rewriting import Forms
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
