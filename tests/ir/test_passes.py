@@ -1,6 +1,7 @@
 """Passes keep values, and the verifier refuses whatever is not in SSA form."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -14,12 +15,13 @@ from dalembert.ir.passes import (
     group_products,
     hoist_parameters,
     run,
+    share_equal,
     share_reciprocals,
 )
 from dalembert.ir.program import Assignment, Kernel, Load, count_operations
 from dalembert.ir.verify import MalformedKernel, verify
 
-PASSES = (group_products, share_reciprocals, eliminate_dead_code)
+PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
 ARGUMENTS = {
     "t": 0.37,
     "y": [0.81, -1.3, 0.45],
@@ -119,10 +121,22 @@ def test_dead_code_is_gone_and_live_code_stays(kernel):
 
 @settings(max_examples=40)
 @given(kernels())
-def test_a_divisor_divides_once(kernel):
+def test_a_divisor_divides_twice_at_most(kernel):
     after = share_reciprocals(kernel)
-    divisors = [line.args[1] for line in after.body if line.op == "div" and isinstance(line.args[1], str)]
-    assert len(divisors) == len(set(divisors))
+    divisors = Counter(line.args[1] for line in after.body if line.op == "div" and isinstance(line.args[1], str))
+    before = Counter(line.args[1] for line in kernel.body if line.op == "div" and isinstance(line.args[1], str))
+    assert divisors == {d: count if count < 3 else 1 for d, count in before.items()}
+
+
+@settings(max_examples=40)
+@given(kernels())
+def test_nothing_is_computed_twice(kernel):
+    after = share_equal(kernel)
+    lines = [
+        (line.op, frozenset(map(str, line.args)) if line.op in ("add", "mul") else line.args) for line in after.body
+    ]
+    assert len(lines) == len(set(lines))
+    assert share_equal(after) == after
 
 
 @settings(max_examples=40)

@@ -107,10 +107,14 @@ def extended(tree, point):
     return value
 
 
-def evaluate(graph: Graph, nodes, point):
-    """Return the values of nodes in the arithmetic of the numbers in `point`, through a lowered kernel."""
+def evaluate(graph: Graph, nodes, point, fixed=None):
+    """Return the values of nodes in the arithmetic of the numbers in `point`, through a lowered kernel.
+
+    With `fixed`, names of inputs that do not vary, the kernel has few products of the others.
+    """
     inputs = {graph.input(name): ("y", place) for place, name in enumerate(point)}
-    kernel = lower_kernel(graph, "outputs", nodes, inputs)
+    still = None if fixed is None else [graph.input(name) for name in fixed]
+    kernel = lower_kernel(graph, "outputs", nodes, inputs, fixed=still)
     arguments = {"y": list(point.values()), "t": 0, "p": []}
     if any(isinstance(value, mpmath.mpf) for value in point.values()):
         return interpret(kernel, arguments, EXTENDED, mpmath.mpf)

@@ -287,3 +287,12 @@ def cartesian_pendulum():
     S = da.unknowns("S")
     scene.add_joints(da.Joint("string", body="bob", at=P, force=-S * (x * N.x + y * N.y) / l))
     return scene
+
+
+def unequal_sphere():
+    """The rolling sphere with three different principal moments."""
+    scene = da.scenes.rolling_sphere()
+    sphere = scene.bodies[0]
+    central = inertia(sphere.frame, A, B, C), sphere.masscenter
+    scene.bodies = (RigidBody("sphere", sphere.masscenter, sphere.frame, sphere.mass, central),)
+    return scene

@@ -355,7 +355,9 @@ class Graph:
     # -- walking and rebuilding -----------------------------------------------------------
 
     @staticmethod
-    def topological(outputs: Sequence[Node]) -> Iterator[Node]:
+    def topological(
+        outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] = lambda node: node.args
+    ) -> Iterator[Node]:
         """Yield every node that `outputs` depend on, operands first, in an order fixed by the outputs."""
         seen: set[int] = set()
         for output in outputs:
@@ -367,7 +369,7 @@ class Graph:
                 elif node.index not in seen:
                     seen.add(node.index)
                     stack.append((node, True))
-                    stack.extend((arg, False) for arg in reversed(node.args) if arg.index not in seen)
+                    stack.extend((arg, False) for arg in reversed(args(node)) if arg.index not in seen)
 
     @staticmethod
     def visit(outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node]) -> None:
@@ -411,16 +413,20 @@ class Graph:
     def adopt(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes of another graph, rebuilt in this one."""
         new: dict[int, Node] = {}
-
-        def rebuild(node: Node) -> Node:
-            if node.op == "input":
-                return self.input(str(node.payload))
-            if node.op == "const":
-                return self.zero if node.is_zero else self._copy_constant(node)
-            return self.call(node.op, *(new[arg.index] for arg in node.args))
-
-        self.visit(nodes, new, rebuild)
+        self.visit(nodes, new, lambda node: self.adopt_one(node, new))
         return [new[node.index] for node in nodes]
+
+    def adopt_one(self, node: Node, new: Mapping[int, Node]) -> Node:
+        """Return a node of another graph, rebuilt in this one from its operands in `new`, by their indices there."""
+        if node.op == "input":
+            return self.input(str(node.payload))
+        if node.op == "const":
+            return self.zero if node.is_zero else self._copy_constant(node)
+        return self.call(node.op, *(new[arg.index] for arg in node.args))
+
+    def find(self, value: int) -> Node | None:
+        """Return the node whose fingerprint is `value`, if there is one."""
+        return self._by_value.get(value)
 
     def _copy_constant(self, node: Node) -> Node:
         known = self._by_value.get(node.fingerprint)

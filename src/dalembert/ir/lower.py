@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING
 
 from ..errors import ExpressionError
 from ..naming import Namer
+from .forms import Forms
 from .graph import Graph, Node
 from .ops import OPERATIONS
-from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_reciprocals
+from .passes import eliminate_dead_code, group_products, hoist_parameters, run, share_equal, share_reciprocals
 from .program import Assignment, Kernel, Layout, Load, Operand, Program
+from .rewriting import rewritten
 
 if TYPE_CHECKING:
     from ..reduction import ReducedSystem
 
 __all__ = ["lower", "lower_kernel"]
 
-PASSES = (group_products, share_reciprocals, eliminate_dead_code)
+PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
 ARGUMENTS = ("t", "y", "p")
 
 
@@ -42,7 +44,6 @@ def lower(system: ReducedSystem) -> Program:
     definitions = dict(zip(system.inputs, system.initial, strict=True))
     back = {a: b for a, b in definitions.items() if a is not b}
     on_state = {
-        "rhs": system.rhs,
         "expand": (*system.coordinates, *system.rates),
         "outputs": tuple(system.outputs.values()),
     }
@@ -61,7 +62,9 @@ def lower(system: ReducedSystem) -> Program:
     }
     if not system.regular and set(system.outputs) & set(symbols.unknowns):
         on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
-    kernels = [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes or name == "rhs"]
+    still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
+    kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still))]
+    kernels += [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
     kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
     if system.stages is not None:
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
@@ -91,8 +94,12 @@ def lower_kernel(
     nodes: Sequence[Node],
     inputs: Mapping[Node, tuple[str, int | None]],
     arguments: tuple[str, ...] = ARGUMENTS,
+    *,
+    fixed: Sequence[Node] | None = None,
 ) -> Kernel:
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
+
+    With `fixed`, the inputs that stay the same along a motion, it has few products of the others.
 
     Raises
     ------
@@ -100,24 +107,29 @@ def lower_kernel(
         When a node depends on an input that is not given, or a constant is not finite.
     """
     graph.heal(nodes, inputs.keys())
+    places = {str(node.payload): place for node, place in inputs.items()}
+    forms = Forms(graph)
+    if fixed is not None:
+        forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
     namer = Namer()
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
     body: list[Assignment] = []
-    for node in graph.topological(nodes):
-        if node.op == "input":
-            if node not in inputs:
+    for node in graph.topological(nodes, forms.args):
+        op, values = forms.of(node)
+        if op == "input":
+            if node.payload not in places:
                 raise ExpressionError(f"kernel {name!r} depends on {node.payload!r}, which it is not given")
-            array, index = inputs[node]
+            array, index = places[str(node.payload)]
             target = namer(str(node.payload).removeprefix("speed "))
             loads.append(Load(target, array, index))
             operands[node.index] = target
         elif node.deps == 0:
             operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
         else:
-            args = tuple(operands[arg.index] for arg in node.args)
-            target = namer(_wish(node, args))
-            body.append(Assignment(target, node.op, args))
+            args = tuple(operands[arg.index] for arg in values)
+            target = namer(_wish(op, args))
+            body.append(Assignment(target, op, args))
             operands[node.index] = target
     loads.sort(key=lambda load: (load.array, load.index or 0))
     outputs = tuple(operands[node.index] for node in nodes)
@@ -135,8 +147,8 @@ def _literal(node: Node, args: list[Operand]) -> float:
     return value
 
 
-def _wish(node: Node, args: tuple[Operand, ...]) -> str:
+def _wish(op: str, args: tuple[Operand, ...]) -> str:
     """Return a readable name for a value."""
-    if len(args) == 1 and isinstance(args[0], str) and node.op != "neg":
-        return f"{node.op}_{args[0]}"
+    if len(args) == 1 and isinstance(args[0], str) and op != "neg":
+        return f"{op}_{args[0]}"
     return "z"

@@ -12,7 +12,7 @@ from ..naming import Namer
 from .program import Assignment, Kernel, Load, Operand
 from .verify import verify
 
-__all__ = ["eliminate_dead_code", "group_products", "hoist_parameters", "run", "share_reciprocals"]
+__all__ = ["eliminate_dead_code", "group_products", "hoist_parameters", "run", "share_equal", "share_reciprocals"]
 
 Pass = Callable[[Kernel], Kernel]
 
@@ -126,7 +126,10 @@ def group_products(kernel: Kernel) -> Kernel:
 
 
 def share_reciprocals(kernel: Kernel) -> Kernel:
-    """Divide once by each divisor that is used several times, and multiply by the reciprocal."""
+    """Divide once by each divisor that is used three times or more, and multiply by the reciprocal.
+
+    The series of two quotients need fewer products than those of a reciprocal and two products.
+    """
     divisors: Counter[Operand] = Counter(
         line.args[1] for line in kernel.body if line.op == "div" and isinstance(line.args[1], str)
     )
@@ -134,7 +137,7 @@ def share_reciprocals(kernel: Kernel) -> Kernel:
     reciprocal: dict[Operand, str] = {}
     body: list[Assignment] = []
     for line in kernel.body:
-        if line.op != "div" or divisors[line.args[1]] < 2:
+        if line.op != "div" or divisors[line.args[1]] < 3:
             body.append(line)
             continue
         divisor = line.args[1]
@@ -143,6 +146,28 @@ def share_reciprocals(kernel: Kernel) -> Kernel:
             body.append(Assignment(reciprocal[divisor], "div", (1.0, divisor)))
         body.append(Assignment(line.target, "mul", (line.args[0], reciprocal[divisor])))
     return replace(kernel, body=tuple(body))
+
+
+def share_equal(kernel: Kernel) -> Kernel:
+    """Compute once what other passes have come to write twice."""
+    same: dict[Operand, Operand] = {}
+    known: dict[tuple[str, tuple[str, ...]], str] = {}
+    body: list[Assignment] = []
+    for line in kernel.body:
+        args = tuple(same.get(arg, arg) for arg in line.args)
+        texts = [arg if isinstance(arg, str) else repr(arg) for arg in args]  # in which 0.0 and -0.0 differ
+        if line.op in _COMMUTATIVE:
+            texts.sort()
+        key = line.op, tuple(texts)
+        if key in known:
+            same[line.target] = known[key]
+        else:
+            known[key] = line.target
+            body.append(Assignment(line.target, line.op, args))
+    return replace(kernel, body=tuple(body), outputs=tuple(same.get(o, o) for o in kernel.outputs))
+
+
+_COMMUTATIVE = ("add", "mul", "min", "max")
 
 
 @final

@@ -10,9 +10,18 @@ from typing import final
 from ..errors import SingularMassMatrixError
 from ..ir.graph import Graph, Node
 from ..ir.linear import Factorization, Matrix, SingularMatrix, factorize
+from ..ir.rank_one import diagonal_less_dyad
 from ..mechanics.equations import EquationsOfMotion
 
-__all__ = ["Formulation", "Projection", "ReducedSystem", "ReductionSettings", "StageSystem", "factorize_inertia"]
+__all__ = [
+    "Formulation",
+    "Projection",
+    "ReducedSystem",
+    "ReductionSettings",
+    "StageSystem",
+    "factorize_inertia",
+    "solve_inertia",
+]
 
 
 @final
@@ -151,3 +160,13 @@ def factorize_inertia(graph: Graph, matrix: Matrix, names: Sequence[str], scene:
             " inertia of its own in a direction that the constraints leave free. Give the bodies it moves mass or"
             " inertia, drop the coordinate, or add the constraint that fixes it"
         ) from None
+
+
+def solve_inertia(
+    equations: EquationsOfMotion, matrix: Matrix, demand: Sequence[Node], names: Sequence[str]
+) -> list[Node]:
+    """Return matrix^-1 demand, by the structure of the matrix where it has one that saves work."""
+    graph = equations.graph
+    moving = ~graph.mask(equations.symbols.parameters)
+    parts = diagonal_less_dyad(graph, matrix, moving)
+    return (parts or factorize_inertia(graph, matrix, names, equations.name)).solve(demand)

@@ -8,12 +8,12 @@ from typing import final
 
 from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.derivatives import tangents
-from ..ir.graph import Graph, Node
+from ..ir.forms import Forms
+from ..ir.graph import Node
 from ..ir.linear import matmul, matvec, transpose
-from ..ir.ops import OPERATIONS
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
-from .base import Formulation, ReducedSystem, ReductionSettings, factorize_inertia
+from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
 
@@ -48,7 +48,7 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         accelerations = tuple(bias)
         speed_rates: list[Node] = []
     elif plain:
-        speed_rates = factorize_inertia(graph, mass, p.names, equations.name).solve(forcing)
+        speed_rates = solve_inertia(equations, mass, forcing, p.names)
         accelerations = tuple(speed_rates)
     else:
         across = transpose(basis)
@@ -56,16 +56,11 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         inertia = matmul(graph, across, matmul(graph, mass, basis))
         demand = matvec(graph, across, load)
         drop_independent(graph, [*(entry for row in inertia for entry in row), *demand], equations.q)
-        speed_rates = factorize_inertia(graph, inertia, p.names, equations.name).solve(demand)
+        speed_rates = solve_inertia(equations, inertia, demand, p.names)
         drop_independent(graph, speed_rates, equations.q)
         moved = matvec(graph, basis, speed_rates)
         accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
     return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations)
-
-
-def _work(graph: Graph, outputs: Sequence[Node]) -> float:
-    """Return the weighted operations that `outputs` cost, shared ones counted once."""
-    return sum(OPERATIONS[node.op].cost for node in graph.topological(outputs) if node.args)
 
 
 @final
@@ -116,4 +111,5 @@ class Minimal(Formulation):
             if p.rates == equations.qdot:  # no choice of speeds can mend an unconstrained singular matrix
                 raise
             return float("inf")
-        return _work(equations.graph, (*motion.coordinate_rates, *motion.speed_rates))
+        moving = ~equations.graph.mask(equations.symbols.parameters)
+        return Forms(equations.graph, moving).work((*motion.coordinate_rates, *motion.speed_rates))
