@@ -132,7 +132,7 @@ def test_no_nan_where_a_root_has_no_derivative():
     from sympy import sqrt
 
     scene = da.scenes.chaplygin_sleigh()
-    x, y, theta = scene.coordinates
+    x, y, _ = scene.coordinates
     speed = sqrt(x.diff() ** 2 + y.diff() ** 2)
     model = da.compile_model(scene, outputs=[speed])
     start = {"x": 0.0, "y": 0.0, "theta": 0.0, "x_dot": 0.0, "theta_dot": 0.0}

@@ -160,6 +160,9 @@ class Engine(ABC):
     parallel: ClassVar[bool] = False
     """Whether `integrate_block` releases the interpreter, so that threads help."""
 
+    whole_blocks: ClassVar[bool] = False
+    """Whether cases are best handed to `integrate_block` as many at a time as there may be."""
+
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""
         for i in range(len(block.y)):

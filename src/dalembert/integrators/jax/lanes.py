@@ -1,16 +1,16 @@
-"""Taylor steps for many cases at once: one loop, in which every case has its own time, step and status.
+"""Many cases at once: one loop, in which every case has its own time, step and status.
 
-The step is straight-line code on arrays that hold one number a case (`dalembert.ir.taylor.step_kernel`), so that XLA
-makes one pass over the cases of it. The state is carried as one array a component: were it one array in all, XLA
-would compute the whole step once for each of its rows, with branches, and not vectorise it (measured on CPU: ten
-times slower). A case that has ended takes steps of size zero; where samples are wanted, steps end at their times.
+Steps are straight-line code on arrays that hold one number a case, so that XLA makes one pass over the cases of them.
+The state is carried as one array a component: were it one array in all, XLA would compute a whole step once for each
+of its rows, with branches, and not vectorise it (measured on CPU: ten times slower). A case that has ended takes
+steps of size zero; where samples are wanted, steps end at their times.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple, Protocol, final
 
 import jax.numpy as jnp
 from jax import lax
@@ -18,7 +18,7 @@ from jax import lax
 from ..status import Status
 from .compiling import compiled
 
-__all__ = ["Batch", "Outcome", "taylor_batch"]
+__all__ = ["Attempted", "Attempts", "Batch", "Outcome", "Rows", "TaylorAttempts", "run_batch"]
 
 _RUNNING = -1
 _QUADRATIC = 1e-8
@@ -31,7 +31,10 @@ Function = Callable[..., Rows]
 
 @final
 class Batch(NamedTuple):
-    """Cases to run: y (n_y rows (k,)), c (n_c rows (k,)), t0, t1 (k,), and the common settings."""
+    """Cases to run: y (n_y rows (k,)), c (n_c rows (k,)), t0, t1 (k,), and the common settings.
+
+    `floor` is the least scale of Taylor steps, `rtol` and `atol` are those of Runge-Kutta steps and projections.
+    """
 
     y: Rows
     c: Rows
@@ -39,6 +42,8 @@ class Batch(NamedTuple):
     t1: Any
     t_eval: Any
     floor: Any
+    rtol: Any
+    atol: Any
     max_step: Any
     max_steps: Any
 
@@ -55,25 +60,73 @@ class Outcome(NamedTuple):
 
 
 @final
+class Attempted(NamedTuple):
+    """An attempt: the new state, its size, whether it is finite and accepted, the next size, and what to remember."""
+
+    y: Rows
+    size: Any
+    finite: Any
+    accepted: Any
+    following: Any
+    memory: Any
+
+
+class Attempts(Protocol):
+    """A one-step method on rows."""
+
+    def start(self, batch: Batch, direction: Any) -> Any:
+        """Return the memory before the first step."""
+
+    def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
+        """Attempt a step of at most `largest`."""
+
+
+@final
+class TaylorAttempts:
+    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.ir.taylor.step_kernel` gives them."""
+
+    def __init__(self, step: Function) -> None:
+        self._step = step
+
+    def start(self, batch: Batch, direction: Any) -> Any:
+        """Return nothing: a Taylor step remembers nothing."""
+        return ()
+
+    def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
+        """Take a step; one that is too small to advance the time is not accepted."""
+        values = self._step(t, y, batch.c, (largest, direction, batch.floor))
+        size, finite = values[len(y)], values[len(y) + 1] == 0.0
+        accepted = finite & ~((size < largest) & (size < _least(t, batch.t1)))
+        return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory)
+
+
+@final
 class _Carry(NamedTuple):
     y: Rows
     t: Any
     status: Any
     steps: Any
+    attempts: Any
     sampled: Any
     samples: Any
+    memory: Any
 
 
-def taylor_batch(
-    step: Function, projections: Sequence[tuple[Function, int]], operations: int
+def run_batch(
+    attempts: Attempts, projections: Sequence[tuple[Function, int]], operations: int
 ) -> Callable[[Batch], Outcome]:
-    """Return the compiled loop of a step (t, y, c, s) -> (new state, size, check), as `step_kernel` gives it.
+    """Return the compiled loop of a method.
 
     `projections` are functions (t, y, c) -> correction of the state, and how often each is applied after a step;
-    `operations` is the length of all of them.
+    `operations` is the length of all code that runs between two loops.
     """
-    run: Callable[[Batch], Outcome] = compiled(partial(_run, step, tuple(projections)), operations)
+    run: Callable[[Batch], Outcome] = compiled(partial(_run, attempts, tuple(projections)), operations)
     return run
+
+
+def _least(t: Any, t1: Any) -> Any:
+    """Return the size below which a step does not advance the time."""
+    return _SMALLEST * jnp.abs(t) + 1e-30 * jnp.abs(t1 - t)
 
 
 def _project(projections: Sequence[tuple[Function, int]], t: Any, y: Rows, c: Rows) -> tuple[Rows, Any]:
@@ -90,7 +143,7 @@ def _project(projections: Sequence[tuple[Function, int]], t: Any, y: Rows, c: Ro
     return y, held
 
 
-def _run(step: Function, projections: Sequence[tuple[Function, int]], batch: Batch) -> Outcome:
+def _run(attempts: Attempts, projections: Sequence[tuple[Function, int]], batch: Batch) -> Outcome:
     n, wanted = len(batch.y), len(batch.t_eval)
     direction = jnp.where(batch.t1 >= batch.t0, 1.0, -1.0)
     times = jnp.append(batch.t_eval, jnp.inf)
@@ -117,26 +170,31 @@ def _run(step: Function, projections: Sequence[tuple[Function, int]], batch: Bat
         if wanted:
             ahead = times[carry.sampled]
             goal = jnp.where(jnp.isfinite(ahead), ahead, batch.t1)
-        rest = jnp.abs(goal - carry.t)
-        largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
-        values = step(carry.t, carry.y, batch.c, (largest, direction, batch.floor))
-        new, size, check = tuple(values[:n]), values[n], values[n + 1]
-        finite = check == 0.0
-        stuck = ~finite | ((size < largest) & (size < _SMALLEST * jnp.abs(carry.t) + 1e-30 * rest))
-        moved = running & ~stuck
-        ahead_of = jnp.where(size == rest, goal, carry.t + direction * size)
-        if projections:
-            new, held = _project(projections, ahead_of, new, batch.c)
-            moved &= held
-        t = jnp.where(moved, ahead_of, carry.t)
+        largest = jnp.where(running, jnp.minimum(batch.max_step, jnp.abs(goal - carry.t)), 0.0)
+        found = attempts.attempt(batch, carry.t, carry.y, largest, direction, carry.memory)
+        arrived = found.size == jnp.abs(goal - carry.t)
+        after = jnp.where(arrived, goal, carry.t + direction * found.size)
+        new, held = _project(projections, after, found.y, batch.c)
+        moved = running & found.accepted & held
+        t = jnp.where(moved, after, carry.t)
         y = tuple(jnp.where(moved, b, a) for a, b in zip(carry.y, new, strict=True))
-        steps = carry.steps + moved
-        failed = jnp.where(finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
-        status = jnp.where(steps >= batch.max_steps, int(Status.MAX_STEPS), _RUNNING)
-        if projections:
-            status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
-        status = jnp.where(t == batch.t1, int(Status.SUCCESS), jnp.where(stuck, failed, status))
-        return sample_all(carry._replace(y=y, t=t, steps=steps, status=jnp.where(running, status, carry.status)))
+        tried = carry.attempts + running
+        stuck = ~found.accepted & (found.following < _least(carry.t, batch.t1))
+        failed = jnp.where(found.finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
+        status = jnp.where(tried >= batch.max_steps, int(Status.MAX_STEPS), _RUNNING)
+        status = jnp.where(stuck, failed, status)
+        status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
+        status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
+        return sample_all(
+            carry._replace(
+                y=y,
+                t=t,
+                steps=carry.steps + moved,
+                attempts=tried,
+                status=jnp.where(running, status, carry.status),
+                memory=found.memory,
+            )
+        )
 
     finite = jnp.isfinite(sum(batch.y) + sum(batch.c)) if batch.c else jnp.isfinite(sum(batch.y))
     status = jnp.where(batch.t0 == batch.t1, int(Status.SUCCESS), _RUNNING)
@@ -145,8 +203,10 @@ def _run(step: Function, projections: Sequence[tuple[Function, int]], batch: Bat
         t=batch.t0,
         status=jnp.where(finite, status, int(Status.NON_FINITE)),
         steps=jnp.zeros(len(batch.t0)),
+        attempts=jnp.zeros(len(batch.t0)),
         sampled=jnp.zeros(len(batch.t0), dtype=int),
         samples=jnp.full((wanted, n, len(batch.t0)), jnp.nan),
+        memory=attempts.start(batch, direction),
     )
     end = lax.while_loop(lambda carry: jnp.any(carry.status == _RUNNING), body, sample_all(start))
     return Outcome(end.y, end.t, end.status, end.steps, end.samples)
