@@ -24,7 +24,7 @@ __all__ = ["Solve", "Solved", "register_models"]
 
 MODES = ("reverse", "forward")
 _CHECKPOINTS = 16
-"""States that a reverse run keeps: with diffrax's default, many more, a short run's gradient takes five times longer."""
+"""States that a reverse run keeps: with diffrax's default, many more, gradients of short runs take longer."""
 
 
 @final
