@@ -155,12 +155,8 @@ def markdown(result: Record) -> str:
             *_sweeps(result),
             "## Derivation, chains of rods",
             *_derivation(result),
-<<<<<<< HEAD
-            "## Start-up: the sleigh's first trajectory, or first sweep, in a new process, seconds",
-=======
             *_jax(result),
-            "## Start-up: the sleigh's first trajectory in a new process, seconds",
->>>>>>> eeb7c84 (Document the jax backend and sensitivities; benchmark hook)
+            "## Start-up: the sleigh's first trajectory, or first sweep, in a new process, seconds",
             _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
             f"Imports in a new process: {imports}.",
             "",
@@ -168,7 +164,6 @@ def markdown(result: Record) -> str:
     )
 
 
-<<<<<<< HEAD
 def _ratio_rows(records: Sequence[Record], kind: str, reference: str, labels: Sequence[str] = ()) -> list[list[str]]:
     """Return rows of time and ratio at equal errors, a row a scene and contender."""
     rows = []
@@ -214,7 +209,8 @@ def _sweeps(result: Record) -> list[str]:
         _markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
         f"Cases whose estimated error is within a factor 10 of the true one: {estimates}.",
     ]
-=======
+
+
 def _jax(result: Record) -> list[str]:
     """Return the section on the jax backend, where it was measured."""
     if not result.get("jax"):
@@ -222,7 +218,6 @@ def _jax(result: Record) -> list[str]:
     from jax_speed import text
 
     return ["## The jax backend against diffrax used by hand", text(result["jax"])]
->>>>>>> eeb7c84 (Document the jax backend and sensitivities; benchmark hook)
 
 
 def selected(records: Sequence[Record]) -> list[Record]:

@@ -784,6 +784,7 @@ def _recompiled(scene: Any, options: Any) -> CompiledModel:
         formulation=options.formulation,
         outputs=options.outputs,
         cache=options.cache,
+        gains=options.gains,
     )
 
 
