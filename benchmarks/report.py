@@ -155,6 +155,7 @@ def markdown(result: Record) -> str:
             *_sweeps(result),
             "## Derivation, chains of rods",
             *_derivation(result),
+            *_jax(result),
             "## Start-up: the sleigh's first trajectory, or first sweep, in a new process, seconds",
             _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
             f"Imports in a new process: {imports}.",
@@ -208,6 +209,15 @@ def _sweeps(result: Record) -> list[str]:
         _markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
         f"Cases whose estimated error is within a factor 10 of the true one: {estimates}.",
     ]
+
+
+def _jax(result: Record) -> list[str]:
+    """Return the section on the jax backend, where it was measured."""
+    if not result.get("jax"):
+        return []
+    from jax_speed import text
+
+    return ["## The jax backend against diffrax used by hand", text(result["jax"])]
 
 
 def selected(records: Sequence[Record]) -> list[Record]:

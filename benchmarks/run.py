@@ -20,6 +20,7 @@ from typing import Any
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import figures
+import jax_speed
 import report
 from cases import PROBLEMS
 from contenders import available_backends
@@ -141,6 +142,8 @@ def measure(mode: str) -> dict[str, Any]:
     say("derivation")
     chains = scaling(extent.sizes, extent.derivation_limit, say)
     kane = kane_scaling(extent.kane_sizes, say)
+    say("the jax backend against diffrax by hand")
+    jax_table = jax_speed.measure(mode == "quick", say) if "jax" in backends else None
     say("start-up")
     startup = {
         backend: first_trajectory(backend, extent.startups)
@@ -157,6 +160,7 @@ def measure(mode: str) -> dict[str, Any]:
         "unequal": unequal_cases(extent.sweep_cases),
         "coverage": coverage(),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
+        "jax": jax_table,
         "startup": startup,
         "imports": import_seconds(),
         "seconds": round(time.perf_counter() - begin, 1),

@@ -11,7 +11,7 @@ __all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "rate_name"]
 
 RATE_SUFFIX = "_dot"
 
-GENERATED = frozenset({"abs", "c", "float", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"})
+GENERATED = frozenset({"abs", "c", "float", "fn", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"})
 """Identifiers that generated code uses itself."""
 
 

@@ -6,6 +6,7 @@
 # outputs      out0, out1, out2, out3, out4, out5, out6, out7, out8, out9, out10, out11, out12, out13, out14, out15, out16, out17, out18, out19, out20, out21, out22, out23, out24, out25, out26, out27, out28, out29, out30, out31, out32
 # c            p, then 0 expressions of p alone
 import jax.numpy as jnp
+from dalembert.codegen.jax import functions as fn
 
 
 def prepare(p):
@@ -23,15 +24,15 @@ def outputs(t, y, c):
     z_mul = a * b
     z_div = a / b
     z_neg = -a
-    z_sqrt = jnp.sqrt(a)
-    z_pow = jnp.power(a, b)
+    z_sqrt = fn.sqrt(a)
+    z_pow = fn.power(a, b)
     z_sin = jnp.sin(a)
     z_cos = jnp.cos(a)
     z_tan = jnp.tan(a)
-    z_asin = jnp.arcsin(a)
-    z_acos = jnp.arccos(a)
+    z_asin = fn.asin(a)
+    z_acos = fn.acos(a)
     z_atan = jnp.arctan(a)
-    z_atan2 = jnp.arctan2(a, b)
+    z_atan2 = fn.atan2(a, b)
     z_exp = jnp.exp(a)
     z_log = jnp.log(a)
     z_sinh = jnp.sinh(a)

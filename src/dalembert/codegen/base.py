@@ -5,18 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormulationError
+from ..errors import FormulationError, OptionError
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import integrate_watched
 from ..ir.program import Program
 
 if TYPE_CHECKING:
+    from ..reduction.starting import Start
     from ..runtime.events import EventCode
 
 __all__ = ["Backend", "BlockResult", "CaseBlock", "Engine", "FloatArray", "RenderedModule"]
@@ -112,8 +113,11 @@ class Engine(ABC):
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
 
-    def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
-        """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better."""
+    def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
+        """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better.
+
+        `many` says that it is to run many cases at once.
+        """
         return methods[0]
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
@@ -154,8 +158,19 @@ class Engine(ABC):
 
         return run
 
+    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+        """Return the rate of the state as a traced function, where the backend traces."""
+        raise OptionError('vector_field is for programs in JAX: compile with backend="jax"')
+
+    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
+        """Return a traced function that solves from given values, or from the state where `start` is None."""
+        raise OptionError('solve_fn is for programs in JAX: compile with backend="jax"')
+
     parallel: ClassVar[bool] = False
     """Whether `integrate_block` releases the interpreter, so that threads help."""
+
+    whole_blocks: ClassVar[bool] = False
+    """Whether cases are best handed to `integrate_block` as many at a time as there may be."""
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""

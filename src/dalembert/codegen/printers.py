@@ -12,7 +12,7 @@ from typing import final
 
 from ..ir.program import Assignment, Kernel, Load, Operand
 
-__all__ = ["JAX", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
+__all__ = ["JAX", "JAX_STEPS", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
 
 
 @final
@@ -87,17 +87,17 @@ PYTHON = Printer(
 NUMPY = Printer("numpy", {**PYTHON.formats, "div": "math.divide({}, {})", "floor": "math.floor({})"})
 """Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""
 
-_JNP_NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power"}
+_JNP_NAMES = {"atan": "arctan"}
+_GUARDED_NAMES = {"sqrt": "sqrt", "pow": "power", "asin": "asin", "acos": "acos", "atan2": "atan2"}
 
 JAX = Printer(
     "jax",
     {
         **_ARITHMETIC,
+        **{name: f"jnp.{_JNP_NAMES.get(name, name)}({{}})" for name in _FUNCTIONS if name not in _GUARDED_NAMES},
         **{
-            name: f"jnp.{_JNP_NAMES.get(name, name)}({{}}, {{}})"
-            if name in ("atan2", "pow")
-            else f"jnp.{_JNP_NAMES.get(name, name)}({{}})"
-            for name in _FUNCTIONS
+            name: f"fn.{function}({{}}, {{}})" if name in ("atan2", "pow") else f"fn.{function}({{}})"
+            for name, function in _GUARDED_NAMES.items()
         },
         "floor": "jnp.floor({})",
         "abs": "jnp.abs({})",
@@ -109,6 +109,18 @@ JAX = Printer(
         "select": "jnp.where({} != 0.0, {}, {})",
     },
 )
-"""Traced JAX."""
+"""Traced JAX, on ``jax.numpy`` and on `dalembert.codegen.jax.functions`, which it imports as ``fn``."""
+
+JAX_STEPS = Printer(
+    "jax steps",
+    {
+        **JAX.formats,
+        "sqrt": "jnp.sqrt({})",
+        "fma": "{} * {} + {}",
+        "rough_log2": "jnp.log2({})",
+        "rough_exp2": "jnp.exp2({})",
+    },
+)
+"""Steps of integrators in traced JAX."""
 
 PRINTERS = (PYTHON, NUMPY, JAX)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from .graph import Graph, Node
 
-__all__ = ["RULES", "jacobian", "tangents"]
+__all__ = ["GUARDED", "RULES", "jacobian", "tangents"]
 
 
 class Form(NamedTuple):
@@ -79,7 +79,29 @@ Operations that jump (sign, floor, comparisons) have derivative zero, which hold
 """
 
 
-def tangents(graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node]) -> list[Node]:
+def _zero_where(test: Callable[[Graph, Form], Node], rule: Rule) -> Rule:
+    """Return a rule whose derivative is zero where the test gives zero."""
+
+    def guarded(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+        return graph.call("select", test(graph, node), rule(graph, node, tangent), graph.zero)
+
+    return guarded
+
+
+GUARDED: dict[str, Rule] = RULES | {
+    "sqrt": _zero_where(lambda g, n: n.args[0], RULES["sqrt"]),
+    "pow": _zero_where(lambda g, n: n.args[0], RULES["pow"]),
+    "atan2": _zero_where(lambda g, n: n.args[0] * n.args[0] + n.args[1] * n.args[1], RULES["atan2"]),
+    "asin": _zero_where(lambda g, n: 1 - n.args[0] * n.args[0], RULES["asin"]),
+    "acos": _zero_where(lambda g, n: 1 - n.args[0] * n.args[0], RULES["acos"]),
+}
+"""`RULES` for derivatives that are evaluated: zero where an operation has none, so that rest and zero angles give no
+NaN (a root's infinite derivative at zero, times a tangent that is zero)."""
+
+
+def tangents(
+    graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node], rules: Mapping[str, Rule] = RULES
+) -> list[Node]:
     """Return the directional derivatives of `outputs`.
 
     Parameters
@@ -90,6 +112,8 @@ def tangents(graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node]) 
         What to differentiate.
     seeds : mapping of Node to Node
         The rate of each input that varies; inputs not named are constant.
+    rules : mapping of str to Rule
+        The derivative of each operation.
 
     Returns
     -------
@@ -106,7 +130,7 @@ def tangents(graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node]) 
         rates = tuple(tangent[arg.index] for arg in form.args)
         if not node.deps & varying or all(rate.is_zero for rate in rates):
             return graph.zero
-        return RULES[form.op](graph, form, rates)
+        return rules[form.op](graph, form, rates)
 
     graph.visit(outputs, tangent, differentiate)
     return [tangent[output.index] for output in outputs]

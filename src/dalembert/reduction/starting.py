@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import InitialStateError, list_names
+from ..ir.derivatives import GUARDED, tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..ir.lower import lower_kernel
@@ -20,7 +21,7 @@ from ..ir.program import Kernel
 from .base import ReducedSystem
 from .reactions import independent_columns
 
-__all__ = ["TOLERANCE", "Start", "starting"]
+__all__ = ["TOLERANCE", "Start", "start_tangents", "starting"]
 
 TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""
@@ -63,6 +64,15 @@ def starting(system: ReducedSystem, given: Sequence[str]) -> Start:
     return _Starting(system, given).build()
 
 
+def start_tangents(system: ReducedSystem, given: Sequence[str], wrt: Sequence[str]) -> Kernel:
+    """Return the derivatives of the start of a system, a kernel of the same arguments as `Start.kernel`.
+
+    Its outputs are the derivatives of the state (n_y) with respect to each of `wrt` in turn, which are names of
+    parameters and of given values; what the constraints fix, and what a projection moves, varies with them.
+    """
+    return _Starting(system, given).tangents(wrt)
+
+
 @final
 class _Starting:
     def __init__(self, system: ReducedSystem, given: Sequence[str]) -> None:
@@ -95,11 +105,27 @@ class _Starting:
         checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
         checks += [self._at([node])[0] for pair in self.fixed for node in pair]
         labels += self.fixed_labels
+        kernel = lower_kernel(self.graph, "start", [*state, *checks], self._inputs(), arguments=("t", "y", "c"))
+        return Start(kernel, self.given, tuple(labels))
+
+    def tangents(self, wrt: Sequence[str]) -> Kernel:
+        """Return the kernel of `start_tangents`."""
+        jacobian = [self.graph.adopt(row.jacobian) for row in self.rows]
+        residual = self.graph.adopt([row.position for row in self.rows if row.position is not None])
+        self._solve_positions(residual, jacobian[: len(residual)])
+        drift = self.graph.adopt([row.drift for row in self.rows])
+        velocity = [v + d for v, d in zip(matvec(self.graph, jacobian, self.qdot), drift, strict=True)]
+        self._solve_velocities(velocity, jacobian)
+        state = self._state()
+        columns = [tangents(self.graph, state, {self.graph.input(w): self.graph.one}, GUARDED) for w in wrt]
+        flat = [entry for column in columns for entry in column]
+        return lower_kernel(self.graph, "start_tangents", flat, self._inputs(), arguments=("t", "y", "c"))
+
+    def _inputs(self) -> dict[Node, tuple[str, int | None]]:
         inputs: dict[Node, tuple[str, int | None]] = {self.graph.input(self.symbols.time): ("t", None)}
         inputs |= {self.graph.input(name): ("c", i) for i, name in enumerate(self.symbols.parameters)}
         inputs |= {self.graph.input(name): ("y", i) for i, name in enumerate(self.given)}
-        kernel = lower_kernel(self.graph, "start", [*state, *checks], inputs, arguments=("t", "y", "c"))
-        return Start(kernel, self.given, tuple(labels))
+        return inputs
 
     def _at(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes at what is known of the missing values so far."""

@@ -21,6 +21,7 @@ from ..results.comparison import Comparison
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.linearization import Linearization
+from ..results.sensitivity import Sensitivity
 from ..results.sweep import Sweep, SweepStatistics
 from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
@@ -33,6 +34,7 @@ from .linear import linearized
 from .monitors import conserved
 from .prepared import PreparedRun
 from .reductions import reduction_table
+from .sensitivity import Variation, chosen_names, vary
 from .singular import indeterminate, judged, redundant, singular_start, still_redundant
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
@@ -74,6 +76,7 @@ class CompiledModel:
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._watches: dict[str, EventCode] = {}
         self._candidates: Candidates | None = None
+        self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
 
     @property
     def name(self) -> str:
@@ -480,7 +483,7 @@ class CompiledModel:
         count = available_threads() if threads is None else int(threads)
         if count < 1:
             raise OptionError(f"threads must be at least 1, not {threads!r}")
-        chosen = self._method(method, rtol, atol)
+        chosen = self._method(method, rtol, atol, many=True)
         IntegrationProblem(
             t0=float(cases.span["start"][0]),
             t1=float(cases.span["end"][0]),
@@ -510,7 +513,7 @@ class CompiledModel:
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
             finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
-            finer = replace(finer, method=self._method(method, finer.rtol, finer.atol))
+            finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
             if method == "auto":
                 finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
@@ -637,14 +640,141 @@ class CompiledModel:
             self._starts[key] = starting(self.stages.reduced, sorted(key))
         return self._starts[key]
 
-    def _method(self, method: Any, rtol: float, atol: float) -> str:
+    def _method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
         if method == "auto":
-            return self._engine.automatic(self.methods, rtol, atol)
+            return self._engine.automatic(self.methods, rtol, atol, many=many)
         if not isinstance(method, str) or method not in self._methods:
             raise OptionError(
                 unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
             )
         return method
+
+    def sensitivity(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        wrt: Iterable[Any],
+        of: Iterable[Any] | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_steps: int = 1_000_000,
+    ) -> Sensitivity:
+        """Simulate one trajectory with the derivatives of what happens along it.
+
+        Generated variational equations are integrated beside the equations of motion, under the same control of
+        error. The consistent start and the projection onto constraints are differentiated along.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, t_eval, method, rtol, atol, max_steps
+            As for `simulate`.
+        wrt : iterable of symbols or names
+            Parameters, and values given in `initial`. What the constraints fix varies with them where it is left out.
+        of : iterable of symbols or names, optional
+            Coordinates, rates, components of the state and outputs; by default all coordinates and rates.
+
+        Returns
+        -------
+        Sensitivity
+            ``.jacobian("x", "m")`` (n_t,) and so on.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong.
+        """
+        t0, t1 = _span(t_span)
+        p = self.parameter_vector(parameters)
+        values = inputs.given_values(self.layout, initial)
+        start = self._start(values)
+        names = chosen_names(self._program, start.given, of, wrt)
+        key = (start.given, *names)
+        if key not in self._variations:
+            self._variations[key] = vary(self.stages, start.given, *names)
+        variation = self._variations[key]
+        c = inputs.constants(self._program, p)
+        problem = IntegrationProblem(
+            t0=t0,
+            t1=t1,
+            y0=inputs.initial_state(start, t0, values, c, self._program),
+            constants=c,
+            rtol=float(rtol),
+            atol=float(atol),
+            t_eval=None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float)),
+            max_steps=int(max_steps),
+        )
+        if method == "auto":
+            chosen = variation.engine.automatic(self.methods, rtol, atol)
+        else:
+            chosen = self._method(method, rtol, atol)
+        given = np.array([values[name] for name in start.given])
+        return replace(variation.run(problem, given, p, chosen), aliases=self.layout.aliases)
+
+    # -- pure functions of the jax backend ------------------------------------------------
+
+    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+        """Return dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), traced: made for ``diffrax.ODETerm``.
+
+        The components are those of ``layout.state`` and ``layout.parameters``; `state` and `parameter_vector` make
+        such arrays.
+
+        Raises
+        ------
+        OptionError
+            For a backend other than "jax".
+        """
+        return self._engine.vector_field(t, y, args)
+
+    def solve_fn(
+        self,
+        given: Iterable[str] | None = None,
+        *,
+        method: str = "auto",
+        mode: str = "reverse",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_steps: int = 4096,
+    ) -> Any:
+        """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
+
+        Parameters
+        ----------
+        given : iterable of str, optional
+            Names of the coordinates and rates that `initial` holds; the others follow from the constraints, as in
+            `simulate`. Without it, `initial` is the state y (n_y,).
+        method, rtol, atol
+            As for `simulate`.
+        mode : str
+            "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and ``jax.jacfwd``.
+        max_steps : int
+            Attempted steps after which the run ends with a status.
+
+        Returns
+        -------
+        Solve
+            Its docstring describes arguments and result.
+
+        Raises
+        ------
+        OptionError
+            For a backend other than "jax", and for options that do not exist.
+        UnknownNameError, InitialStateError
+            For names that are not known or not enough.
+        """
+        start = None
+        if given is not None:
+            names = [self.layout.aliases.get(str(name), str(name)) for name in given]
+            start = self._start(inputs.given_values(self.layout, dict.fromkeys(names, 0.0)))
+        options = {"mode": mode, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        options = self.stages.options
+        return _recompiled, (self.stages.scene, options)
 
     # -- kernels --------------------------------------------------------------------------
 
@@ -701,6 +831,20 @@ class CompiledModel:
             return np.zeros(shape if single else (count, *shape))
         out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
         return out[0] if single else out
+
+
+def _recompiled(scene: Any, options: Any) -> CompiledModel:
+    """Return the model that was pickled: the scene is compiled again, to the same program."""
+    from ..compiler import compile_model
+
+    return compile_model(
+        scene,
+        backend=options.backend,
+        formulation=options.formulation,
+        outputs=options.outputs,
+        cache=options.cache,
+        gains=options.gains,
+    )
 
 
 def _with_grid(

@@ -212,7 +212,8 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
-    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // (threads * _BLOCKS_PER_THREAD))))
+    share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
+    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
     def run(block: slice) -> int:

@@ -93,7 +93,7 @@ class NumbaEngine(Engine):
             function(t[i], y[i], c, out[i])
         return out
 
-    def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
+    def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
         if len(methods) == 1:
             return methods[0]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, final
 
 import diffrax
 import jax.numpy as jnp
+from jax import lax
 
 __all__ = ["Control", "Controller", "smallest_step"]
 
@@ -51,7 +52,8 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
     A step that leaves the finite numbers is rejected; a step that is rejected although it cannot be made smaller
     ends the run with ``RESULTS.dt_min_reached``; a run whose attempts are used up ends with
-    ``RESULTS.max_steps_reached``. The bounds are traced, so that other bounds compile nothing.
+    ``RESULTS.max_steps_reached``. Derivatives are those at fixed step sizes.
+    The bounds are traced, so that other bounds compile nothing.
 
     Parameters
     ----------
@@ -106,6 +108,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         controller_state: Control,
     ) -> tuple[Any, Any, Any, Any, Control, Any]:
         """See diffrax."""
+        y0, y1_candidate, y_error = lax.stop_gradient((y0, y1_candidate, y_error))
         finite = jnp.all(jnp.isfinite(y1_candidate)) & jnp.all(jnp.isfinite(y_error))
         candidate, error = jnp.where(finite, y1_candidate, y0), jnp.where(finite, y_error, jnp.inf)
         kept, begin, end, jump, memory, result = self.inner.adapt_step_size(

@@ -7,23 +7,28 @@ compiled anew for a longer span, other tolerances or other times to evaluate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...ir.interpret import interpret_rows
 from ..problem import FloatArray, IntegrationProblem, Solution
 from ..status import Status
 from .control import Control, Controller
 from .precision import double_precision
+from .projected import projecting
 from .record import Record
 
-__all__ = ["METHODS", "Integrator", "Method"]
+if TYPE_CHECKING:
+    from ...codegen.jax.kernels import Kernels
+
+__all__ = ["METHODS", "Integrator", "Method", "Settings", "equation", "solver_for"]
 
 LEG = 256
 _FIRST = 3
@@ -33,28 +38,32 @@ _FIRST = 3
 @final
 @dataclass(frozen=True)
 class Method:
-    """A solver of diffrax whose last stage is the first of the next step.
+    """A Runge-Kutta solver of diffrax whose last stage is the first of the next step.
 
     Attributes
     ----------
-    solver : diffrax.AbstractERK
+    solver : diffrax.AbstractRungeKutta
         The solver.
     degree : int
         Degree of the polynomial that interpolates inside a step.
+    ends : bool
+        Whether that polynomial needs the ends of the step beside the slopes.
     """
 
     solver: Any
     degree: int
+    ends: bool = False
 
     @property
     def evaluations(self) -> int:
-        """Calls of the right-hand side that an attempted step takes."""
+        """Calls of the right-hand side that an attempted step takes, iterations of implicit stages not counted."""
         return int(self.solver.tableau.num_stages) - 1
 
 
 METHODS: Mapping[str, Method] = {
     "dopri8": Method(diffrax.Dopri8(), degree=6),
     "tsit5": Method(diffrax.Tsit5(), degree=4),
+    "kvaerno5": Method(diffrax.Kvaerno5(), degree=3, ends=True),
 }
 """diffrax's solvers by the names that they have here."""
 
@@ -99,8 +108,21 @@ class Leg(NamedTuple):
     stages: Any
 
 
-def _problem(rhs: Callable[..., Any], settings: Settings) -> tuple[Any, Controller]:
+def solver_for(kernels: Kernels, method: str) -> Any:
+    """Return the solver of a method, projecting where the program does; its ``args`` are `Settings`."""
+    solver = METHODS[method].solver
+    if not kernels.projected:
+        return solver
+
+    def project(t: Any, y: Any, settings: Settings) -> Any:
+        return kernels.project(settings.direction * t, y, settings.constants, settings.atol)
+
+    return projecting(solver, project)
+
+
+def equation(kernels: Kernels, settings: Settings) -> tuple[Any, Controller]:
     """Return the differential equation forward in time, and its step size control."""
+    rhs = kernels["rhs"]
 
     def slope(t: Any, y: Any, settings: Settings) -> Any:
         return settings.direction * rhs(settings.direction * t, y, settings.constants)
@@ -109,9 +131,9 @@ def _problem(rhs: Callable[..., Any], settings: Settings) -> tuple[Any, Controll
     return diffrax.ODETerm(slope), Controller(settings.rtol, settings.atol, settings.max_step, span)
 
 
-def _begin(rhs: Callable[..., Any], solver: Any, settings: Settings, y: Any, max_steps: Any) -> tuple[Point, Any]:
+def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps: Any) -> tuple[Point, Any]:
     """Return the start, with the size of the first step, and whether its slope is finite."""
-    term, controller = _problem(rhs, settings)
+    term, controller = equation(kernels, settings)
     t0, t1 = settings.t0, settings.t1
     finite = jnp.all(jnp.isfinite(y)) & jnp.all(jnp.isfinite(term.vf(t0, y, settings)))
     order = solver.error_order(term)
@@ -119,9 +141,9 @@ def _begin(rhs: Callable[..., Any], solver: Any, settings: Settings, y: Any, max
     return Point(t0, y, control._replace(attempts=max_steps)), finite
 
 
-def _advance(rhs: Callable[..., Any], solver: Any, settings: Settings, start: Point) -> Leg:
+def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) -> Leg:
     """Take at most LEG attempts from `start` towards the end of the span."""
-    term, controller = _problem(rhs, settings)
+    term, controller = equation(kernels, settings)
     solution = diffrax.diffeqsolve(
         term,
         solver,
@@ -201,25 +223,27 @@ def _status(leg: Leg, t1: float) -> Status | None:
 
 @final
 class Integrator:
-    """One method for one right-hand side; what it compiles is kept and serves every problem.
+    """One method for one program; what it compiles is kept and serves every problem.
 
     Parameters
     ----------
-    rhs : callable
-        Traceable ``(t, y, constants) -> dy/dt``, on arrays.
+    kernels : Kernels
+        The kernels of the program.
     method : str
         A name in `METHODS`.
     """
 
-    def __init__(self, rhs: Callable[..., Any], method: str) -> None:
-        solver = METHODS[method].solver
-        self._method = method
-        self._begin = jax.jit(partial(_begin, rhs, solver))
-        self._advance = jax.jit(partial(_advance, rhs, solver))
+    def __init__(self, kernels: Kernels, method: str) -> None:
+        solver = solver_for(kernels, method)
+        self._kernels, self._method = kernels, method
+        self._begin = jax.jit(partial(_begin, kernels, solver))
+        self._advance = jax.jit(partial(_advance, kernels, solver))
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
-        record = Record(problem, _weights(self._method))
+        projected = self._kernels.projected
+        mended = METHODS[self._method].ends or projected
+        record = Record(problem, _weights(self._method), mended, self._kernels.onto if projected else None)
         settings = _settings(problem, record.direction)
         with double_precision():
             start = self._begin(settings, np.array(problem.y0, dtype=np.float64), np.int64(problem.max_steps))
@@ -230,6 +254,14 @@ class Integrator:
                 steps = slice(int(leg.steps))
                 record.add(leg.t[steps], leg.y[steps], leg.stages[steps], int(leg.rejected))
                 point, status = leg.end, _status(leg, settings.t1)
+            if status is Status.NON_FINITE and projected and self._regular(settings, point):
+                status = Status.PROJECTION_FAILED
         attempts = record.steps + record.rejected
         evaluations = _FIRST + record.legs + METHODS[self._method].evaluations * attempts
         return record.solution(status, evaluations)
+
+    def _regular(self, settings: Settings, point: Point) -> bool:
+        """Whether the right-hand side is finite where the run ended, so that the projection is what failed."""
+        t, y, c = (np.asarray(value) for value in (settings.direction * point.t, point.y, settings.constants))
+        slopes = interpret_rows(self._kernels.program.kernel("rhs"), t.reshape(1), y.reshape(1, -1), c)
+        return bool(np.all(np.isfinite(slopes)))

@@ -1,0 +1,204 @@
+"""Pure functions of a model, for people's own JAX programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import diffrax
+import jax
+import jax.numpy as jnp
+
+from ...errors import OptionError, UnknownNameError, list_names, unknown_name
+from ...integrators.jax.solvers import METHODS, Settings, equation, solver_for
+from ...integrators.status import Status
+from ...ir.program import Program
+from ..printers import JAX
+from .kernels import Kernels, compile_kernel, stacked
+
+if TYPE_CHECKING:
+    from ...reduction.starting import Start
+
+__all__ = ["Solve", "Solved", "register_models"]
+
+MODES = ("reverse", "forward")
+_CHECKPOINTS = 16
+"""States that a reverse run keeps: with diffrax's default, many more, gradients of short runs take longer."""
+
+
+@final
+class Solved(NamedTuple):
+    """What a traced run returns; after a failure what follows it is NaN.
+
+    Attributes
+    ----------
+    t : Array (n_t,)
+        Times, as given.
+    y : Array (n_t, n_y)
+        States, in the order of ``layout.state``.
+    q, qdot : Array (n_t, n_q)
+        Coordinates and rates, in the order of ``layout.coordinates``.
+    outputs : Array (n_t, n_outputs)
+        Requested outputs (reactions, for example), in the order of ``layout.outputs``.
+    status : Array ()
+        How the run ended, a number of `dalembert.integrators.status.Status`; 0 is success.
+    """
+
+    t: Any
+    y: Any
+    q: Any
+    qdot: Any
+    outputs: Any
+    status: Any
+
+
+@final
+class Solve:
+    """``solve(t, initial, p)`` integrates from t[0] and returns a `Solved` at the times t.
+
+    The arguments are JAX arrays or numbers, and every one but t may be differentiated: t (n_t,) sorted in either
+    direction; `initial` a mapping of the names `given` to scalars, an array (n_given,) in their order, or the state
+    y (n_y,) where nothing was named; p a mapping of all parameters to scalars, or an array (n_p,). Steps are
+    chosen from the values alone: derivatives are those of the steps taken, at fixed sizes.
+
+    Nothing is checked inside a trace: an initial state that contradicts a constraint by more than rounding is
+    projected where the formulation projects, and taken as it is elsewhere.
+
+    The function is traced in double precision only: set ``jax.config.update("jax_enable_x64", True)``, or call inside
+    ``with jax.enable_x64(True):``.
+
+    Parameters
+    ----------
+    program : Program
+        The compiled program.
+    start : Start or None
+        From given values to the state.
+    method, mode, rtol, atol, max_steps
+        As for `CompiledModel.solve_fn`.
+
+    Attributes
+    ----------
+    given : tuple of str
+        Names of what `initial` holds, in order.
+    """
+
+    def __init__(
+        self, program: Program, start: Start | None, method: str, *, mode: str, rtol: float, atol: float, max_steps: int
+    ) -> None:
+        if mode not in MODES:
+            raise OptionError(unknown_name("mode", str(mode), MODES))
+        if method not in METHODS:
+            raise OptionError(f"solve_fn integrates by {list_names(METHODS)}, not by {method!r}")
+        self._options: dict[str, Any] = {
+            "mode": mode,
+            "rtol": float(rtol),
+            "atol": float(atol),
+            "max_steps": int(max_steps),
+        }
+        self._program, self._start, self._method = program, start, method
+        self.given = program.layout.state if start is None else start.given
+        self._kernels = _kernels(program)
+        self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(Solve, **self._options), (self._program, self._start, self._method)
+
+    def __call__(self, t: Any, initial: Any, p: Any) -> Solved:
+        """Return the motion; see the class."""
+        if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+            raise OptionError(
+                "solve works in double precision, which is off in this session: set"
+                ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
+            )
+        t = jnp.asarray(t, dtype=float)
+        c = self._kernels.constants(_vector("parameter", p, self._program.layout.parameters))
+        y0 = _vector("initial value", initial, self.given)
+        if self._begin is not None:
+            y0 = self._begin(t[0], y0, c)[: len(self._program.layout.state)]
+        y, status = self._integrate(t, y0, c)
+        q, outputs = self._on_rows("expand", t, y, c), self._on_rows("outputs", t, y, c)
+        n = len(self._program.layout.coordinates)
+        return Solved(t, y, q[:, :n], q[:, n:], outputs, status)
+
+    def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
+        if kernel not in self._kernels:
+            return jnp.zeros((len(t), 0))
+        return jax.vmap(self._kernels[kernel], (0, 0, None))(t, y, c)
+
+    def _integrate(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
+        options, kernels = self._options, self._kernels
+        direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        limits = options["rtol"], options["atol"], 0.0, jnp.inf
+        settings = Settings(direction, direction * t[0], direction * t[-1], c, *limits)
+        still = jax.lax.stop_gradient
+        fixed = still(settings)
+        term, controller = equation(kernels, fixed)
+        solver = solver_for(kernels, self._method)
+        order = solver.error_order(term)
+        start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
+        forward = options["mode"] == "forward"
+        ends = len(t) <= 2  # then nothing is interpolated, which costs as much as a step does
+        wanted = {"t1": True} if ends else {"ts": direction * t}
+        solution = diffrax.diffeqsolve(
+            term,
+            solver,
+            settings.t0,
+            settings.t1,
+            start.size,
+            y0,
+            settings,
+            saveat=diffrax.SaveAt(**wanted, controller_state=True),
+            stepsize_controller=controller,
+            adjoint=diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint(checkpoints=_CHECKPOINTS),
+            max_steps=options["max_steps"],
+            throw=False,
+            controller_state=still(start._replace(attempts=jnp.array(options["max_steps"]))),
+        )
+        y = jnp.concatenate([y0[None], solution.ys])[: len(t)] if ends else solution.ys
+        if kernels.projected:
+            y = jax.vmap(lambda at, state: kernels.project(at, state, c, options["atol"]))(t, y)
+        failed = jnp.where(still(solution.controller_state.finite), int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
+        results = diffrax.RESULTS
+        status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)
+        status = jnp.where(solution.result == results.successful, int(Status.SUCCESS), status)
+        if ends:
+            y = jnp.where((jnp.arange(len(t)) == 0)[:, None] | (status == int(Status.SUCCESS)), y, jnp.nan)
+        return jnp.where(jnp.isfinite(y), y, jnp.nan), status
+
+
+def _vector(kind: str, values: Any, names: tuple[str, ...]) -> Any:
+    """Return an array of values by name, or of an array in their order."""
+    if not isinstance(values, Mapping):
+        array = jnp.asarray(values, dtype=float)
+        if array.shape != (len(names),):
+            raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
+        return array
+    table = {str(key): value for key, value in values.items()}
+    wrong = [unknown_name(kind, name, names) for name in table if name not in names]
+    missing = [name for name in names if name not in table]
+    if missing:
+        wrong.append(f"missing {kind}s: {list_names(missing)}")
+    if wrong:
+        raise UnknownNameError("\n".join(wrong))
+    return jnp.stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)
+
+
+@cache
+def _kernels(program: Program) -> Kernels:
+    """Return the kernels of a program, rendered anew where a pickled function brought it here."""
+    from .backend import JaxBackend
+
+    backend = JaxBackend()
+    engine = backend.load(backend.render(program, cache=False), cache=False)
+    kernels: Kernels = engine.kernels  # type: ignore[attr-defined]
+    return kernels
+
+
+@cache
+def register_models() -> None:
+    """Let models and their functions pass through ``jax.jit`` as arguments: pytrees without leaves."""
+    from ...runtime.model import CompiledModel
+
+    for kind in (CompiledModel, Solve):
+        jax.tree_util.register_static(kind)

@@ -1,0 +1,145 @@
+"""The Taylor method for one trajectory: legs of a fixed number of steps, compiled once an order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ..problem import IntegrationProblem, Solution
+from ..status import Status
+from .compiling import compiled
+from .precision import double_precision
+from .record import Record
+
+if TYPE_CHECKING:
+    from ...codegen.jax.kernels import Kernels
+
+__all__ = ["TaylorIntegrator", "clipped_tolerance"]
+
+LEG = 64
+_RUNNING = -1
+_SMALLEST = 16.0 * 2.220446049250313e-16
+
+
+def clipped_tolerance(rtol: float, atol: float) -> float:
+    """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
+    return min(max(rtol or atol, 1e-18), 0.5)
+
+
+@final
+class _Span(NamedTuple):
+    """What a run is told: ends of time, its direction, the largest step, the scale floor, tolerance, constants."""
+
+    t0: Any
+    t1: Any
+    direction: Any
+    max_step: Any
+    floor: Any
+    atol: Any
+    c: Any
+
+
+@final
+class _Leg(NamedTuple):
+    """Where a leg is, and its steps: ends t (LEG,), states y (LEG, n_y), increments (LEG, order, n_y)."""
+
+    count: Any
+    now: Any
+    state: Any
+    status: Any
+    t: Any
+    y: Any
+    increments: Any
+
+
+def _advance(step: Callable[..., Any], kernels: Kernels, order: int, span: _Span, t: Any, y: Any, limit: Any) -> _Leg:
+    n = len(y)
+    exponents = jnp.arange(1, order + 1)[:, None]
+
+    def body(leg: _Leg) -> _Leg:
+        rest = jnp.abs(span.t1 - leg.now)
+        settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
+        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, leg.state, span.c, settings)])
+        size, finite = values[n], values[n + 1] == 0.0
+        small = _SMALLEST * jnp.maximum(jnp.abs(leg.now), jnp.abs(span.t1 - span.t0) * 1e-16)
+        stuck = (size < small) & (size < rest)
+        now = jnp.where(size == rest, span.t1, leg.now + span.direction * size)
+        new = kernels.project(now, values[:n], span.c, span.atol)
+        held = jnp.all(jnp.isfinite(new))
+        status = jnp.where(now == span.t1, int(Status.SUCCESS), _RUNNING)
+        status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
+        status = jnp.where(stuck, int(Status.STEP_TOO_SMALL), status)
+        status = jnp.where(finite, status, int(Status.NON_FINITE))
+        moved = finite & ~stuck & held
+        increments = values[n + 2 :].reshape(n, order + 1).T[1:] * (span.direction * size) ** exponents
+        return _Leg(
+            leg.count + moved,
+            jnp.where(moved, now, leg.now),
+            jnp.where(moved, new, leg.state),
+            status,
+            leg.t.at[leg.count].set(now),
+            leg.y.at[leg.count].set(new),
+            leg.increments.at[leg.count].set(increments),
+        )
+
+    start = _Leg(
+        jnp.array(0), t, y, jnp.array(_RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
+    )
+    return lax.while_loop(lambda leg: (leg.status == _RUNNING) & (leg.count < limit), body, start)
+
+
+@final
+class TaylorIntegrator:
+    """Taylor steps of one order for one program; what it compiles is kept and serves every problem.
+
+    Parameters
+    ----------
+    step : callable
+        A step that also gives its series (`dalembert.ir.taylor.step_kernel`).
+    kernels : Kernels
+        The kernels of the program.
+    order : int
+        Order of the step.
+    operations : int
+        Length of the step.
+    """
+
+    def __init__(self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int) -> None:
+        self._order = order
+        self._kernels = kernels
+        self._advance = compiled(partial(_advance, step, kernels, order), operations)
+
+    def __call__(self, problem: IntegrationProblem) -> Solution:
+        """Integrate a problem; numerical failure is the solution's status, never an exception."""
+        record = Record(problem, np.eye(self._order), True, self._kernels.onto if self._kernels.projected else None)
+        tolerance = clipped_tolerance(problem.rtol, problem.atol)
+        span = _Span(
+            np.float64(problem.t0),
+            np.float64(problem.t1),
+            np.float64(record.direction),
+            np.float64(problem.max_step),
+            np.float64(max(problem.atol / tolerance, 1e-300)),
+            np.float64(problem.atol),
+            np.array(problem.constants, dtype=np.float64),
+        )
+        t, y = span.t0, np.array(problem.y0, dtype=np.float64)
+        status = _RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)
+        if status == _RUNNING and problem.t0 == problem.t1:
+            status = int(Status.SUCCESS)
+        with double_precision():
+            while status == _RUNNING:
+                limit = min(LEG, problem.max_steps - record.steps)
+                if limit == 0:
+                    status = int(Status.MAX_STEPS)
+                    break
+                leg: _Leg = jax.device_get(self._advance(span, t, y, np.int64(limit)))
+                count = slice(int(leg.count))
+                record.add(record.direction * leg.t[count], leg.y[count], leg.increments[count], 0)
+                t, y, status = leg.now, leg.state, int(leg.status)
+        return record.solution(Status(status), record.steps)

@@ -1,0 +1,108 @@
+"""[ReducedSystem] -> [Program]: the equations of motion together with their variational equations.
+
+The state y is followed by its derivatives with respect to parameters and initial values, dy/dw, whose rates are the
+directional derivatives of the right-hand side by forward mode on the graph. The result is a program like any other,
+so that every integrator of every backend serves it; a correction onto the constraints is differentiated along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import final
+
+from ..ir.derivatives import GUARDED, tangents
+from ..ir.graph import Graph, Node
+from ..ir.lower import lower_kernel
+from ..ir.passes import hoist_parameters
+from ..ir.program import Layout, Program
+from .base import ReducedSystem
+
+__all__ = ["variational"]
+
+
+def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) -> Program:
+    """Return the program of a system and of its derivatives.
+
+    Parameters
+    ----------
+    system : ReducedSystem
+        The equations of motion.
+    of : sequence of str
+        Names of coordinates, rates, components of the state and requested outputs.
+    wrt : sequence of str
+        Names of parameters, and any others for initial values, on which the equations do not depend.
+
+    Returns
+    -------
+    Program
+        Its state is y (n_y), then dy/dw (n_y) for each w of `wrt`; its outputs are the values `of`, then for each w
+        their derivatives. Its kernels are ``prepare``, ``rhs``, ``outputs``, and the projections of the system.
+    """
+    return _Variational(system, of, wrt).program()
+
+
+@final
+class _Variational:
+    def __init__(self, system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) -> None:
+        self.system, self.of, self.wrt = system, tuple(of), tuple(wrt)
+        self.symbols = system.equations.symbols
+        self.graph = Graph()  # a graph of its own, so that the model's own kernels stay as they are
+        self.inputs = self.graph.adopt(system.inputs)
+        names = [f"d {name} d {w}" for w in wrt for name in system.state]
+        self.names = tuple(names)
+        self.varied = [self.graph.input(name) for name in names]
+
+    def _seeds(self, place: int) -> dict[Node, Node]:
+        n = len(self.inputs)
+        seeds = dict(zip(self.inputs, self.varied[place * n : (place + 1) * n], strict=True))
+        if self.wrt[place] in self.symbols.parameters:
+            seeds[self.graph.input(self.wrt[place])] = self.graph.one
+        return seeds
+
+    def _with_derivatives(self, nodes: Sequence[Node]) -> list[Node]:
+        """Return nodes of the system in this graph, then their derivatives with respect to each of `wrt`."""
+        own = self.graph.adopt(nodes)
+        columns = [tangents(self.graph, own, self._seeds(place), GUARDED) for place in range(len(self.wrt))]
+        return [*own, *(entry for column in columns for entry in column)]
+
+    def _values(self) -> list[Node]:
+        system, symbols = self.system, self.symbols
+        known: dict[str, Node] = dict(system.outputs)
+        known |= dict(zip(system.state, system.inputs, strict=True))
+        known |= dict(zip(symbols.rates, system.rates, strict=True))
+        known |= dict(zip(symbols.coordinates, system.coordinates, strict=True))
+        return [known[name] for name in self.of]
+
+    def program(self) -> Program:
+        """Return the program."""
+        system = self.system
+        wanted = {"rhs": system.rhs, "outputs": self._values()}
+        if system.projection is not None:
+            wanted |= {"project_position": system.projection.position, "project_velocity": system.projection.velocity}
+        inputs = self._arrays()
+        kernels = [
+            lower_kernel(self.graph, name, self._with_derivatives(nodes), inputs) for name, nodes in wanted.items()
+        ]
+        hoisted = hoist_parameters(kernels, self.symbols.parameters)
+        outputs = (*self.of, *(f"d {name} d {w}" for w in self.wrt for name in self.of))
+        layout = Layout(
+            coordinates=(),
+            rates=(),
+            parameters=self.symbols.parameters,
+            unknowns=(),
+            undetermined=(),
+            state=(*system.state, *self.names),
+            outputs=outputs,
+            constraints=(),
+            holonomic=0,
+            constants=len(hoisted.prepare.outputs),
+            aliases={},
+        )
+        name, notes = f"{system.equations.name}, varied", ()
+        return Program(name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), notes)
+
+    def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:
+        graph = self.graph
+        arrays: dict[Node, tuple[str, int | None]] = {graph.input(self.symbols.time): ("t", None)}
+        arrays |= {graph.input(name): ("p", i) for i, name in enumerate(self.symbols.parameters)}
+        return arrays | {node: ("y", i) for i, node in enumerate((*self.inputs, *self.varied))}

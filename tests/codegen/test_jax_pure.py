@@ -1,0 +1,197 @@
+import pickle
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import OptionError, UnknownNameError
+from dalembert.integrators.status import Status
+from oracles.complex_step import derivatives
+from runtime.test_sensitivity import MOTIONS, assert_close
+
+jax = pytest.importorskip("jax")
+diffrax = pytest.importorskip("diffrax")
+
+from dalembert.codegen.jax import functions  # noqa: E402
+from dalembert.integrators.jax.solvers import METHODS  # noqa: E402
+
+T = np.linspace(0.0, 0.5, 3)
+TIGHT = {"rtol": 1e-12, "atol": 1e-13}
+SLEIGH = MOTIONS["chaplygin_sleigh"]
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def compiled(scene, formulation="minimal", backend="jax"):
+    outputs = list(MOTIONS[scene][2])
+    return da.compile_model(da.scenes.ALL[scene](), backend=backend, formulation=formulation, outputs=outputs)
+
+
+def everything(motion):
+    return jax.numpy.concatenate([motion.q, motion.qdot, motion.outputs], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("scene", "formulation", "mode"),
+    [
+        ("chaplygin_sleigh", "minimal", "reverse"),
+        ("rolling_sphere", "minimal", "forward"),
+        ("corner_plate", "projected", "forward"),
+        ("edge_plate", "projected", "reverse"),
+    ],
+)
+def test_derivatives_are_those_of_complex_steps(scene, formulation, mode):
+    parameters, initial, outputs = MOTIONS[scene]
+    model = compiled(scene, formulation)
+    layout = model.layout
+    of, wrt = (*layout.coordinates, *layout.rates, *outputs), (*parameters, *initial)
+    values, expected = derivatives(compiled(scene, formulation, "numpy"), T, initial, parameters, wrt, of)
+    solve = model.solve_fn(initial, mode=mode, **TIGHT)
+    jacobian = {"forward": jax.jacfwd, "reverse": jax.jacrev}[mode]
+    run = jax.jit(
+        jacobian(lambda p, initial: everything(solve(T, initial, p)), argnums=(0, 1)),
+        compiler_options={"xla_backend_optimization_level": 0},  # compiles in a third of the time
+    )
+    along = run(parameters, initial)
+    found = np.stack([{**along[0], **along[1]}[name] for name in wrt], axis=2)
+    assert_close(found, expected)
+    np.testing.assert_allclose(everything(solve(T, initial, parameters)), values, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_solve_gives_what_simulate_gives(method):
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    motion = model.solve_fn(initial, method=method)(T, initial, parameters)
+    run = model.simulate((0.0, 0.5), initial, parameters, t_eval=T, method=method)
+    assert int(motion.status) == Status.SUCCESS
+    np.testing.assert_allclose(motion.y, run.y, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(motion.outputs[:, 0], run["X"], rtol=1e-7, atol=1e-9)
+
+
+def test_layouts_of_arguments():
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    by_name = model.solve_fn(initial)
+    assert by_name.given == ("x", "y", "theta", "x_dot", "theta_dot")
+    p = model.parameter_vector(parameters)
+    motion = by_name(T, initial, parameters)
+    same = by_name(T, np.array([initial[name] for name in by_name.given]), p)
+    from_state = model.solve_fn()(T, model.state(initial, parameters), p)
+    np.testing.assert_array_equal(motion.y, same.y)
+    np.testing.assert_allclose(motion.y, from_state.y, rtol=1e-12, atol=1e-12)
+    backward = by_name(T[::-1], dict(zip(by_name.given, (*motion.q[-1], *motion.qdot[-1][::2]), strict=True)), p)
+    np.testing.assert_allclose(backward.q[-1], motion.q[0], atol=1e-7)
+
+
+def test_vector_field_is_ready_for_diffrax():
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    y0, p = model.state(initial, parameters), model.parameter_vector(parameters)
+    plain = diffrax.diffeqsolve(
+        diffrax.ODETerm(model.vector_field),
+        diffrax.Dopri8(),
+        0.0,
+        0.5,
+        1e-2,
+        y0,
+        p,
+        stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-12),
+    )
+    run = model.simulate((0.0, 0.5), initial, parameters, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(plain.ys[-1], run.y[-1], rtol=1e-9, atol=1e-9)
+
+
+def test_models_and_functions_pass_through_jit_vmap_and_pickle():
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    y, p = model.state(initial, parameters), model.parameter_vector(parameters)
+    copy = pickle.loads(pickle.dumps(model))
+    assert copy.source == model.source
+    rate = jax.jit(lambda model, y, p: model.vector_field(0.0, y, p))
+    np.testing.assert_array_equal(rate(model, y, p), rate(copy, y, p))
+    solve = model.solve_fn(initial)
+    again = pickle.loads(pickle.dumps(solve))
+    spread = np.linspace(0.2, 0.4, 3)
+    ends = [
+        jax.jit(lambda solve, b: jax.vmap(lambda b: solve(T, initial, {**parameters, "b": b}).q[-1])(b))(
+            function, spread
+        )
+        for function in (solve, again)
+    ]
+    np.testing.assert_array_equal(*ends)
+    alone = solve(T, initial, {**parameters, "b": spread[1]}).q[-1]
+    np.testing.assert_allclose(ends[0][1], alone, rtol=1e-10, atol=1e-10)
+
+
+def test_pickled_models_of_other_backends():
+    model = compiled("chaplygin_sleigh", "projected", "numpy")
+    assert pickle.loads(pickle.dumps(model)).source == model.source
+
+
+def test_running_out_of_steps_is_a_status():
+    parameters, initial, _ = SLEIGH
+    motion = compiled("chaplygin_sleigh").solve_fn(initial, max_steps=2)(np.array([0.0, 50.0]), initial, parameters)
+    assert int(motion.status) == Status.MAX_STEPS and np.isnan(motion.q[-1]).all()
+
+
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_no_nan_at_rest(mode):
+    parameters, initial, _ = SLEIGH
+    still = {name: 0.0 for name in initial}
+    solve = compiled("chaplygin_sleigh").solve_fn(still, mode=mode)
+    jacobian = {"forward": jax.jacfwd, "reverse": jax.jacrev}[mode]
+    along = jacobian(lambda p, initial: everything(solve(T, initial, p))[-1], argnums=(0, 1))(parameters, still)
+    assert all(np.isfinite(value).all() for value in jax.tree.leaves(along))
+
+
+@pytest.mark.parametrize(
+    ("function", "points"),
+    [
+        (lambda x: functions.sqrt(x * x), (0.0, 2.0)),
+        (lambda x: functions.power(x * x, 0.25), (0.0, 2.0)),
+        (lambda x: functions.atan2(x * x, x), (0.0, 2.0)),
+        (lambda x: functions.asin(1.0 - x * x), (0.0, 0.5)),
+        (lambda x: functions.acos(1.0 - x * x), (0.0, 0.5)),
+    ],
+)
+def test_guarded_functions(function, points):
+    singular, regular = points
+    for derivative in (jax.grad(function), jax.jacfwd(function)):
+        assert derivative(singular) == 0.0
+        difference = float(function(regular + 1e-6) - function(regular - 1e-6)) / 2e-6
+        assert float(derivative(regular)) == pytest.approx(difference, rel=1e-7)
+
+
+def test_single_precision_is_refused_by_solve_and_followed_by_the_vector_field():
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    y, p = model.state(initial, parameters), model.parameter_vector(parameters)
+    with jax.enable_x64(False):
+        with pytest.raises(OptionError, match="jax_enable_x64"):
+            model.solve_fn(initial)(T, initial, parameters)
+        assert model.vector_field(0.0, jax.numpy.asarray(y), jax.numpy.asarray(p)).dtype == np.float32
+    assert model.vector_field(0.0, y, p).dtype == np.float64
+
+
+def test_faults():
+    initial = SLEIGH[1]
+    model = compiled("chaplygin_sleigh")
+    with pytest.raises(OptionError, match=r"sideways.*reverse, forward"):
+        model.solve_fn(initial, mode="sideways")
+    with pytest.raises(OptionError, match="not by 'taylor'"):
+        model.solve_fn(initial, method="taylor")
+    with pytest.raises(UnknownNameError, match="'z'"):
+        model.solve_fn(["z"])
+    with pytest.raises(UnknownNameError, match=r"'bb'(.|\n)*missing parameters: 'b'"):
+        model.solve_fn(initial)(T, initial, {"m": 1.0, "bb": 0.1, "I_C": 1.0})
+    with pytest.raises(OptionError, match=r"shape \(3,\)"):
+        model.solve_fn(initial)(T, initial, np.ones(2))
+    for name in ("vector_field", "solve_fn"):
+        numba = compiled("chaplygin_sleigh", "minimal", "numpy")
+        with pytest.raises(OptionError, match=f'{name}.*backend="jax"'):
+            numba.vector_field(0.0, None, None) if name == "vector_field" else numba.solve_fn()

@@ -1,0 +1,85 @@
+from functools import cache
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.integrators.status import Status
+
+pytest.importorskip("jax")
+pytest.importorskip("diffrax")
+
+SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+CASES = {"m": 1.0, "b": np.linspace(0.1, 0.5, 21), "I_C": 0.5}
+T = np.array([0.0, 0.7, 0.7, 2.0])
+METHODS = ("taylor", "dopri8", "tsit5", "kvaerno5")
+
+
+@cache
+def compiled(backend="jax", formulation="minimal"):
+    return da.compile_model(da.scenes.chaplygin_sleigh(), backend=backend, formulation=formulation)
+
+
+def sweep(model, method="auto", **options):
+    options = {"t_span": (0.0, 2.0), "initial": SLEIGH, "parameters": CASES, "rtol": 1e-8, "atol": 1e-10, **options}
+    return model.sweep(method=method, **options)
+
+
+@pytest.mark.parametrize(
+    ("method", "formulation"), [*((m, "minimal") for m in METHODS), ("taylor", "projected"), ("tsit5", "projected")]
+)
+def test_sweeps_are_those_of_numba(method, formulation):
+    run = sweep(compiled("jax", formulation), method, t_eval=T)
+    exact = sweep(compiled("numba", formulation), t_eval=T, rtol=1e-12, atol=1e-14)
+    assert (run.status == Status.SUCCESS).all()
+    for name in ("x", "y", "theta", "theta_dot"):
+        np.testing.assert_allclose(run.final[name], exact.final[name], rtol=0, atol=2e-6)
+        np.testing.assert_allclose(run[name], exact[name], rtol=0, atol=2e-6)
+    alone = compiled("jax", formulation).simulate(
+        (0.0, 2.0), SLEIGH, {**CASES, "b": CASES["b"][7]}, method=method, t_eval=T
+    )
+    np.testing.assert_allclose(run["x"][7], alone["x"], rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("method", METHODS[:3])
+def test_a_case_that_fails_leaves_its_neighbours_alone(method):
+    whole = sweep(compiled(), method)
+    b = CASES["b"].copy()
+    b[3] = np.nan
+    spoiled = sweep(compiled(), method, parameters={**CASES, "b": b})
+    good = np.arange(len(b)) != 3
+    assert spoiled.status[3] == Status.NON_FINITE
+    np.testing.assert_array_equal(spoiled.final["x"][good], whole.final["x"][good])
+
+
+@pytest.mark.parametrize("method", METHODS[:3])
+def test_backward_mixed_and_empty_spans(method):
+    ends = np.where(np.arange(21) % 2, -1.0, 1.0)
+    ends[4] = 0.0
+    run = sweep(compiled(), method, t_span=(0.0, ends))
+    exact = sweep(compiled("numba"), t_span=(0.0, ends), rtol=1e-12, atol=1e-14)
+    assert (run.status == Status.SUCCESS).all()
+    np.testing.assert_allclose(run.final["x"], exact.final["x"], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_that_run_out(method):
+    run = sweep(compiled(), method, max_steps=2, t_span=(0.0, 50.0))
+    assert (run.status == Status.MAX_STEPS).all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_taylor_trajectories(sign):
+    parameters = {**CASES, "b": 0.3}
+    run = compiled().simulate((0.0, sign * 3.0), SLEIGH, parameters, method="taylor", rtol=1e-11, atol=1e-13)
+    exact = compiled("numba").simulate((0.0, sign * 3.0), SLEIGH, parameters, rtol=1e-13, atol=1e-15)
+    assert run.success and len(run.t) == run.stats.steps + 1 and run.t[-1] == sign * 3.0
+    times = np.linspace(0.0, sign * 3.0, 31)
+    np.testing.assert_allclose(run(times).y, exact(times).y, rtol=0, atol=1e-9)
+    short = compiled().simulate((0.0, 3.0), SLEIGH, parameters, method="taylor", max_steps=2)
+    assert short.status is Status.MAX_STEPS and len(short.t) == 3
+
+
+def test_methods_that_sweeps_take():
+    assert sweep(compiled()).stats.method == "taylor"
+    assert compiled().simulate((0.0, 0.1), SLEIGH, {**CASES, "b": 0.3}).stats.method == "dopri8"
