@@ -55,7 +55,7 @@ class NumbaEngine(Engine):
     def __init__(self, rendered: RenderedModule, path: Path | None) -> None:
         program = rendered.program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
-        self._program, self._rhs = program, program.kernel("rhs")
+        self._program = program
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
@@ -127,7 +127,7 @@ class NumbaEngine(Engine):
             nonlocal reason
             rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
             if rate:
-                reason = radau_pays(problem, t, y, step, rate, self._radau, len(self._rhs.body))
+                reason = radau_pays(problem, t, y, step, rate, self._radau, self._operations)
             return bool(reason)
 
         if method == "taylor":
@@ -154,10 +154,15 @@ class NumbaEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`."""
-        return fitting(problem, method, self._rates(problem), self.integrate, len(self._rhs.body))
+        return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
-        return lambda t, y: interpret_rows(self._rhs, t, y, problem.constants)
+        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, problem.constants)
+
+    @property
+    def _operations(self) -> int:
+        """How many operations a right-hand side takes."""
+        return len(self._program.kernel("rhs").body)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: a few steps at first, ever more later."""
