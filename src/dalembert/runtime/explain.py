@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 __all__ = ["explain"]
 
 
-def explain(stages: Stages, methods: Mapping[str, str]) -> str:
-    """Return the explanation of a compiled model as text."""
+def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:
+    """Return the explanation of a compiled model as text; `automatic` are methods that auto takes, by rtol."""
     program, layout = stages.program, stages.program.layout
-    first, *others = methods
+    taken = dict.fromkeys(automatic.values())
+    others = [name for name in methods if name not in taken]
     lines = [
         f"{program.name}: {len(layout.coordinates)} coordinates, {len(layout.constraints)} constraints"
         f" ({layout.holonomic} holonomic), {len(layout.unknowns)} unknown reaction components",
@@ -25,7 +26,7 @@ def explain(stages: Stages, methods: Mapping[str, str]) -> str:
         *(f"              {note}" for note in program.notes[1:]),
         f"state         {list_names(layout.state)}",
         f"backend       {stages.rendered.backend}",
-        f"method        auto takes {first}, {methods[first]}; also: {list_names(others)}",
+        f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
@@ -36,6 +37,15 @@ def explain(stages: Stages, methods: Mapping[str, str]) -> str:
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
     return "\n".join(lines)
+
+
+def _automatic(methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:
+    """Return the methods that auto takes: one, or each with the tolerances from which on it does."""
+    taken = list(dict.fromkeys(automatic.values()))
+    if len(taken) == 1:
+        return f"{taken[0]}, {methods[taken[0]]}"
+    spans = {name: [rtol for rtol in automatic if automatic[rtol] == name] for name in taken}
+    return "; ".join(f"{name} at rtol {max(s):g} to {min(s):g}, {methods[name]}" for name, s in spans.items())
 
 
 def _stiff(methods: Mapping[str, str]) -> list[str]:

@@ -94,7 +94,10 @@ class CompiledModel:
 
     def explain(self) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""
-        return explain(self.stages, self._methods)
+        automatic = {
+            rtol: self._engine.automatic(self.methods, rtol, rtol) for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+        }
+        return explain(self.stages, self._methods, automatic)
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"

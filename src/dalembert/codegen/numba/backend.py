@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
+from ...integrators.choosing import runge_kutta_pays
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
@@ -34,7 +35,7 @@ from ..rendering import digest_of, render_source
 from .llvm import native_lanes
 from .loops import toolchain
 from .prepared import prepared_run
-from .steps import StepLibrary
+from .steps import LARGEST_UNROLLED, StepLibrary
 
 if TYPE_CHECKING:
     from ...integrators.numba.implicit import ImplicitCode
@@ -86,10 +87,13 @@ class NumbaEngine(Engine):
         return out
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float) -> str:
-        """See `Engine.automatic`: Taylor steps where they can be unrolled, else a Runge-Kutta pair."""
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
         if len(methods) == 1:
             return methods[0]
-        return "taylor" if self.steps.unrolls(order_for(clipped_tolerance(rtol, atol))) else "dop853"
+        tolerance = clipped_tolerance(rtol, atol)
+        lines = self.steps.series_lines(order_for(tolerance))
+        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._rhs, lines, tolerance)
+        return "dop853" if long else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""

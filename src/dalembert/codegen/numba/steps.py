@@ -19,14 +19,14 @@ from .llvm import Compiled, assembly, load_object
 from .objects import object_code
 from .series_loops import loop_assembly
 
-__all__ = ["StepLibrary"]
+__all__ = ["LARGEST_UNROLLED", "StepLibrary"]
 
 Make = Callable[[], Kernel]
 _LOCK = threading.Lock()
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
-_LARGEST_UNROLLED = 10_000
+LARGEST_UNROLLED = 10_000
 """Lines of straight-line code up to which a step is unrolled: it is some 1.5 to 3 times faster than loops, and takes
 a second to compile from there on (measured on chains of pendulums)."""
 
@@ -54,14 +54,14 @@ class StepLibrary:
         name = f"taylor{order}{'_series' if dense else ''}"
         return self._entry(name, lanes, lambda: self._taylor_text(name, order, lanes, dense), name)
 
-    def unrolls(self, order: int) -> bool:
-        """Whether a Taylor step of this order is small enough to be unrolled."""
-        return self._known_recurrences().unrolled_lines(order) <= _LARGEST_UNROLLED
+    def series_lines(self, order: int) -> int:
+        """Return the lines of the recurrences of a Taylor step, unrolled."""
+        return self._known_recurrences().unrolled_lines(order)
 
     def _taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
         """Return a Taylor step: unrolled where that is affordable, else with its recurrences as loops."""
         known = self._known_recurrences()
-        if not self.unrolls(order):
+        if self.series_lines(order) > LARGEST_UNROLLED:
             return loop_assembly(name, known, order, lanes, dense=dense)
         return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
 

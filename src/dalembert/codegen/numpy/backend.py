@@ -61,7 +61,7 @@ class NumpyEngine(Engine):
         return integrate(self._stepped(method), method, problem)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: one step each."""
+        """See `Engine.stretches`: one step each; of equations in stages, the whole run."""
         from ...integrators.scipy.solvers import stretches
 
         if "stages" in self._kernels:
