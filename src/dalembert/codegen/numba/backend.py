@@ -92,7 +92,7 @@ class NumbaEngine(Engine):
             return methods[0]
         tolerance = clipped_tolerance(rtol, atol)
         lines = self.steps.series_lines(order_for(tolerance))
-        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._rhs, lines, tolerance)
+        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._program.kernel("rhs"), lines, tolerance)
         return "dop853" if long else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
