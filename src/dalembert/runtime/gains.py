@@ -2,31 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..codegen.base import Engine, FloatArray
 from ..integrators.problem import IntegrationProblem, Solution
+from ..ir.program import Layout, Program
+from . import inputs
+from .sweeping import Cases, Settings, single_problem
 
-__all__ = ["gain_for"]
+__all__ = ["give_gains", "with_gains"]
 
 _PILOT_STEPS = 24
 _SHARE = 0.5
 """Product of gain and step: violations decay by two thirds over two steps, far within the stability of any method."""
 
+Run = Callable[[IntegrationProblem], Solution]
 
-def gain_for(problem: IntegrationProblem, start: FloatArray, run: Callable[[IntegrationProblem], Solution]) -> float:
+
+def _left_out(layout: Layout, given: Mapping[Any, Any]) -> list[str]:
+    known = {layout.aliases.get(str(key), str(key)) for key in given}
+    return [name for name in layout.defaults if name not in known] if layout.state else []
+
+
+def _gain_for(problem: IntegrationProblem, start: FloatArray, run: Run) -> float:
     """Return the gain [1/s] for both positions and velocities, or 0 where there is no step to go by.
 
-    Parameters
-    ----------
-    problem : IntegrationProblem
-        The run, whose constants are taken to be `start` (n_c,), those without any gain.
-    run : callable
-        Integrates a problem.
+    A short run with the constants `start` (n_c,), those without any gain, gives the step.
     """
     pilot = run(replace(problem, constants=start, t_eval=None, dense=False, max_steps=_PILOT_STEPS))
     sizes = np.abs(np.diff(pilot.t))
     return _SHARE / float(np.max(sizes)) if len(sizes) else 0.0
+
+
+def with_gains(program: Program, run: Run, problem: IntegrationProblem, given: Mapping[Any, Any]) -> IntegrationProblem:
+    """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
+    layout = program.layout
+    out = _left_out(layout, given)
+    if not out:
+        return problem
+
+    def constants(gain: float) -> FloatArray:
+        return inputs.constants(program, inputs.parameter_vector(layout, {**given, **dict.fromkeys(out, gain)}))
+
+    return replace(problem, constants=constants(_gain_for(problem, constants(0.0), run)))
+
+
+def give_gains(engine: Engine, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
+    """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
+    out = _left_out(cases.program.layout, given)
+    problem = single_problem(cases, settings, 0) if out else None
+    if problem is None:
+        return
+    for name in out:
+        cases.parameters[name] = np.zeros(1)
+    start = cases.constants(slice(0, 1))[0]
+    gain = _gain_for(problem, start, lambda pilot: engine.integrate(pilot, settings.method))
+    for name in out:
+        cases.parameters[name] = np.array([gain])

@@ -29,7 +29,7 @@ from .assembly import assembled
 from .comparing import compare
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
-from .gains import gain_for
+from .gains import give_gains, with_gains
 from .linear import linearized
 from .monitors import conserved
 from .prepared import PreparedRun
@@ -202,7 +202,7 @@ class CompiledModel:
             options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
             options |= {"events": events, "error_estimate": error_estimate}
             return able.simulate(t_span, initial, parameters, **options)
-        problem = self._with_gains(problem, chosen, parameters)
+        problem = with_gains(self._program, lambda pilot: self._engine.integrate(pilot, chosen), problem, parameters)
         run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
         if error_estimate:
             finer = replace(
@@ -239,21 +239,6 @@ class CompiledModel:
                 without
             ]._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
         return self._fewer[without]
-
-    def _with_gains(self, problem: IntegrationProblem, method: str, given: Mapping[Any, Any]) -> IntegrationProblem:
-        """Return the problem with the gains that `given` parameters leave out, where the formulation has any."""
-        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
-        out = [name for name in self.layout.defaults if name not in known]
-        if not out or not self.layout.state:
-            return problem
-        without = self.parameter_vector({**given, **dict.fromkeys(out, 0.0)})
-        gain = gain_for(
-            problem,
-            inputs.constants(self._program, without),
-            lambda pilot: self._engine.integrate(pilot, method),
-        )
-        p = self.parameter_vector({**given, **dict.fromkeys(out, gain)})
-        return replace(problem, constants=inputs.constants(self._program, p))
 
     def _events(self, events: Any, reduce: Any = ()) -> EventCode | None:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none."""
@@ -508,7 +493,7 @@ class CompiledModel:
             return able.sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
-        self._give_gains(cases, settings, parameters)
+        give_gains(self._engine, cases, settings, parameters)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
@@ -599,20 +584,6 @@ class CompiledModel:
         if name not in self._others:
             self._others[name] = compile_model(self.stages.scene, backend=self.backend, formulation=name)
         return self._others[name]
-
-    def _give_gains(self, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
-        """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
-        known = {self.layout.aliases.get(str(key), str(key)) for key in given}
-        out = [name for name in self.layout.defaults if name not in known]
-        problem = single_problem(cases, settings, 0) if out and self.layout.state else None
-        if problem is None:
-            return
-        for name in out:
-            cases.parameters[name] = np.zeros(1)
-        start = cases.constants(slice(0, 1))[0]
-        gain = gain_for(problem, start, lambda pilot: self._engine.integrate(pilot, settings.method))
-        for name in out:
-            cases.parameters[name] = np.array([gain])
 
     def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
         """Run all cases; the run time counts from `begin`."""

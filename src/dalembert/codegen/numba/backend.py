@@ -99,7 +99,7 @@ class NumbaEngine(Engine):
             return methods[0]
         tolerance = clipped_tolerance(rtol, atol)
         lines = self.steps.series_lines(order_for(tolerance))
-        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._rhs, lines, tolerance)
+        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._program.kernel("rhs"), lines, tolerance)
         return "dop853" if long else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
@@ -138,7 +138,7 @@ class NumbaEngine(Engine):
             nonlocal reason
             rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
             if rate:
-                reason = radau_pays(problem, t, y, step, rate, self._radau, len(self._rhs.body))
+                reason = radau_pays(problem, t, y, step, rate, self._radau, self._operations)
             return bool(reason)
 
         if method == "taylor":
@@ -165,10 +165,15 @@ class NumbaEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`."""
-        return fitting(problem, method, self._rates(problem), self.integrate, len(self._rhs.body))
+        return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
-        return lambda t, y: interpret_rows(self._rhs, t, y, problem.constants)
+        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, problem.constants)
+
+    @property
+    def _operations(self) -> int:
+        """How many operations a right-hand side takes."""
+        return len(self._program.kernel("rhs").body)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: a few steps at first, ever more later."""
