@@ -42,7 +42,12 @@ def files(folder, pattern="*"):
 
 
 def stamps(folder):
-    return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in files(folder)}
+    return {path: (path.stat().st_mtime_ns, path.stat().st_size) for home in homes(folder) for path in files(home)}
+
+
+def homes(folder):
+    """Return the folders of generated modules, without that of the library's own loops."""
+    return [path for path in sorted(folder.iterdir()) if not path.name.startswith("loops_")]
 
 
 def test_environment_variable_says_where_the_cache_is(folder, monkeypatch):
@@ -55,7 +60,7 @@ def test_environment_variable_says_where_the_cache_is(folder, monkeypatch):
 
 def test_generated_module_and_code_are_kept_in_one_folder_a_model(folder, expected):
     np.testing.assert_array_equal(use(), expected)
-    (home,) = folder.iterdir()
+    (home,) = homes(folder)
     assert home.name.startswith("chaplygin_sleigh_")
     assert (home / "kernels.py").is_file()
     assert files(home, "*.nbi") and files(home, "*.nbc") and files(home, "*.o")
@@ -83,7 +88,7 @@ def test_other_formulations_and_outputs_have_folders_of_their_own(folder):
     use()
     use(formulation="projected")
     use(outputs=["X"])
-    assert len(list(folder.iterdir())) == 3
+    assert len(homes(folder)) == 3
 
 
 def test_without_cache_nothing_is_written(folder, expected):
@@ -197,7 +202,7 @@ def run_processes(count):
 def test_six_processes_share_an_empty_cache(folder, expected):
     for result in run_processes(6):
         np.testing.assert_array_equal(result, expected)
-    assert len(list(folder.iterdir())) == 1
+    assert len(homes(folder)) == 1
     assert not files(folder, "*.part")
 
 

@@ -35,7 +35,7 @@ from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, R
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
 from .llvm import native_lanes
-from .loops import toolchain
+from .loops import loop_named, toolchain
 from .prepared import prepared_run
 from .steps import LARGEST_UNROLLED, StepLibrary
 
@@ -301,7 +301,7 @@ class NumbaEngine(Engine):
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
         projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return StepCode(order, self.steps.taylor(order, 1, dense=True), *projections)
+        return StepCode(loop_named("march"), order, self.steps.taylor(order, 1, dense=True), *projections)
 
 
 def _components(kernel: Kernel) -> NDArray[np.int64]:

@@ -11,28 +11,26 @@ the phase of a long run, and angles that wind up, keep the digits of the steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
-from ..digest import integrator_digest
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
-from .jit import MATRIX, VECTOR, compiled, compiled_and_cached
+from .jit import MATRIX, VECTOR, compiled
+from .series import RUNNING
 
-__all__ = ["RUNNING", "marching_loop"]
-
-RUNNING = -1
-"""What the loop returns when its rows are full before the end of the span."""
+__all__ = ["KINDS", "LOOP"]
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 _STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
 _MAX_CORRECTIONS = 10
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
+
+KINDS = (types.UniTuple(types.intp, 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, types.int64[::1])
 
 
 @compiled
@@ -56,84 +54,101 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
         rows[here, i], low[i] = _sum(old[before, i], move + low[i])
 
 
-@cache
-def marching_loop() -> Callable[..., tuple[int, int]]:
-    """Return the loop, compiled or loaded from numba's disk cache.
+@compiled
+def _march(
+    codes: tuple[int, int, int, int],
+    span: FloatArray,
+    settings: FloatArray,
+    y: FloatArray,
+    c: FloatArray,
+    rows: FloatArray,
+    times: FloatArray,
+    low: FloatArray,
+    clock: FloatArray,
+    delta: FloatArray,
+) -> tuple[int, int]:
+    step, position, velocity, limit = codes
+    n = y.shape[1]
+    t, t1, largest = span[0], span[1], span[2]
+    state = row(y, 0)
+    for k in range(limit):
+        here = k % rows.shape[0]
+        rest = abs(t1 - t - low[n])
+        if rest == 0.0:
+            return _SUCCESS, k
+        settings[0, 0] = min(rest, largest)
+        clock[0, 0] = t
+        call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
+        size = rows[here, n]
+        if rows[here, n + 1] != 0.0:
+            return _NON_FINITE, k
+        if size < _SMALLEST * max(abs(t), abs(t1 - span[0]) * 1e-16) and size < rest:
+            return _STEP_TOO_SMALL, k
+        if k == 0:
+            _advance(y, 0, rows, here, settings[0, 1] * size, low)
+        else:
+            _advance(rows, here - 1, rows, here, settings[0, 1] * size, low)
+        state = row(rows, here)
+        if size == rest:
+            t, low[n] = t1, 0.0
+        else:
+            t, low[n] = _sum(t, settings[0, 1] * size + low[n])
+        clock[0, 0] = t
+        for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+            if kernel == 0:
+                continue
+            change = math.inf
+            for _ in range(tries):
+                call_code(kernel, row(clock, 0), state, row(c, 0), 0, row(delta, 0))
+                change = 0.0
+                for i in range(n):
+                    rows[here, i] += delta[0, i]
+                    change = max(change, abs(delta[0, i]) / (1e-3 + abs(rows[here, i])))
+                if not change > _QUADRATIC:
+                    break
+            if not change <= 1e-4:
+                return _PROJECTION_FAILED, k
+        span[0] = t
+        if k < times.size:
+            times[k] = t
+        if t == t1:
+            return _SUCCESS, k + 1
+    return RUNNING, limit
 
-    ``loop(step, position, velocity, span, settings, y, c, rows, times, limit, low)`` starts from the state y (1, n_y)
-    and writes the outputs of step k to ``rows[k % len(rows)]`` (see `dalembert.ir.taylor`), its end to ``times[k]``
-    where that exists. It returns its status and the number of steps. ``span`` holds the present time, the end and
-    the largest step; ``settings`` (1, 3) is handed to the kernel; ``low`` (n_y + 1,) holds what rounding took from the
-    state and from the time so far.
+
+@compiled
+def LOOP(
+    codes: tuple[int, int, int, int],
+    span: FloatArray,
+    settings: FloatArray,
+    y: FloatArray,
+    c: FloatArray,
+    rows: FloatArray,
+    times: FloatArray,
+    low: FloatArray,
+    clock: FloatArray,
+    delta: FloatArray,
+    outcome: NDArray[np.int64],
+) -> None:
+    """March from the state y (1, n_y), at most so many steps.
+
+    Parameters
+    ----------
+    codes : addresses and a number
+        The step, the projections (0 for none), and the number of steps.
+    span : (3,)
+        Present time, end and largest step [s]; the first moves along.
+    settings : (1, 3)
+        Handed to the step (see `dalembert.ir.taylor`).
+    rows : (m, ...)
+        Gets the outputs of step k in row k modulo m.
+    times : (...,)
+        Gets the end of step k where it has room.
+    low : (n_y + 1,)
+        What rounding took from the state and from the time so far.
+    clock, delta : (1, 1), (1, n_y)
+        Room.
+    outcome : (2,) int64
+        Gets the status, `RUNNING` where the number of steps was reached before the end, and the number of steps.
     """
-    return _entry_point(integrator_digest())
-
-
-def _entry_point(digest: str) -> Callable[..., tuple[int, int]]:
-    def loop(
-        step: int,
-        position: int,
-        velocity: int,
-        span: FloatArray,
-        settings: FloatArray,
-        y: FloatArray,
-        c: FloatArray,
-        rows: FloatArray,
-        times: FloatArray,
-        limit: int,
-        low: FloatArray,
-    ) -> tuple[int, int]:
-        digest  # noqa: B018
-        n = y.shape[1]
-        t, t1, largest = span[0], span[1], span[2]
-        clock = np.empty((1, 1))
-        delta = np.empty((1, n))
-        state = row(y, 0)
-        for k in range(limit):
-            here = k % rows.shape[0]
-            rest = abs(t1 - t - low[n])
-            if rest == 0.0:
-                return _SUCCESS, k
-            settings[0, 0] = min(rest, largest)
-            clock[0, 0] = t
-            call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
-            size = rows[here, n]
-            if rows[here, n + 1] != 0.0:
-                return _NON_FINITE, k
-            if size < _SMALLEST * max(abs(t), abs(t1 - span[0]) * 1e-16) and size < rest:
-                return _STEP_TOO_SMALL, k
-            if k == 0:
-                _advance(y, 0, rows, here, settings[0, 1] * size, low)
-            else:
-                _advance(rows, here - 1, rows, here, settings[0, 1] * size, low)
-            state = row(rows, here)
-            if size == rest:
-                t, low[n] = t1, 0.0
-            else:
-                t, low[n] = _sum(t, settings[0, 1] * size + low[n])
-            clock[0, 0] = t
-            for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
-                if kernel == 0:
-                    continue
-                change = math.inf
-                for _ in range(tries):
-                    call_code(kernel, row(clock, 0), state, row(c, 0), 0, row(delta, 0))
-                    change = 0.0
-                    for i in range(n):
-                        rows[here, i] += delta[0, i]
-                        change = max(change, abs(delta[0, i]) / (1e-3 + abs(rows[here, i])))
-                    if not change > _QUADRATIC:
-                        break
-                if not change <= 1e-4:
-                    return _PROJECTION_FAILED, k
-            span[0] = t
-            if k < times.size:
-                times[k] = t
-            if t == t1:
-                return _SUCCESS, k + 1
-        return RUNNING, limit
-
-    integer = types.intp
-    return compiled_and_cached(
-        loop, (integer, integer, integer, VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, integer, VECTOR)
-    )
+    outcome[0], outcome[1] = _march(codes, span, settings, y, c, rows, times, low, clock, delta)

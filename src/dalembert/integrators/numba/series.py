@@ -11,9 +11,11 @@ import numpy as np
 from ...ir.taylor import clipped_tolerance
 from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
 from ..status import Status
-from .march import RUNNING, marching_loop
 
-__all__ = ["StepCode", "integrate"]
+__all__ = ["RUNNING", "StepCode", "integrate"]
+
+RUNNING = -1
+"""Status of a march whose number of steps was reached before the end of the span."""
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
@@ -21,8 +23,12 @@ _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 @final
 @dataclass(frozen=True)
 class StepCode:
-    """Addresses of compiled code: a Taylor step of some order that also writes its series, and the projections."""
+    """Compiled code: the loop of `dalembert.integrators.numba.march`, and addresses of the kernels that it calls.
 
+    The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
+    """
+
+    loop: Callable[..., None]
     order: int
     step: int
     position: int = 0
@@ -54,7 +60,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         run was stopped.
     """
     n = len(problem.y0)
-    loop = marching_loop()
+    clock, delta, outcome = np.empty((1, 1)), np.empty((1, n)), np.zeros(2, np.int64)
     tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     span = np.array([problem.t0, problem.t1, problem.max_step])
@@ -73,7 +79,9 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             break
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
-        status, count = loop(code.step, code.position, code.velocity, span, settings, y, c, rows, times, limit, low)
+        codes = code.step, code.position, code.velocity, limit
+        code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, outcome)
+        status, count = outcome.tolist()
         record.add(start, times[:count], y[0], rows[:count])
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)
