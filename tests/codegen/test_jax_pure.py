@@ -187,7 +187,7 @@ def test_faults():
         model.solve_fn(initial, method="taylor")
     with pytest.raises(UnknownNameError, match="'z'"):
         model.solve_fn(["z"])
-    with pytest.raises(UnknownNameError, match=r"'bb'(.|\n)*missing parameters: 'b'"):
+    with pytest.raises(UnknownNameError, match=r"'bb'(.|\n)*missing parameters: b"):
         model.solve_fn(initial)(T, initial, {"m": 1.0, "bb": 0.1, "I_C": 1.0})
     with pytest.raises(OptionError, match=r"shape \(3,\)"):
         model.solve_fn(initial)(T, initial, np.ones(2))
