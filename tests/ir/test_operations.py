@@ -78,8 +78,10 @@ def test_printed_python_means_the_same(printer, library, name):
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_printed_jax_means_the_same(name):
     jax = pytest.importorskip("jax")
+    from dalembert.codegen.jax import functions
+
     for row in operands(name):
-        scope = {"jnp": jax.numpy, "y": row}
+        scope = {"jnp": jax.numpy, "fn": functions, "y": row}
         with jax.enable_x64(True):
             exec("\n".join(JAX.lines(kernel_of(name))), scope)
         assert float(scope["z"]) == approx(float(EXTENDED[name](*row)))

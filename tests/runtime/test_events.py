@@ -23,11 +23,11 @@ METHODS = [
     for backend, methods in {
         "numba": ("taylor", "dop853", "tsit5", "radau"),
         "numpy": ("dop853", "rk45", "radau", "bdf", "lsoda"),
-        "jax": ("dopri8", "tsit5"),
+        "jax": ("dopri8", "tsit5", "taylor", "kvaerno5"),
     }.items()
     for method in methods
 ]
-RUNGE_KUTTA_OR_TAYLOR = [case for case in METHODS if case[1] not in ("bdf", "lsoda")]
+RUNGE_KUTTA_OR_TAYLOR = [case for case in METHODS if case[1] not in ("bdf", "lsoda", "kvaerno5")]
 
 
 def ball():

@@ -129,7 +129,10 @@ class JaxEngine(Engine):
     whole_blocks: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: all cases in one loop, padded to a power of two."""
+        """See `Engine.integrate_block`: all cases in one loop, padded to a power of two; one by one with events."""
+        if block.watch is not None:
+            super().integrate_block(block, method, result)
+            return
         run = self._diffrax_block if method in METHODS and METHODS[method].ends else self._own_block
         with double_precision():
             run(block, method, result)
