@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["memory_table", "sweep_memory"]
+__all__ = ["SWEEPS", "memory_table", "sweep_memory"]
 
 Record = dict[str, Any]
 

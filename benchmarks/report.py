@@ -208,6 +208,13 @@ def _sweeps(result: Record) -> list[str]:
         _markdown_table(_EQUAL, _ratio_rows(records, "sweep", _OWN_SWEEP)),
         _markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
         f"Cases whose estimated error is within a factor 10 of the true one: {estimates}.",
+        _markdown_table(
+            ["memory of a sweep, MB", "output", "growth of the process", "growth / output"],
+            [
+                [name, f"{r['output']:.1f}", f"{r['growth']:.1f}", f"{r['growth'] / r['output']:.2f}"]
+                for name, r in result["memory"].items()
+            ],
+        ),
     ]
 
 

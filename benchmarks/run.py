@@ -27,6 +27,7 @@ from contenders import available_backends
 from derivation import kane_scaling, scaling
 from exact import ROOT
 from measure import growth_exponent, machine
+from memory import SWEEPS, sweep_memory
 from precision import work_precision
 from startup import first_trajectory, import_seconds
 from sweeps import CASES, coverage, measure_sweeps, unequal_cases
@@ -49,6 +50,7 @@ class Extent:
     startup_backends: tuple[str, ...]
     names: tuple[str, ...]
     sweep_cases: int
+    memory_cases: int
     sweep_tolerances: tuple[float, ...]
     sweep_rounds: int
     sweep_slowest: float
@@ -68,6 +70,7 @@ QUICK = Extent(
     startup_backends=("numba",),
     names=("sleigh", "unequal sphere"),
     sweep_cases=4096,
+    memory_cases=100_000,
     sweep_tolerances=(1e-6, 1e-9),
     sweep_rounds=5,
     sweep_slowest=0.2,
@@ -86,6 +89,7 @@ FULL = Extent(
     startup_backends=("numba", "jax", "numpy"),
     names=tuple(PROBLEMS),
     sweep_cases=CASES,
+    memory_cases=1_000_000,
     sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
     sweep_rounds=9,
     sweep_slowest=1.0,
@@ -142,8 +146,8 @@ def measure(mode: str) -> dict[str, Any]:
     say("derivation")
     chains = scaling(extent.sizes, extent.derivation_limit, say)
     kane = kane_scaling(extent.kane_sizes, say)
-    say("the jax backend against diffrax by hand")
-    jax_table = jax_speed.measure(mode == "quick", say) if "jax" in backends else None
+    say("the jax backend, compilation and gradients")
+    jax_table = jax_speed.measure(False, say) if mode == "full" and "jax" in backends else None
     say("start-up")
     startup = {
         backend: first_trajectory(backend, extent.startups)
@@ -161,6 +165,7 @@ def measure(mode: str) -> dict[str, Any]:
         "coverage": coverage(),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
         "jax": jax_table,
+        "memory": {name: sweep_memory(extent.memory_cases, options) for name, options in SWEEPS.items()},
         "startup": startup,
         "imports": import_seconds(),
         "seconds": round(time.perf_counter() - begin, 1),

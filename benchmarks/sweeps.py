@@ -104,8 +104,8 @@ Solver = tuple[Callable[[], Any], Callable[[], FloatArray], int | None]
 """What is timed, what gives (q, q_dot) of the sample at the end, and the number of steps."""
 
 
-def _own(batch: Batch, method: str, threads: int, rtol: float) -> Solver:
-    model = da.compile_model(batch.problem.build())
+def _own(batch: Batch, method: str, threads: int, rtol: float, backend: str = "numba") -> Solver:
+    model = da.compile_model(batch.problem.build(), backend=backend)
     options = {"method": method, "rtol": rtol, "atol": absolute(rtol), "threads": threads}
 
     def run() -> Any:
@@ -186,6 +186,8 @@ def _contenders(batch: Batch) -> dict[str, Callable[[float], Solver]]:
         for method in ("taylor", "dop853", "tsit5")[: 3 if threads == THREADS else 1]:
             label = f"dalembert numba {method}, {_threads(threads)}"
             found[label] = lambda rtol, m=method, n=threads: _own(batch, m, n, rtol)
+    if installed("jax") is not None and installed("diffrax") is not None:
+        found["dalembert jax auto"] = lambda rtol: _own(batch, "auto", 1, rtol, "jax")
     if (heyoka := installed("heyoka")) is not None:
         for threads in (THREADS, 1):
             found[f"heyoka batch, {_threads(threads)}"] = lambda rtol, n=threads: _heyoka(heyoka, batch, n, rtol)
