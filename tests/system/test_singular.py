@@ -60,7 +60,8 @@ def test_projected_runs_pass_through_on_their_branch(method):
 @pytest.mark.parametrize("rtol", [1e-5, 1e-9])
 def test_other_runs_end_there_and_say_where_and_why(formulation, rtol):
     """The first quarter turn is at 0.714 s."""
-    run = compiled(two_windows, formulation).simulate((0, 4), start(2), BARS, rtol=rtol, atol=rtol)
+    method = "radau" if formulation == "ggl" else "taylor"
+    run = compiled(two_windows, formulation).simulate((0, 4), start(2), BARS, method=method, rtol=rtol, atol=rtol)
     assert run.status is Status.SINGULAR_CONFIGURATION
     assert 0.5 < run.t[-1] < 0.72
     assert "at t = 0.714" in run.message and "a0 = 1.5" in run.message and "projected" in run.message

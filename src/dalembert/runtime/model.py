@@ -27,6 +27,7 @@ from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .assembly import assembled
 from .comparing import compare
+from .evaluation import Evaluated
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
 from .gains import give_gains, with_gains
@@ -50,7 +51,7 @@ _NO_ESTIMATE = "error_estimate compares motions time by time, which events may e
 
 
 @final
-class CompiledModel:
+class CompiledModel(Evaluated):
     """A scene compiled for one backend in one formulation.
 
     Attributes
@@ -360,10 +361,6 @@ class CompiledModel:
         values = inputs.given_values(self.layout, guess)
         held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
         return assembled(self._program, c, float(t), values, held)
-
-    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
-        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
-        return inputs.parameter_vector(self.layout, parameters)
 
     def prepare(
         self,
@@ -747,62 +744,6 @@ class CompiledModel:
         options = self.stages.options
         return _recompiled, (self.stages.scene, options)
 
-    # -- kernels --------------------------------------------------------------------------
-
-    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
-        """Return the mass matrix.
-
-        Parameters
-        ----------
-        q : array_like (n_q,) or (k, n_q)
-            Coordinates.
-        p : mapping or array_like (n_p,)
-            Parameters, by name or in the order of ``layout.parameters``.
-        t : float or array_like (k,)
-            Time [s], where the geometry depends on it.
-
-        Returns
-        -------
-        ndarray (n_q, n_q) or (k, n_q, n_q)
-        """
-        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2)
-
-    def forcing(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
-        """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
-        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),))
-
-    def constraint_jacobian(self, t: Any, q: Any, p: Any) -> FloatArray:
-        """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
-        shape = (len(self.layout.constraints), len(self.layout.coordinates))
-        return self._evaluate("constraint_jacobian", t, q, None, p, shape)
-
-    def accelerations(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
-        """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
-        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))
-
-    def _evaluate(self, kernel: str, t: Any, q: Any, qdot: Any, p: Any, shape: tuple[int, ...]) -> FloatArray:
-        size = len(self.layout.coordinates)
-        q = _rows("q", q, size)
-        qdot = np.zeros_like(q) if qdot is None else _rows("qdot", qdot, size)
-        single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
-        q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
-        sizes = {"q": len(q), "qdot": len(qdot), "t": np.size(t)}
-        counts = set(sizes.values()) - {1}
-        if len(counts) > 1:
-            given = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-            raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {given}")
-        count = counts.pop() if counts else 1
-        y = np.empty((count, 2 * size))
-        y[:, :size], y[:, size:] = q, qdot
-        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (count,)))
-        if isinstance(p, Mapping):
-            p = inputs.parameter_vector(self.layout, p)
-        c = inputs.constants(self._program, _rows("p", p, len(self.layout.parameters)))
-        if kernel not in self._program:
-            return np.zeros(shape if single else (count, *shape))
-        out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
-        return out[0] if single else out
-
 
 def _recompiled(scene: Any, options: Any) -> CompiledModel:
     """Return the model that was pickled: the scene is compiled again, to the same program."""
@@ -839,10 +780,3 @@ def _span(t_span: Sequence[float]) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
     return t0, t1
-
-
-def _rows(name: str, values: Any, size: int) -> FloatArray:
-    array = np.asarray(values, dtype=float)
-    if array.ndim not in (1, 2) or array.shape[-1] != size:
-        raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
-    return array

@@ -1,0 +1,89 @@
+"""Evaluation of a model's generated kernels by name, at states and parameters of the user's choice."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..codegen.base import Engine, FloatArray
+from ..errors import ValueInputError
+from ..ir.program import Layout, Program
+from . import inputs
+
+__all__ = ["Evaluated"]
+
+
+class Evaluated(ABC):
+    """A program with an engine that evaluates its kernels; `dalembert.runtime.model.CompiledModel` adds the motions."""
+
+    layout: Layout
+    _program: Program
+    _engine: Engine
+
+    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
+        return inputs.parameter_vector(self.layout, parameters)
+
+    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
+        """Return the mass matrix.
+
+        Parameters
+        ----------
+        q : array_like (n_q,) or (k, n_q)
+            Coordinates.
+        p : mapping or array_like (n_p,)
+            Parameters, by name or in the order of ``layout.parameters``.
+        t : float or array_like (k,)
+            Time [s], where the geometry depends on it.
+
+        Returns
+        -------
+        ndarray (n_q, n_q) or (k, n_q, n_q)
+        """
+        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2)
+
+    def forcing(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+        """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
+        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),))
+
+    def constraint_jacobian(self, t: Any, q: Any, p: Any) -> FloatArray:
+        """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
+        shape = (len(self.layout.constraints), len(self.layout.coordinates))
+        return self._evaluate("constraint_jacobian", t, q, None, p, shape)
+
+    def accelerations(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+        """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
+        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))
+
+    def _evaluate(self, kernel: str, t: Any, q: Any, qdot: Any, p: Any, shape: tuple[int, ...]) -> FloatArray:
+        size = len(self.layout.coordinates)
+        q = _rows("q", q, size)
+        qdot = np.zeros_like(q) if qdot is None else _rows("qdot", qdot, size)
+        single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
+        q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
+        sizes = {"q": len(q), "qdot": len(qdot), "t": np.size(t)}
+        counts = set(sizes.values()) - {1}
+        if len(counts) > 1:
+            given = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+            raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {given}")
+        count = counts.pop() if counts else 1
+        y = np.empty((count, 2 * size))
+        y[:, :size], y[:, size:] = q, qdot
+        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (count,)))
+        if isinstance(p, Mapping):
+            p = inputs.parameter_vector(self.layout, p)
+        c = inputs.constants(self._program, _rows("p", p, len(self.layout.parameters)))
+        if kernel not in self._program:
+            return np.zeros(shape if single else (count, *shape))
+        out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
+        return out[0] if single else out
+
+
+def _rows(name: str, values: Any, size: int) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
+    return array
