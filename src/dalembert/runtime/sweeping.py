@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
@@ -112,8 +113,10 @@ class Cases:
             given[:, i] = _part(self.initial[name], block)
         out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
         checks = out[:, size:]
-        finite = np.isfinite(c.sum(axis=1) + spans.sum(axis=1) + given.sum(axis=1))
-        started = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.isfinite(out.sum(axis=1))
+        finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
+        started = _finite_rows(out)
+        for residual, tolerance in zip(checks.T[::2], checks.T[1::2], strict=True):
+            started &= np.abs(residual) <= tolerance
         status = np.where(started, -1.0, float(Status.INITIAL_STATE))
         status[~finite] = float(Status.NON_FINITE)
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
@@ -150,6 +153,11 @@ def _columns(
     if wrong:
         raise ValueInputError("; ".join(wrong))
     return columns
+
+
+def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
+    return np.isfinite(values @ np.ones(values.shape[1]))
 
 
 def _part(values: FloatArray, block: slice) -> FloatArray:
