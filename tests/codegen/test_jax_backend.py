@@ -347,7 +347,7 @@ def test_other_numbers_compile_nothing(method, caplog):
 
 
 @pytest.mark.parametrize("enabled", [False, True])
-def test_double_precision_leaves_the_session_alone(enabled):
+def test_double_precision_leaves_the_setting_alone(enabled):
     before = jax.config.jax_enable_x64
     jax.config.update("jax_enable_x64", enabled)
     try:

@@ -108,7 +108,7 @@ class Solve:
         """Return the motion; see the class."""
         if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
             raise OptionError(
-                "solve works in double precision, which is off in this session: set"
+                "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
         t = jnp.asarray(t, dtype=float)
