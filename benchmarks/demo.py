@@ -1,4 +1,4 @@
-"""The demo: two scenes of the text from symbols to checked trajectories, in about a minute. Pictures in build/demo.
+"""The demo: two scenes of the text from symbols to checked trajectories, in a minute or two. Pictures in build/demo.
 
 Run by `make demo`; takes no arguments.
 """
@@ -113,7 +113,7 @@ def show_precision(backends: Sequence[str]) -> None:
         backends,
         TOLERANCES,
         formulations=FORMULATIONS,
-        methods={"numpy": 2},
+        methods={"numpy": 1, "jax": 1},
         rounds=5,
         seconds_each=0.1,
         slowest=0.05,
