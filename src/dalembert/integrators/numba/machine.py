@@ -22,11 +22,6 @@ ENTRY = "entry"
 """Name of the function that a module of assembly defines: ``void entry(ptr words)``."""
 
 
-def _words(kind: Any) -> int:
-    """Return how many words an argument takes."""
-    return 1 + kind.ndim if isinstance(kind, types.Array) else kind.count if isinstance(kind, types.UniTuple) else 1
-
-
 def _unpacker(kinds: tuple[Any, ...]) -> Any:
     """Return an intrinsic that reads arguments of some types from words; arrays stay the property of the caller."""
 
