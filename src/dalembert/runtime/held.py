@@ -1,0 +1,111 @@
+"""What a compiled model keeps: its program, its engine, and the kernels made on demand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..codegen.base import Engine
+from ..errors import OptionError, ValueInputError, unknown_name
+from ..ir.program import Layout
+from ..reduction.starting import Start, starting
+from .evaluation import Evaluated
+from .events import EventCode, compiled_events, event_list
+from .explain import explain
+from .reductions import reduction_table
+
+if TYPE_CHECKING:
+    from ..compiler import Stages
+
+__all__ = ["NO_ESTIMATE", "Held", "span_of"]
+
+_MOST_WATCHES = 64
+"""Sets of events of which the kernels are kept."""
+
+NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
+
+
+class Held(Evaluated):
+    """A scene compiled for one backend in one formulation, with what was made of it."""
+
+    def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
+        self.stages = stages
+        self.layout: Layout = stages.program.layout
+        self._program = stages.program
+        self._engine = engine
+        self._methods = methods
+        self._starts: dict[frozenset[str], Start] = {}
+        self._watches: dict[str, EventCode] = {}
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self._program.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self.stages.rendered.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation."""
+        return self._program.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods of the backend; "auto" takes the first."""
+        return tuple(self._methods)
+
+    @property
+    def source(self) -> str:
+        """The generated code."""
+        return self.stages.rendered.source
+
+    def explain(self) -> str:
+        """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""
+        automatic = {
+            rtol: self._engine.automatic(self.methods, rtol, rtol) for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+        }
+        return explain(self.stages, self._methods, automatic)
+
+    def __repr__(self) -> str:
+        return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+
+    def _start(self, given: Iterable[str]) -> Start:
+        """Return the kernel from given initial values to the state, made once for each set of names."""
+        key = frozenset(given)
+        if key not in self._starts:
+            self._starts[key] = starting(self.stages.reduced, sorted(key))
+        return self._starts[key]
+
+    def _method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
+        if method == "auto":
+            return self._engine.automatic(self.methods, rtol, atol, many=many)
+        if not isinstance(method, str) or method not in self._methods:
+            raise OptionError(
+                unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
+            )
+        return method
+
+    def _events(self, events: Any, reduce: Any = ()) -> EventCode | None:
+        """Return the kernels of events and reductions, made once for each set of them; None where there are none."""
+        listed = event_list(events, self.layout.aliases)
+        reductions = reduction_table(reduce, self.layout.aliases)
+        if not listed and not reductions:
+            return None
+        key = repr((listed, reductions))
+        if key not in self._watches:
+            if len(self._watches) >= _MOST_WATCHES:
+                self._watches.clear()
+            self._watches[key] = compiled_events(self.stages, listed, self._start, reductions)
+        return self._watches[key]
+
+
+def span_of(t_span: Sequence[float]) -> tuple[float, float]:
+    """Return start and end of a run as numbers."""
+    try:
+        t0, t1 = (float(t) for t in t_span)
+    except (TypeError, ValueError):
+        raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
+    return t0, t1

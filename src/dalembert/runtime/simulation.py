@@ -1,0 +1,309 @@
+"""Single trajectories of a compiled model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..codegen.base import Engine, FloatArray
+from ..errors import OptionError
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.status import Status
+from ..integrators.watched import Occurrence, integrate_watched
+from ..reduction.invariants import Candidates, candidates
+from ..results.estimate import TIGHTER
+from ..results.trajectory import RunStatistics, Trajectory
+from . import inputs
+from .assembly import assembled
+from .events import EventCode
+from .gains import with_gains
+from .held import NO_ESTIMATE, Held, span_of
+from .monitors import conserved
+from .prepared import PreparedRun
+from .singular import indeterminate, judged, redundant, singular_start, still_redundant
+
+if TYPE_CHECKING:
+    from ..compiler import Stages
+
+__all__ = ["Simulated"]
+
+
+class Simulated(Held):
+    """A compiled model that simulates trajectories one at a time."""
+
+    def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
+        super().__init__(stages, engine, methods)
+        self._note = ""
+        self._fewer: dict[tuple[int, ...], Simulated] = {}
+        rows = range(len(self.layout.constraints))
+        reduced = stages.reduced
+        self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
+        self._candidates: Candidates | None = None
+
+    def simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+        error_estimate: bool = False,
+        events: Any = (),
+    ) -> Trajectory:
+        """Simulate one trajectory.
+
+        Parameters
+        ----------
+        t_span : (float, float)
+            Start and end [s]; the end may lie before the start.
+        initial : mapping of symbols or names to numbers
+            Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
+            be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t_eval : array_like (n_t,), optional
+            Times to record; without it, the accepted steps.
+        method : str
+            A name in `methods`, or "auto".
+        rtol, atol : float
+            Tolerances of the local error of every component of the state.
+        first_step, max_step : float, optional
+            First and largest step [s].
+        max_steps : int
+            Attempted steps after which the run ends with a status.
+        dense : bool
+            Whether the trajectory can be evaluated between the recorded times.
+        error_estimate : bool
+            Whether to run a twin at a hundredth of the tolerances beside it, from which
+            ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
+            ``trajectory.events``, by name. A sign change at the very start is none.
+
+        Returns
+        -------
+        Trajectory
+            Numerical failure is its `status`, never an exception.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
+            For input that is wrong, each naming what, what is allowed and what to do.
+        """
+        begin = time.perf_counter()
+        chosen = self._method(method, rtol, atol)
+        t0, t1 = span_of(t_span)
+        c = inputs.constants(self._program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, initial)
+        inputs.warn_below_floor(rtol, atol)
+        problem = IntegrationProblem(
+            t0=t0,
+            t1=t1,
+            y0=inputs.initial_state(self._start(values), t0, values, c, self._program),
+            constants=c,
+            rtol=float(rtol),
+            atol=float(atol),
+            t_eval=None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float)),
+            first_step=first_step,
+            max_step=float(max_step),
+            max_steps=int(max_steps),
+            dense=dense,
+        )
+        watch = self._events(events)
+        if watch is not None and error_estimate:
+            raise OptionError(NO_ESTIMATE)
+        able = self._independent(problem, chosen, begin)
+        if isinstance(able, Trajectory):
+            return able
+        if able is not self:
+            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+            options |= {"events": events, "error_estimate": error_estimate}
+            return able.simulate(t_span, initial, parameters, **options)
+        problem = with_gains(self._program, lambda pilot: self._engine.integrate(pilot, chosen), problem, parameters)
+        run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
+        if error_estimate:
+            finer = replace(
+                problem, rtol=problem.rtol * TIGHTER, atol=problem.atol * TIGHTER, t_eval=run.t, dense=False
+            )
+            again = self._method(method, finer.rtol, finer.atol)
+            twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
+            run.with_twin(twin)
+        return run
+
+    def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> Simulated | Trajectory:
+        """Return the model that enforces no constraint which follows from others around the start of a problem.
+
+        Where only the start itself is singular, return the run that ends there.
+        """
+        if not self._enforced:
+            return self
+        where = (self._program, problem.t0, problem.y0, problem.constants, self._enforced)
+        found = redundant(*where)
+        if found is None:
+            statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, singular_start(*where))
+            status = Status.SINGULAR_CONFIGURATION
+            y0 = problem.y0[np.newaxis]
+            return Trajectory(self._program, problem.constants, status, np.array([problem.t0]), y0, statistics, None)
+        if not found:
+            return self
+        from ..compiler import recompile
+
+        without = tuple(sorted({*found, *self.stages.reduced.left_out}))
+        if without not in self._fewer:
+            labels = [self.layout.constraints[i] for i in found]
+            fewer = self._fewer[without] = recompile(self.stages, without)
+            fewer._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
+        return self._fewer[without]
+
+    def _run(
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        begin: float,
+        watch: EventCode | None = None,
+        *,
+        automatic: bool = False,
+    ) -> Trajectory:
+        """Integrate one problem; its run time counts from `begin`, less what was compiled.
+
+        Where the method was chosen automatically, a stiff run without events changes to an implicit one.
+        """
+        ready = time.perf_counter()
+        if self.layout.state:
+            self._engine.prepare(problem, method)
+        compiled = time.perf_counter() - ready
+        note = ""
+        occurrences: list[Occurrence] = []
+        if watch is not None:
+            if automatic and self.layout.state:
+                method, note = self._engine.fit(problem, method)
+            solution, occurrences = self._watched(problem, method, watch)
+        elif not self.layout.state:
+            solution = prescribed(problem)
+        elif automatic:
+            solution, method, note = self._engine.integrate_automatic(problem, method)
+        else:
+            solution = self._engine.integrate(problem, method)
+        if self._enforced:
+            solution, where = judged(self._program, solution, problem.constants, self._enforced)
+            loose = indeterminate(self._program, problem.t0, problem.y0, problem.constants)
+            note = "; ".join(text for text in (note, where, loose) if text)
+        if self._note:
+            tolerance = 1e3 * (problem.rtol + problem.atol)
+            solution, broken = still_redundant(
+                self._program, solution, problem.constants, self.stages.reduced.left_out, max(tolerance, 1e-6)
+            )
+            note = "; ".join(text for text in (self._note, note, broken) if text)
+        statistics = RunStatistics(
+            method=method,
+            steps=solution.steps,
+            rejected=solution.rejected,
+            evaluations=solution.evaluations,
+            compile_seconds=sum(self.stages.seconds.values()) + compiled,
+            run_seconds=time.perf_counter() - begin - compiled,
+            note=note,
+        )
+        c = problem.constants
+        run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        run.with_monitors(self._monitors)
+        return run if watch is None else run.with_events(watch.labels, occurrences)
+
+    def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
+        """Integrate one problem with events."""
+
+        def stretches(part: IntegrationProblem) -> Iterator[Solution]:
+            if self.layout.state:
+                return self._engine.stretches(part, method)
+            return iter([prescribed(part)])
+
+        return integrate_watched(stretches, problem, watch.watched(problem.constants))
+
+    def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
+        """Return the first integrals of a motion; what may be conserved is derived once."""
+        if self._candidates is None:
+            self._candidates = candidates(self.stages.equations)
+        return conserved(self._program, self._candidates, c, t, q, qdot)
+
+    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+        """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
+        c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
+        values = inputs.given_values(self.layout, initial)
+        return inputs.initial_state(self._start(values), float(t), values, c, self._program)
+
+    def assemble(
+        self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
+    ) -> dict[str, float]:
+        """Return the consistent initial values nearest to a rough guess, for `simulate`.
+
+        Parameters
+        ----------
+        guess : mapping of symbols or names to numbers
+            Every coordinate, roughly. Rates may be given too; those that the constraints fix may be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t : float
+            Time [s], where constraints depend on it.
+        fixed : iterable of symbols or names
+            What keeps exactly the value of the guess, such as the angle of a crank.
+
+        Returns
+        -------
+        dict of str to float
+            Coordinates, and rates where the guess has any. Nearest is meant by the sum of the squares of the changes.
+
+        Raises
+        ------
+        InitialStateError
+            When the loops cannot close, with what is left of each constraint at the best position found.
+        UnknownNameError, ValueInputError
+            For input that is wrong.
+        """
+        c = inputs.constants(self._program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, guess)
+        held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
+        return assembled(self._program, c, float(t), values, held)
+
+    def prepare(
+        self,
+        t_span: tuple[float, float],
+        *,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+    ) -> PreparedRun:
+        """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
+
+        Parameters
+        ----------
+        t_span, method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        """
+        inputs.warn_below_floor(rtol, atol)
+        t0, t1 = span_of(t_span)
+        chosen = self._method(method, rtol, atol)
+        problem = IntegrationProblem(
+            t0=t0,
+            t1=t1,
+            y0=np.zeros(len(self.layout.state)),
+            constants=np.zeros(self.layout.constants),
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
+        return PreparedRun(run, chosen)

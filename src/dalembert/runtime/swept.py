@@ -1,0 +1,169 @@
+"""Sweeps: many cases of a compiled model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
+from ..integrators.problem import IntegrationProblem
+from ..ir.program import Layout
+from ..results.estimate import TIGHTER
+from ..results.grid import Grid
+from ..results.sweep import Sweep, SweepStatistics
+from . import inputs
+from .gains import give_gains
+from .held import NO_ESTIMATE
+from .simulation import Simulated
+from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
+
+__all__ = ["Swept"]
+
+
+class Swept(Simulated):
+    """A compiled model that simulates many cases side by side."""
+
+    def sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        threads: int | None = None,
+        progress: bool = False,
+        error_estimate: bool = False,
+        events: Any = (),
+        reduce: Any = (),
+    ) -> Sweep:
+        """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
+
+        Parameters
+        ----------
+        t_span : (float or array_like (n_case,), float or array_like (n_case,))
+            Start and end [s], for all cases or one each.
+        initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
+            Scalars serve all cases. A value that is not finite is the status of its case, not an error.
+        grid : Grid, optional
+            From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
+        t_eval : array_like (n_t,), optional
+            Times to record for all cases; without it, final states only.
+        method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        threads : int, optional
+            Threads to use; by default as many as there are processors.
+        progress : bool
+            Whether to show a bar with cases per second (needs tqdm).
+        error_estimate : bool
+            Whether to run every case once more at a hundredth of the tolerances, from which
+            ``sweep.error_estimate["x"]`` estimates the global errors.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+            and when first and last.
+        reduce : mapping of str to reductions, or sequence of expressions or names
+            What to keep of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
+            expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
+            for cases that failed.
+
+        Returns
+        -------
+        Sweep
+            After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong for all cases.
+        """
+        begin = time.perf_counter()
+        inputs.warn_below_floor(rtol, atol)
+        t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        given = (t_span, initial, parameters)
+        if grid is not None:
+            initial, parameters = _with_grid(self.layout, grid, initial, parameters)
+        cases = Cases(self._program, self._start, t_span, initial, parameters)
+        if t_eval is not None and any(len(ends) > 1 for ends in cases.span.values()):
+            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+        count = available_threads() if threads is None else int(threads)
+        if count < 1:
+            raise OptionError(f"threads must be at least 1, not {threads!r}")
+        chosen = self._method(method, rtol, atol, many=True)
+        IntegrationProblem(
+            t0=float(cases.span["start"][0]),
+            t1=float(cases.span["end"][0]),
+            y0=np.zeros(0),
+            constants=np.zeros(0),
+            rtol=rtol,
+            atol=atol,
+            t_eval=t_eval,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        watch = self._events(events, reduce)
+        if watch is not None and error_estimate:
+            raise OptionError(NO_ESTIMATE)
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
+        first = single_problem(cases, settings, 0) if self._enforced else None
+        able = self if first is None else self._independent(first, chosen, begin)
+        if isinstance(able, Swept) and able is not self:
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+            options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
+            return able.sweep(*given, **options)
+        if method == "auto":
+            settings = fitted(self._engine, cases, settings)
+        give_gains(self._engine, cases, settings, parameters)
+        axes = {} if grid is None else grid.axes
+        done = self._run_cases(cases, settings, axes, begin)
+        if error_estimate:
+            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
+            finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
+            if method == "auto":
+                finer = fitted(self._engine, cases, finer)
+            done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
+        return done
+
+    def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
+        """Run all cases; the run time counts from `begin`."""
+        done = run_cases(self._engine, cases, settings)
+        statistics = SweepStatistics(
+            method=settings.method,
+            threads=settings.threads,
+            steps=int(done.ends[:, 2].sum()),
+            compile_seconds=sum(self.stages.seconds.values()),
+            run_seconds=time.perf_counter() - begin,
+            note=settings.note,
+        )
+        samples = None if settings.t_eval is None else done.samples
+        varied = (cases.initial, cases.parameters)
+        run = Sweep(
+            self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
+        )
+        watch = settings.watch
+        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+
+
+def _with_grid(
+    layout: Layout, grid: Grid, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Return initial values and parameters with the columns of a grid, each where it belongs."""
+    initial, parameters = dict(initial), dict(parameters)
+    for name, column in grid.columns().items():
+        home = parameters if name in layout.parameters else initial
+        if name not in (*layout.parameters, *layout.coordinates, *layout.rates):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.coordinates, *layout.rates)))
+        if any(layout.aliases.get(str(key), str(key)) == name for key in home):
+            raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
+        home[name] = column
+    return initial, parameters
