@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -38,13 +38,16 @@ class Modes:
     equations: EquationsOfMotion
     laws: Laws
     model: Callable[[Mode], CompiledModel]
+    _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
 
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""
-        reduced = self.model(mode).stages.reduced
-        graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
-        found = watchpoints(self.equations, mode)
-        return [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+        if mode not in self._points:
+            reduced = self.model(mode).stages.reduced
+            graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
+            found = watchpoints(self.equations, mode)
+            self._points[mode] = [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+        return self._points[mode]
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""
@@ -163,7 +166,7 @@ class _Run:
     def _take(self, settled: Settled) -> None:
         fields = {name: getattr(settled, name) for name in ("x", "directions", "sides", "speeds")}
         self.now = replace(self.now, **fields)
-        self.mode = settled.modes[0]
+        self.mode = settled.table[settled.mode[0]]
 
     def _complaint(self) -> Exception:
         """Return what is wrong with the start."""
