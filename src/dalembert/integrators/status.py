@@ -18,6 +18,8 @@ class Status(enum.IntEnum):
     EVENT_STATE = 9
     EVENT_NON_FINITE = 10
     SINGULAR_CONFIGURATION = 11
+    CONTACT_IMPOSSIBLE = 12
+    CONTACT_AMBIGUOUS = 13
 
     @property
     def success(self) -> bool:
@@ -52,6 +54,14 @@ _MESSAGES = {
     Status.INITIAL_STATE: (
         "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to be told "
         "which constraint, or leave out values that the constraints fix."
+    ),
+    Status.CONTACT_IMPOSSIBLE: (
+        "No normal reactions satisfy the laws of contact and friction here (Painleve's paradox: a body would have to "
+        "jam or be struck at once): lower the coefficient of friction, or start elsewhere."
+    ),
+    Status.CONTACT_AMBIGUOUS: (
+        "Several motions satisfy the laws of contact and friction here (Painleve's paradox: a contact may stay closed "
+        "or open): lower the coefficient of friction, or start elsewhere."
     ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "

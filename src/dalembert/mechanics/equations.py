@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
 
-__all__ = ["ConstraintRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
+__all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
 
 
 @final
@@ -36,6 +36,42 @@ class ConstraintRow:
     jacobian: tuple[Node, ...]
     drift: Node
     bias: Node
+
+
+@final
+@dataclass(frozen=True)
+class ContactRow:
+    """Friction, a constraint that opens, or both.
+
+    Attributes
+    ----------
+    name : str
+    normal : int
+        Number of the normal reaction among the unknowns.
+    gap, constraint, restitution : Node, int, Node, or None
+        What is positive where it is open, the number of the constraint that holds while it is closed, and Newton's
+        coefficient; None for friction on a constraint that never opens.
+    sense : int
+        1 where that constraint is the gap, -1 where it is minus the gap.
+    tangential : tuple of int
+        Numbers of the friction forces; none without friction.
+    slips : tuple of ConstraintRow
+        The slip velocities along them, as constraints that hold while it sticks.
+    mu, mu_static, regularization : Node or None
+        Coefficients of friction, and the slip speed of the smooth law.
+    """
+
+    name: str
+    normal: int
+    gap: Node | None
+    constraint: int | None
+    sense: int
+    restitution: Node | None
+    tangential: tuple[int, ...]
+    slips: tuple[ConstraintRow, ...]
+    mu: Node | None
+    mu_static: Node | None
+    regularization: Node | None
 
 
 @final
@@ -74,6 +110,10 @@ class EquationsOfMotion:
         Quasi-velocities found in the frames of the scene.
     outputs : mapping of str to Node
         Requested expressions; they may contain reactions as inputs.
+    contacts : tuple of ContactRow
+        Laws of friction and constraints that open, which `dalembert.reduction.modes` applies.
+    defaults : mapping of str to float
+        Parameters that were added to those of the scene, and may be left out.
     """
 
     name: str
@@ -89,6 +129,8 @@ class EquationsOfMotion:
     potential_energy: Node
     groups: tuple[VelocityGroup, ...]
     outputs: Mapping[str, Node]
+    contacts: tuple[ContactRow, ...] = ()
+    defaults: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def time(self) -> Node:

@@ -1,0 +1,219 @@
+"""`HybridTrajectory`: a motion in phases, in each of which its contacts do one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, OptionError
+from ..integrators.status import Status
+from .events import EventRecord, EventRecords
+from .trajectory import RunStatistics, Trajectory
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of a motion from `t0` to `t1` [s]; `modes` says what each contact does: slip, stick, closed or open."""
+
+    t0: float
+    t1: float
+    modes: Mapping[str, str]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows of a motion that lie in one phase: the phase, its motion, and how constraints are told from it."""
+
+    phase: Phase
+    motion: Trajectory
+    violation: Callable[[Trajectory], FloatArray]
+
+
+@final
+class HybridTrajectory:
+    """A simulated motion with contacts; what `dalembert.results.trajectory.Trajectory` is without.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        Recorded times [s]; without ``t_eval`` those of the ends of phases are there twice.
+    q, qdot : ndarray (n_t, n_q)
+        Coordinates and their rates.
+    status : Status
+        How the run ended.
+    stats : RunStatistics
+        What it cost.
+    phases : tuple of Phase
+        What the contacts did, and when.
+    events : EventRecords
+        The events that the run was asked to watch for, by name.
+    constraint_violation : ndarray (n_t, n_constraints)
+        What the constraints leave; of an open contact, by how much it penetrates.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        phases: Sequence[Phase],
+        order: NDArray[np.intp] | None,
+        whole: Sequence[Part],
+        status: Status,
+        stats: RunStatistics,
+        name: str,
+    ) -> None:
+        self._parts, self._whole, self._order, self._name = tuple(parts), tuple(whole), order, name
+        self.phases = tuple(phases)
+        self.status, self.stats = status, stats
+        self.events = EventRecords()
+        self.t = self._joined(lambda part: part.motion.t)
+        self.q = self._joined(lambda part: part.motion.q)
+        self.qdot = self._joined(lambda part: part.motion.qdot)
+
+    def _joined(self, value: Callable[[Part], FloatArray]) -> FloatArray:
+        """Return what all parts give, in the order of the recorded times."""
+        joined = np.concatenate([value(part) for part in self._parts])
+        return joined if self._order is None else joined[self._order]
+
+    def with_events(self, events: EventRecords) -> HybridTrajectory:
+        """Return this motion with the events that occurred on it."""
+        self.events = events
+        return self
+
+    @property
+    def constraint_violation(self) -> FloatArray:
+        """See the class."""
+        return self._joined(lambda part: part.violation(part.motion))
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span, or a terminal event, was reached."""
+        return self.status.success
+
+    @property
+    def message(self) -> str:
+        """How the run ended, as a sentence."""
+        note = self.stats.note
+        return f"{self.status.message} Note: {note}." if note else self.status.message
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked for by name."""
+        every = [set(part.motion.names) for part in self._parts]
+        return tuple(name for name in self._parts[0].motion.names if all(name in names for names in every))
+
+    @property
+    def invariants(self) -> dict[str, FloatArray]:
+        """First integrals that hold in every phase, along the motion (n_t,) by name; between phases they may jump."""
+        every = [set(part.motion.invariants) for part in self._parts]
+        common = [name for name in self._parts[0].motion.invariants if all(name in names for names in every)]
+        return {name: self._joined(lambda part, name=name: part.motion.invariants[name]) for name in common}  # type: ignore[misc]
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        return self._joined(lambda part: part.motion[key])
+
+    def mode(self, contact: str) -> NDArray[np.str_]:
+        """Return what a contact does at the recorded times (n_t,)."""
+        words = [np.full(len(part.motion.t), part.phase.modes[contact]) for part in self._parts]
+        joined = np.concatenate(words)
+        return joined if self._order is None else joined[self._order]
+
+    @property
+    def can_evaluate(self) -> bool:
+        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        return all(part.motion.can_evaluate for part in self._whole)
+
+    def __call__(self, t: Any) -> HybridTrajectory:
+        """Return the motion at other times; where a phase ends, as the next one begins.
+
+        Parameters
+        ----------
+        t : float or array_like (k,)
+            Times within the span, in any order.
+
+        Raises
+        ------
+        OptionError
+            Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        forward = 1.0 if self.phases[-1].t1 >= self.phases[0].t0 else -1.0
+        begins = np.array([part.phase.t0 for part in self._whole]) * forward
+        place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
+        last = self._whole[-1].phase.t1
+        if np.any((times - last) * forward > 0.0) or np.any((times - self._whole[0].phase.t0) * forward < 0.0):
+            raise OptionError(f"times must lie within the span of the run, {self._whole[0].phase.t0:g} to {last:g} s")
+        parts, rows = [], []
+        for number in np.unique(place):
+            some = np.flatnonzero(place == number)
+            part = self._whole[number]
+            parts.append(Part(part.phase, part.motion(times[some]), part.violation))
+            rows.append(some)
+        if not parts:
+            parts, rows = [Part(self._whole[0].phase, self._whole[0].motion(times), self._whole[0].violation)], [place]
+        order = np.argsort(np.concatenate(rows), kind="stable")
+        return HybridTrajectory(parts, self.phases, order, self._whole, self.status, self.stats, self._name)
+
+    def __repr__(self) -> str:
+        span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
+        return f"<HybridTrajectory {self._name!r}: {span}{len(self.phases)} phases, {self.status.name}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, outputs, energy, and modes.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+        data = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
+        for contact in self.phases[0].modes:
+            data[f"mode of {contact}"] = ("time", self.mode(contact))
+        attrs = {"scene": self._name, "status": self.status.name}
+        return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attrs)
+
+    def plot(self, *names: Any) -> Figure:
+        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
+        """
+        from .plots import plot
+
+        return plot(self, [str(name) for name in names] or list(self._parts[0].motion.coordinates))
+
+
+def joined_records(
+    names: Sequence[str],
+    records: Sequence[tuple[Part, EventRecords]],
+    make: Callable[[Sequence[Part]], HybridTrajectory],
+) -> dict[str, EventRecord]:
+    """Return one record an event from those of all phases; `make` joins motions."""
+    joined = {}
+    for name in names:
+        mine = [(part, record[name]) for part, record in records]
+        sides = [
+            make([replace(part, motion=getattr(record, side)) for part, record in mine]) for side in ("before", "after")
+        ]
+        directions = np.concatenate([record.direction for _, record in mine])
+        joined[name] = EventRecord(name, directions, sides[0], sides[1])
+    return joined

@@ -1,0 +1,244 @@
+"""Which mode holds: every combination of what contacts may do is tried, and the one that contradicts nothing is taken.
+
+Closed contacts push and do not pull, open ones do not approach, what sticks needs no more friction than there is, and
+friction opposes the slip that it lets begin. After an impact the same holds of impulses and of rates. Where no
+combination is left, or one with a contact open and one with it closed, the laws have no solution or several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...integrators.status import Status
+from ...mechanics.equations import ContactRow
+from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
+from .facts import Facts, FloatArray, Level, Outcome
+
+__all__ = ["Choice", "Standing", "choose"]
+
+ROUNDING = 1e-9
+"""Share of the forces, or rates, within which a comparison may go either way."""
+
+_TURNS = 60
+
+FREE, TOUCHING, GRIPPED, SLIDING, LIFTING = "free", "touching", "gripped", "sliding", "lifting"
+
+
+@final
+@dataclass(frozen=True)
+class Standing:
+    """What is known of a contact before it is decided what it does.
+
+    Attributes
+    ----------
+    kind : str
+        "free" (open, or opening), "lifting" (its normal reaction has just vanished), "touching" (closed, without
+        friction, or smooth), "gripped" (closed, its slip velocity is zero) or "sliding" (closed, with a slip velocity).
+    broken : int or None
+        Where friction has just failed to hold it: the direction of the slip along one direction, 0 along two.
+    struck : bool
+        Whether it is being struck, so that it is closed during the impact.
+    """
+
+    kind: str
+    broken: int | None = None
+    struck: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The chosen modes of k cases.
+
+    Attributes
+    ----------
+    mode : ndarray (k,) of int
+        Number in `modes`, -1 where the status is not SUCCESS.
+    modes : list of Mode
+    directions, sides : ndarray (k, n_contacts, 2), (k, n_contacts)
+    status : ndarray (k,) of int
+    motion : ndarray (k, n_q)
+        Second rates, or rates after the impact.
+    """
+
+    mode: NDArray[np.intp]
+    modes: list[Mode]
+    directions: FloatArray
+    sides: FloatArray
+    status: NDArray[np.int64]
+    motion: FloatArray
+
+
+Option = tuple[str, int, int]
+"""State, side and direction (0: that of the slip velocity, or of the slip that begins)."""
+
+
+def choose(facts: Facts, standings: Sequence[Standing], level: Level, directions: FloatArray) -> Choice:
+    """Return the modes of cases whose contacts stand alike.
+
+    Parameters
+    ----------
+    facts : Facts
+    standings : sequence of Standing
+        One a contact.
+    level : Level
+        Of accelerations, or of an impact.
+    directions : ndarray (k, n_contacts, 2)
+        Of the slip velocities, unit vectors; anything for contacts that do not slide.
+    """
+    count, contacts = len(facts), facts.contacts
+    options = [_options(c, s) for c, s in zip(contacts, standings, strict=True)]
+    modes: list[Mode] = []
+    ranked: list[tuple[Mode, NDArray[np.float64], FloatArray, FloatArray, FloatArray]] = []
+    for combination in product(*options):
+        mode = tuple(state for state, _, _ in combination)
+        sides = np.tile([float(side) for _, side, _ in combination], (count, 1))
+        along = _along(facts, combination, directions)
+        begins = [i for i, (s, _, d) in enumerate(combination) if s == SLIP and d == 0 and standings[i].kind == GRIPPED]
+        if begins:
+            along = _turned(facts, level, combination, sides, along, begins)
+        outcome = facts.solve(level, mode, along, sides)
+        margin = _margin(facts, standings, combination, outcome, along, sides)
+        ranked.append((mode, margin, along, sides, outcome.motion))
+        modes.append(mode)
+    margins = np.array([margin for _, margin, *_ in ranked])
+    strict = margins >= 0.0
+    allowed = np.where(np.any(strict, axis=0), strict, margins >= -ROUNDING)
+    number = np.argmax(allowed, axis=0)
+    status = np.where(np.any(allowed, axis=0), int(Status.SUCCESS), int(Status.CONTACT_IMPOSSIBLE))
+    status[np.any(np.isnan(margins), axis=0) & ~np.any(allowed, axis=0)] = int(Status.NON_FINITE)
+    clear = margins > ROUNDING
+    for i, contact in enumerate(contacts):
+        for a in range(len(modes)):
+            for b in range(a):
+                apart = (modes[a][i] == OPEN) != (modes[b][i] == OPEN) or (
+                    side_name(contact) is not None and ranked[a][3][0, i] != ranked[b][3][0, i]
+                )
+                if apart:
+                    status[clear[a] & clear[b]] = int(Status.CONTACT_AMBIGUOUS)
+    case = np.arange(count)
+    return Choice(
+        mode=np.where(status == Status.SUCCESS, number, -1),
+        modes=modes,
+        directions=np.array([along for _, _, along, _, _ in ranked])[number, case],
+        sides=np.array([sides for _, _, _, sides, _ in ranked])[number, case],
+        status=status,
+        motion=np.array([motion for *_, motion in ranked])[number, case],
+    )
+
+
+def _options(contact: ContactRow, standing: Standing) -> list[Option]:
+    """Return what a contact may do, in the order of preference."""
+    if standing.kind in (FREE, LIFTING):
+        return [(OPEN, 1, 0)]
+    sides = (1,) if side_name(contact) is None else (1, -1)
+    found: list[Option] = []
+    for side in sides:
+        if not contact.tangential:
+            found.append((CLOSED, side, 0))
+        elif contact.regularization is not None:
+            found.append((SMOOTH, side, 0))
+        elif standing.kind == SLIDING:
+            found.append((SLIP, side, 0))
+        elif len(contact.tangential) > 1:
+            found += [(SLIP, side, 0)] if standing.broken is not None else [(STICK, side, 0), (SLIP, side, 0)]
+        elif standing.broken is not None:
+            found.append((SLIP, side, standing.broken))
+        else:
+            found += [(STICK, side, 0), (SLIP, side, 1), (SLIP, side, -1)]
+    if contact.constraint is not None and not standing.struck:
+        found.append((OPEN, 1, 0))
+    return sorted(found, key=lambda option: (STICK, CLOSED, SMOOTH, SLIP, OPEN).index(option[0]))
+
+
+def _along(facts: Facts, combination: Sequence[Option], directions: FloatArray) -> FloatArray:
+    """Return the directions of slip that a combination stands for."""
+    along = directions.copy()
+    for i, (state, _, sign) in enumerate(combination):
+        if state == SMOOTH:
+            slips, eps = facts.slips(i), facts.regularization[:, i]
+            along[:, i] = slips / np.sqrt(np.sum(slips**2, axis=1) + eps**2)[:, None]
+        elif sign:
+            along[:, i] = (float(sign), 0.0)
+    return along
+
+
+def _turned(
+    facts: Facts, level: Level, combination: Sequence[Option], sides: FloatArray, along: FloatArray, begins: list[int]
+) -> FloatArray:
+    """Return directions along which slip begins in the very direction that friction opposes, found by iteration.
+
+    It starts against the force that would hold, and halves the way at every turn.
+    """
+    mode = tuple(state for state, _, _ in combination)
+    sticking = tuple(STICK if i in begins else state for i, state in enumerate(mode))
+    held = facts.solve(level, sticking, along, sides)
+    for i in begins:
+        along[:, i] = _unit(-held.friction[:, i], along[:, i])
+    for _ in range(_TURNS):
+        outcome = facts.solve(level, mode, along, sides)
+        for i in begins:
+            size = np.sqrt(np.sum(outcome.slip[:, i] ** 2, axis=1))
+            small = size <= ROUNDING * np.sum(np.abs(held.friction[:, i]), axis=1) / _smallest(facts)
+            wanted = _unit(outcome.slip[:, i], along[:, i])
+            along[:, i] = np.where(small[:, None], along[:, i], _unit(along[:, i] + wanted, along[:, i]))
+    return along
+
+
+def _smallest(facts: Facts) -> FloatArray:
+    return np.maximum(np.max(np.abs(facts.mass), axis=(1, 2)), 1e-300)
+
+
+def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
+    size = np.sqrt(np.sum(vectors**2, axis=1))[:, None]
+    return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), otherwise)
+
+
+def _margin(
+    facts: Facts,
+    standings: Sequence[Standing],
+    combination: Sequence[Option],
+    outcome: Outcome,
+    along: FloatArray,
+    sides: FloatArray,
+) -> FloatArray:
+    """Return by which share of the forces, at least, a combination contradicts nothing (k,); below zero it does."""
+    least = np.full(len(facts), np.inf)
+    force = np.sum(np.abs(outcome.normal), axis=1) + np.sum(np.abs(outcome.friction), axis=(1, 2))
+    speed = np.max(np.abs(outcome.motion), axis=1, initial=0.0)
+    for i, (contact, (state, _, _)) in enumerate(zip(facts.contacts, combination, strict=True)):
+        standing = standings[i]
+        press = sides[:, i] * outcome.normal[:, i]
+        conditions = []
+        if state == OPEN:
+            if standing.kind not in (FREE, LIFTING):
+                conditions.append(_share(outcome.gap[:, i], speed * _size(facts.jacobian[:, contact.constraint])))
+        elif contact.constraint is not None or side_name(contact) is not None:
+            conditions.append(_share(press, force))
+        if state == STICK:
+            used = np.sqrt(np.sum(outcome.friction[:, i] ** 2, axis=1))
+            conditions.append(_share(facts.mu_static[:, i] * press - used, force))
+        if state == SLIP and standing.kind == GRIPPED:
+            place = facts.places[i]
+            forward = np.sum(outcome.slip[:, i] * along[:, i], axis=1)
+            share = _share(forward, speed * np.max(_size(facts.slip_jacobian[:, place]), axis=1))
+            conditions.append(np.maximum(share, 0.0) if standing.broken is not None else share)
+        for condition in conditions:
+            least = np.minimum(least, condition)
+    least[~np.isfinite(outcome.motion).all(axis=1)] = np.nan
+    return np.where(np.isinf(least), 1.0, least)
+
+
+def _size(rows: FloatArray) -> FloatArray:
+    return np.sqrt(np.sum(rows**2, axis=-1))
+
+
+def _share(value: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return a value in terms of a scale; zero stays zero where there is none."""
+    return np.where(value == 0.0, 0.0, value / np.where(scale > 0.0, scale, 1.0))

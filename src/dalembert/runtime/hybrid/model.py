@@ -1,0 +1,246 @@
+"""`HybridModel`: what `dalembert.compile_model` hands back for a scene whose contacts may stick, slip and open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ...errors import OptionError, ValueInputError, list_names
+from ...ir.interpret import interpret_rows
+from ...ir.program import Layout
+from ...mechanics.equations import EquationsOfMotion
+from ...options import CompileOptions
+from ...reduction.contact_data import contact_data
+from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
+from ...results.hybrid import HybridTrajectory
+from ...scene import Scene
+from .. import inputs
+from ..events import Event, compiled_events, event_list
+from ..held import span_of
+from .facts import FloatArray
+from .running import Modes, Request, simulate
+from .settling import Laws
+
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["HybridModel"]
+
+
+@final
+class HybridModel:
+    """A scene with friction or contacts, compiled for one backend: a model for every mode, made when it is needed.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names of everything that arrays hold.
+    contacts : tuple of str
+        Names of the contacts.
+    """
+
+    def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
+        self._scene, self._options, self._equations = scene, options, equations
+        self._models: dict[Mode, CompiledModel] = {}
+        self._laws = Laws(contact_data(equations), equations.contacts)
+        self._modes = Modes(equations, self._laws, self._model)
+        self.contacts = tuple(contact.name for contact in equations.contacts)
+        first = self._model(self._plain(OPEN))
+        symbols = equations.symbols
+        self.layout: Layout = replace(
+            first.layout,
+            parameters=symbols.parameters,
+            unknowns=symbols.unknowns,
+            outputs=tuple(str(output) for output in options.outputs),
+            defaults={},
+        )
+
+    # -- what it is made of ----------------------------------------------------------------
+
+    def _plain(self, unilateral: str) -> Mode:
+        """Return a mode in which all slips, and what can open is open, or closed."""
+        return tuple(
+            OPEN
+            if c.constraint is not None and unilateral == OPEN
+            else CLOSED
+            if not c.tangential
+            else SMOOTH
+            if c.regularization is not None
+            else SLIP
+            for c in self._equations.contacts
+        )
+
+    def _model(self, mode: Mode) -> CompiledModel:
+        """Return the model of a mode, compiled when it is first needed."""
+        if mode not in self._models:
+            from ...compiler import compile_mode
+
+            self._models[mode] = compile_mode(self._scene, self._options, mode)
+        return self._models[mode]
+
+    def mode(self, **states: str) -> CompiledModel:
+        """Return the model of one mode: an ordinary one, without events.
+
+        Parameters
+        ----------
+        **states : str
+            For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+            Directions of slip are further parameters of the model, see ``layout.parameters``.
+
+        Raises
+        ------
+        OptionError
+            For contacts that do not exist, and states that they do not have.
+        """
+        unknown = [name for name in states if name not in self.contacts]
+        if unknown:
+            raise OptionError(
+                f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
+            )
+        mode = []
+        for contact, plain in zip(self._equations.contacts, self._plain(CLOSED), strict=True):
+            able = [plain] + ([STICK] if plain == SLIP else []) + ([OPEN] if contact.constraint is not None else [])
+            state = states.get(contact.name, plain)
+            if state not in able:
+                raise OptionError(f"contact {contact.name!r} cannot be {state!r}; it can be: {list_names(able)}")
+            mode.append(state)
+        return self._model(tuple(mode))
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self._equations.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self._options.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation that was asked for; each mode has its own, see ``mode(...).formulation``."""
+        return self._options.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods that serve every mode compiled so far; "auto" takes each mode's first."""
+        every = [model.methods for model in self._models.values()]
+        return tuple(name for name in every[0] if all(name in methods for methods in every))
+
+    @property
+    def source(self) -> str:
+        """The generated code of the modes compiled so far."""
+        titled = (f"# mode {self._modes.named(mode)}\n\n{model.source}" for mode, model in self._models.items())
+        return "\n\n".join(titled)
+
+    def explain(self) -> str:
+        """Return what the contacts may do, and what was chosen for the modes compiled so far."""
+        lines = [f"{self.name}: contacts {list_names(self.contacts)}; a model for each mode, compiled when it is met"]
+        for mode, model in self._models.items():
+            told = ", ".join(f"{name}: {state}" for name, state in self._modes.named(mode).items())
+            lines += ["", f"mode {told}", model.explain()]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return HybridModel, (self._scene, self._options, self._equations)
+
+    # -- motions ---------------------------------------------------------------------------
+
+    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
+        return inputs.parameter_vector(self.layout, parameters)
+
+    def simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+        events: Any = (),
+    ) -> HybridTrajectory:
+        """Simulate one trajectory, phase after phase.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, t_eval, method, rtol, atol, first_step, max_step, max_steps, dense, events
+            As for `dalembert.runtime.model.CompiledModel.simulate`. What `initial` leaves out is fixed by the
+            constraints with all contacts closed.
+
+        Returns
+        -------
+        HybridTrajectory
+            What the contacts did is in its `phases`. Numerical failure is its `status`, never an exception.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
+            For input that is wrong, each naming what, what is allowed and what to do.
+        """
+        t0, t1 = span_of(t_span)
+        p = self.parameter_vector(parameters)
+        given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
+        inputs.warn_below_floor(rtol, atol)
+        listed = event_list(events, self.layout.aliases)
+        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
+            raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
+        options = {
+            "method": method,
+            "rtol": float(rtol),
+            "atol": float(atol),
+            "first_step": first_step,
+            "max_step": float(max_step),
+            "max_steps": int(max_steps),
+            "dense": bool(dense),
+        }
+        request = Request(
+            t0=t0,
+            t1=t1,
+            x=self._start(t0, inputs.given_values(self.layout, initial), given),
+            parameters=given,
+            c=p,
+            t_eval=times,
+            options=options,
+            events=listed,
+            jumps={event.label: self._jump(event, given) for event in listed if event.apply is not None},
+        )
+        return simulate(self._modes, request)
+
+    def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
+        """Return consistent coordinates and rates (2 n_q,)."""
+        names = (*self.layout.coordinates, *self.layout.rates)
+        complete = all(name in values for name in names)
+        model = self._model(self._plain(OPEN if complete else CLOSED))
+        y = model.state(values, parameters, t=t)
+        return model.expand(t, y, parameters)
+
+    def _jump(self, event: Event, parameters: Mapping[str, float]) -> Any:
+        """Return the map of an event, from time and (q, q_dot) to (q, q_dot); None where the constraints forbid it."""
+        model = self._model(self._plain(OPEN))
+        program = model.stages.program
+        c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
+        code = compiled_events(model.stages, (replace(event, terminal=False),), model._start)
+        jump = code.watched(c).rules[0].jump
+        assert jump is not None
+
+        def apply(t: float, x: FloatArray) -> FloatArray | None:
+            time = np.array([t])
+            y = interpret_rows(program.kernel("initial"), time, x[np.newaxis], c)[0]
+            after = jump(t, y)
+            return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], c)[0]
+
+        return apply

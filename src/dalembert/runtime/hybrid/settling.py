@@ -1,0 +1,263 @@
+"""What happens to contacts at an instant: impacts, then the mode in which the motion goes on.
+
+Cases that come from one mode for one reason are settled together, as the ones of a sweep; a single run is one case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...integrators.status import Status
+from ...mechanics.equations import ContactRow
+from ...reduction.contact_data import ContactData
+from ...reduction.modes import OPEN, SLIP, STICK, Mode, Watchpoint
+from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing, choose
+from .facts import Facts, FloatArray, facts_at
+
+__all__ = ["Instants", "Laws", "Settled"]
+
+NOISE = 1e-8
+"""Share of a velocity, or of a position, below which it counts as zero."""
+
+STOPPED = 1e-5
+"""Share of the slip velocities of a run below which one along two directions has come to rest."""
+
+_NOTHING = 1e-4
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Cases at an instant: times (k,), states (q, q_dot) (k, 2 n_q), parameters (k, n_p), and what they slip with.
+
+    `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) are those of the last phase, `speeds` (k, n_contacts)
+    the largest slip speeds so far.
+    """
+
+    t: FloatArray
+    x: FloatArray
+    c: FloatArray
+    directions: FloatArray
+    sides: FloatArray
+    speeds: FloatArray
+
+    def part(self, some: NDArray[np.intp]) -> Instants:
+        """Return some of the cases."""
+        fields = (self.t, self.x, self.c, self.directions, self.sides, self.speeds)
+        return Instants(*(values[some] for values in fields))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """How cases go on: their modes, or a status that is not SUCCESS; their states; and where an impact happened."""
+
+    modes: list[Mode]
+    x: FloatArray
+    directions: FloatArray
+    sides: FloatArray
+    speeds: FloatArray
+    status: NDArray[np.int64]
+    struck: NDArray[np.bool_]
+
+
+@final
+class Laws:
+    """The laws of contact of a scene.
+
+    Parameters
+    ----------
+    data : ContactData
+    contacts : sequence of ContactRow
+    """
+
+    def __init__(self, data: ContactData, contacts: Sequence[ContactRow]) -> None:
+        self.data, self.contacts = data, tuple(contacts)
+
+    def facts(self, t: FloatArray, x: FloatArray, c: FloatArray) -> Facts:
+        """Return the facts of cases."""
+        return facts_at(self.data, self.contacts, t, x, c)
+
+    def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
+        """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
+        facts = self.facts(now.t, now.x, now.c)
+        count, k = len(facts), len(self.contacts)
+        speeds = np.maximum(now.speeds, self._speeds(facts))
+        standings = [self._standings(facts, now, i, mode, fired, speeds) for i in range(k)]
+        table = np.array([[hash_of[s] for s in column] for column, hash_of in map(_numbered, standings)]).T
+        result = Settled(
+            [()] * count,
+            now.x.copy(),
+            now.directions.copy(),
+            now.sides.copy(),
+            speeds,
+            np.zeros(count, np.int64),
+            np.zeros(count, np.bool_),
+        )
+        for row in np.unique(table.reshape(count, k), axis=0):
+            some = np.flatnonzero(np.all(table == row, axis=1))
+            alike = [standings[i][some[0]] for i in range(k)]
+            self._group(facts.part(some), now.part(some), alike, result, some)
+        bad = self._refused(facts, mode)
+        result.status[bad] = int(Status.INITIAL_STATE)
+        return result
+
+    def _speeds(self, facts: Facts) -> FloatArray:
+        return np.array([np.sqrt(np.sum(facts.slips(i) ** 2, axis=1)) for i in range(len(self.contacts))]).T.reshape(
+            len(facts), -1
+        )
+
+    def _refused(self, facts: Facts, mode: Mode | None) -> NDArray[np.bool_]:
+        """Return which cases cannot start: those whose gaps are negative, or whose coefficients make no sense."""
+        bad = np.any(facts.mu < 0.0, axis=1) | np.any(facts.mu_static < facts.mu, axis=1)
+        bad |= np.any(facts.restitution < 0.0, axis=1) | np.any(facts.restitution > 1.0, axis=1)
+        for i, contact in enumerate(self.contacts):
+            if contact.constraint is not None and mode is None:
+                bad |= facts.gap[:, i] < -self._gap_noise(facts, i)
+                bad |= ~facts.pushes_open(i)
+        return np.asarray(bad)
+
+    def _gap_noise(self, facts: Facts, i: int) -> FloatArray:
+        return NOISE * (np.abs(facts.gap[:, i]) + _NOTHING + 1.0)
+
+    def _standings(
+        self, facts: Facts, now: Instants, i: int, mode: Mode | None, fired: Sequence[Watchpoint], speeds: FloatArray
+    ) -> list[Standing]:
+        """Return how a contact stands in each case."""
+        contact = self.contacts[i]
+        mine = [point for point in fired if point.contact == i]
+        kinds = {point.kind for point in mine}
+        count = len(facts)
+        before = None if mode is None else mode[i]
+        closed = self._closed(facts, i, before, mine, speeds)
+        if contact.constraint is None or before not in (None, OPEN):
+            return [Standing(LIFTING)] * count if "lift" in kinds else closed
+        if before == OPEN and "meet" not in kinds:
+            return [Standing(FREE)] * count
+        rate, noise = facts.gap_rate(i), self._rate_noise(facts, i)
+        apart = np.zeros(count, np.bool_)
+        if before is None:
+            apart = facts.gap[:, i] > self._gap_noise(facts, i)
+        return [
+            Standing(FREE) if a or v > e else Standing(s.kind, struck=True) if v < -e else s
+            for s, a, v, e in zip(closed, apart, rate, noise, strict=True)
+        ]
+
+    def _rate_noise(self, facts: Facts, i: int) -> FloatArray:
+        row = self.contacts[i].constraint
+        assert row is not None
+        return NOISE * np.sum(np.abs(facts.jacobian[:, row] * facts.qdot), axis=1)
+
+    def _closed(
+        self, facts: Facts, i: int, before: str | None, mine: Sequence[Watchpoint], speeds: FloatArray
+    ) -> list[Standing]:
+        """Return how a contact stands in each case if it is closed."""
+        contact, count = self.contacts[i], len(facts)
+        if not contact.tangential or contact.regularization is not None:
+            return [Standing(TOUCHING)] * count
+        broken = [point.sign for point in mine if point.kind == "break"]
+        if broken:
+            return [Standing(GRIPPED, broken=broken[0])] * count
+        stopped = any(point.kind == "stop" for point in mine)
+        if before == STICK or (stopped and len(contact.tangential) == 1):
+            return [Standing(GRIPPED)] * count
+        size = np.sqrt(np.sum(facts.slips(i) ** 2, axis=1))
+        share = STOPPED if stopped else NOISE
+        scale = speeds[:, i]
+        if before is None:
+            rows = facts.slip_jacobian[:, facts.places[i]]
+            scale = np.maximum(scale, np.max(np.sum(np.abs(rows * facts.qdot[:, None, :]), axis=2), axis=1))
+        return [Standing(GRIPPED if w <= share * s else SLIDING) for w, s in zip(size, scale, strict=True)]
+
+    # -- one group of cases that stand alike ----------------------------------------------
+
+    def _group(
+        self, facts: Facts, now: Instants, standings: list[Standing], result: Settled, some: NDArray[np.intp]
+    ) -> None:
+        directions = self._directions(facts, now.directions)
+        x, size = now.x.copy(), facts.mass.shape[1]
+        if any(standing.struck for standing in standings):
+            result.struck[some] = True
+            self._strike(facts, now, standings, directions, result, some)
+            return
+        choice = choose(facts, standings, facts.accelerating(), directions)
+        result.status[some] = choice.status
+        result.directions[some], result.sides[some] = choice.directions, choice.sides
+        for number, mode in enumerate(choice.modes):
+            here = np.flatnonzero(choice.mode == number)
+            if len(here):
+                x[here, size:] = facts.part(here).held(mode)
+            for case in some[here]:
+                result.modes[case] = mode
+        result.x[some] = x
+
+    def _strike(
+        self,
+        facts: Facts,
+        now: Instants,
+        standings: list[Standing],
+        directions: FloatArray,
+        result: Settled,
+        some: NDArray[np.intp],
+    ) -> None:
+        """Let an impact happen, and settle what comes after it."""
+        after = np.zeros_like(facts.velocity)
+        during = []
+        for i, (contact, standing) in enumerate(zip(self.contacts, standings, strict=True)):
+            if standing.struck:
+                row = contact.constraint
+                assert row is not None
+                after[:, row] = -facts.restitution[:, i] * facts.velocity[:, row]
+            grips = standing.kind == SLIDING or (standing.struck and standing.kind == GRIPPED)
+            during.append(Standing(GRIPPED if grips else standing.kind, struck=standing.struck))
+        choice = choose(facts, during, facts.impact(after), directions)
+        x, size = now.x.copy(), facts.mass.shape[1]
+        x[:, size:] = choice.motion
+        result.status[some] = choice.status
+        for number, mode in enumerate(choice.modes):
+            here = np.flatnonzero(choice.mode == number)
+            if not len(here):
+                continue
+            part = now.part(here)
+            later = Instants(part.t, x[here], part.c, choice.directions[here], choice.sides[here], part.speeds)
+            rebound = facts.part(here)
+            bounces = [
+                [s.struck and e > 0.0 for s, e in zip(standings, case, strict=True)] for case in rebound.restitution
+            ]
+            for pattern in sorted({tuple(row) for row in bounces}):
+                these = np.array([j for j, row in enumerate(bounces) if tuple(row) == pattern])
+                stand = [
+                    self._after(standing, state, free)
+                    for standing, state, free in zip(standings, mode, pattern, strict=True)
+                ]
+                group = later.part(these)
+                self._group(self.facts(group.t, group.x, group.c), group, stand, result, some[here[these]])
+        bad = some[choice.mode < 0]
+        result.status[bad] = choice.status[choice.mode < 0]
+
+    def _after(self, standing: Standing, state: str, bounces: bool) -> Standing:
+        """Return how a contact stands after an impact that it took in a state."""
+        if bounces or state == OPEN:
+            return Standing(FREE)
+        if state in (SLIP, STICK):
+            return Standing(SLIDING if state == SLIP else GRIPPED)
+        return Standing(TOUCHING)
+
+    def _directions(self, facts: Facts, before: FloatArray) -> FloatArray:
+        """Return unit vectors along the slip velocities, the former ones where there is none."""
+        directions = before.copy()
+        for i in range(len(self.contacts)):
+            slips = facts.slips(i)
+            size = np.sqrt(np.sum(slips**2, axis=1))[:, None]
+            directions[:, i] = np.where(size > 0.0, slips / np.where(size > 0.0, size, 1.0), directions[:, i])
+        return directions
+
+
+def _numbered(column: list[Standing]) -> tuple[list[Standing], dict[Standing, int]]:
+    """Return standings, and a number for each that occurs."""
+    return column, {standing: i for i, standing in enumerate(dict.fromkeys(column))}
