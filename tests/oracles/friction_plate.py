@@ -107,7 +107,7 @@ class Span:
     why: str
 
 
-def _slide(plate: Plate, t, theta, omega, end, sign, side) -> Span:
+def _slide(plate: Plate, t, theta, omega, end, sign, side, opens) -> Span:
     def rhs(t, y):
         return [y[1], plate.sliding(t, *y, sign, side).alpha]
 
@@ -115,9 +115,10 @@ def _slide(plate: Plate, t, theta, omega, end, sign, side) -> Span:
         "rest": lambda t, y: sign * y[1],
         "upright": lambda t, y: side * mp.cos(y[0]),
         "N_Q": lambda t, y: plate.sliding(t, *y, sign, side).N_Q,
+        "N_A": lambda t, y: plate.sliding(t, *y, sign, side).N_A,
     }
-    if plate.mu_A:  # else the ground may hold A down as well
-        events["N_A"] = lambda t, y: plate.sliding(t, *y, sign, side).N_A
+    for name in {"N_Q", "N_A"} - set(opens):
+        del events[name]
     found = follow(rhs, t, [theta, omega], end, events)
     return Span("slip", sign, side, (t, theta, omega), (found.t, *found.y), found.name)
 
@@ -131,8 +132,8 @@ def _stick(plate: Plate, t, theta, end, side) -> Span:
     return Span("stick", 0, side, (t, theta, mp.mpf(0)), (found.t, theta, mp.mpf(0)), found.name)
 
 
-def history(plate: Plate, theta, omega, end) -> Iterator[Span]:
-    """Yield the phases of a motion from time 0 until `end`, or until N_Q vanishes (N_A too, with friction there).
+def history(plate: Plate, theta, omega, end, opens=("N_Q",)) -> Iterator[Span]:
+    """Yield the phases of a motion from time 0 until `end`, or until one of the normal forces in `opens` vanishes.
 
     Where the plate passes the upright position its slip along the corner, x_dot cos(theta), changes its sign while x
     goes on: it cannot stick there, and a phase of slip follows another.
@@ -142,14 +143,14 @@ def history(plate: Plate, theta, omega, end) -> Iterator[Span]:
     while t < end:
         if omega != 0 and why != "rest":
             side = -side if why == "upright" else side
-            span = _slide(plate, t, theta, omega, end, int(mp.sign(omega)), side)
+            span = _slide(plate, t, theta, omega, end, int(mp.sign(omega)), side, opens)
         else:
             _, right, left = plate.resting(t, theta)
             if why not in ("right", "left") and right <= 0 <= left:
                 span = _stick(plate, t, theta, end, side)
             else:
                 sign = 1 if why == "right" or (why != "left" and right > 0) else -1
-                span = _slide(plate, t, theta, mp.mpf(0), end, sign, side)
+                span = _slide(plate, t, theta, mp.mpf(0), end, sign, side, opens)
         yield span
         (t, theta, omega), why = span.end, span.why
         if why in ("N_Q", "N_A"):
