@@ -124,16 +124,9 @@ class _Run:
         self.modes, self.request = modes, request
         self.begin = time.perf_counter()
         self.forward = 1.0 if request.t1 >= request.t0 else -1.0
-        k = len(modes.equations.contacts)
+        t, x, c = np.array([request.t0]), request.x[np.newaxis], request.c[np.newaxis]
         self.t = request.t0
-        self.now = Instants(
-            np.array([request.t0]),
-            request.x[np.newaxis],
-            request.c[np.newaxis],
-            np.tile(np.array([1.0, 0.0]), (1, k, 1)),
-            np.ones((1, k)),
-            np.zeros((1, k)),
-        )
+        self.now = Instants.starting(t, x, c, len(modes.equations.contacts))
         self.mode: Mode | None = None
         self.parts: list[Part] = []
         self.records: list[tuple[Part, EventRecords]] = []
@@ -168,8 +161,8 @@ class _Run:
         return None
 
     def _take(self, settled: Settled) -> None:
-        now = self.now
-        self.now = Instants(now.t, settled.x, now.c, settled.directions, settled.sides, settled.speeds)
+        fields = {name: getattr(settled, name) for name in ("x", "directions", "sides", "speeds")}
+        self.now = replace(self.now, **fields)
         self.mode = settled.modes[0]
 
     def _complaint(self) -> Exception:
@@ -266,22 +259,12 @@ class _Run:
         if not ended:
             return self._failed(run, mode)
         last = run.events[happened[0]].after
-        self._advance(last, run)
+        x = np.concatenate([last.q[-1], last.qdot[-1]])[np.newaxis]
+        self.now = replace(self.now, t=np.array([self.t]), x=x, passed=np.array([self.t - before]))
         status = self._too_soon(abs(self.t - before))
         if status is not None:
             return status
         return self._after(mode, happened)
-
-    def _advance(self, last: Any, run: Trajectory) -> None:
-        """Put the motion where a phase ended."""
-        x = np.concatenate([last.q[-1], last.qdot[-1]])[np.newaxis]
-        speeds = self.now.speeds
-        if len(run.t):
-            c = np.broadcast_to(self.now.c, (len(run.t), self.now.c.shape[1]))
-            facts = self.modes.laws.facts(run.t, np.hstack([run.q, run.qdot]), c)
-            rows = [np.max(np.sqrt(np.sum(facts.slips(i) ** 2, axis=1))) for i in range(speeds.shape[1])]
-            speeds = np.maximum(speeds, np.array(rows))
-        self.now = replace(self.now, t=np.array([self.t]), x=x, speeds=speeds)
 
     def _after(self, mode: Mode, happened: Sequence[str]) -> Status | None:
         """Apply events that ended a phase, and settle how the motion goes on."""

@@ -6,7 +6,7 @@ Cases that come from one mode for one reason are settled together, as the ones o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -35,8 +35,8 @@ _NOTHING = 1e-4
 class Instants:
     """Cases at an instant: times (k,), states (q, q_dot) (k, 2 n_q), parameters (k, n_p), and what they slip with.
 
-    `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) are those of the last phase, `speeds` (k, n_contacts)
-    the largest slip speeds so far.
+    `passed` (k,) is how long the last phase was, `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) are what it
+    slipped with, and `speeds` (k, n_contacts) the sizes of the slip speeds so far.
     """
 
     t: FloatArray
@@ -45,10 +45,18 @@ class Instants:
     directions: FloatArray
     sides: FloatArray
     speeds: FloatArray
+    passed: FloatArray
+
+    @classmethod
+    def starting(cls, t: FloatArray, x: FloatArray, c: FloatArray, contacts: int) -> Instants:
+        """Return cases of which nothing else is known."""
+        count = len(t)
+        forward = np.tile(np.array([1.0, 0.0]), (count, contacts, 1))
+        return cls(t, x, c, forward, np.ones((count, contacts)), np.zeros((count, contacts)), np.zeros(count))
 
     def part(self, some: NDArray[np.intp]) -> Instants:
         """Return some of the cases."""
-        fields = (self.t, self.x, self.c, self.directions, self.sides, self.speeds)
+        fields = (self.t, self.x, self.c, self.directions, self.sides, self.speeds, self.passed)
         return Instants(*(values[some] for values in fields))
 
 
@@ -87,7 +95,7 @@ class Laws:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
         facts = self.facts(now.t, now.x, now.c)
         count, k = len(facts), len(self.contacts)
-        speeds = np.maximum(now.speeds, self._speeds(facts))
+        speeds = np.maximum(now.speeds, self._speeds(facts, now, mode))
         standings = [self._standings(facts, now, i, mode, fired, speeds) for i in range(k)]
         table = np.array([[hash_of[s] for s in column] for column, hash_of in map(_numbered, standings)]).T
         result = Settled(
@@ -107,10 +115,15 @@ class Laws:
         result.status[bad] = int(Status.INITIAL_STATE)
         return result
 
-    def _speeds(self, facts: Facts) -> FloatArray:
-        return np.array([np.sqrt(np.sum(facts.slips(i) ** 2, axis=1)) for i in range(len(self.contacts))]).T.reshape(
-            len(facts), -1
-        )
+    def _speeds(self, facts: Facts, now: Instants, mode: Mode | None) -> FloatArray:
+        """Return the sizes of the slip speeds: present ones, and what they have lost in the last phase."""
+        speeds = np.zeros((len(facts), len(self.contacts)))
+        for i in range(len(self.contacts)):
+            speeds[:, i] = _length(facts.slips(i))
+        if mode is not None and SLIP in mode:
+            change = facts.solve(facts.accelerating(), mode, now.directions, now.sides).slip
+            speeds = np.maximum(speeds, np.nan_to_num(_length(change) * np.abs(now.passed)[:, np.newaxis]))
+        return speeds
 
     def _refused(self, facts: Facts, mode: Mode | None) -> NDArray[np.bool_]:
         """Return which cases cannot start: those whose gaps are negative, or whose coefficients make no sense."""
@@ -166,7 +179,7 @@ class Laws:
         stopped = any(point.kind == "stop" for point in mine)
         if before == STICK or (stopped and len(contact.tangential) == 1):
             return [Standing(GRIPPED)] * count
-        size = np.sqrt(np.sum(facts.slips(i) ** 2, axis=1))
+        size = _length(facts.slips(i))
         share = STOPPED if stopped else NOISE
         scale = speeds[:, i]
         if before is None:
@@ -224,7 +237,7 @@ class Laws:
             if not len(here):
                 continue
             part = now.part(here)
-            later = Instants(part.t, x[here], part.c, choice.directions[here], choice.sides[here], part.speeds)
+            later = replace(part, x=x[here], directions=choice.directions[here], sides=choice.sides[here])
             rebound = facts.part(here)
             bounces = [
                 [s.struck and e > 0.0 for s, e in zip(standings, case, strict=True)] for case in rebound.restitution
@@ -253,9 +266,13 @@ class Laws:
         directions = before.copy()
         for i in range(len(self.contacts)):
             slips = facts.slips(i)
-            size = np.sqrt(np.sum(slips**2, axis=1))[:, None]
+            size = _length(slips)[:, None]
             directions[:, i] = np.where(size > 0.0, slips / np.where(size > 0.0, size, 1.0), directions[:, i])
         return directions
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.sum(vectors**2, axis=-1)))
 
 
 def _numbered(column: list[Standing]) -> tuple[list[Standing], dict[Standing, int]]:
