@@ -100,20 +100,23 @@ def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
     They are those that a run found to follow from the others.
     """
     options = replace(stages.options, formulation=stages.program.formulation)
+    return compile_mode(stages.scene, options, stages.mode, without)
+
+
+def compile_mode(
+    scene: Scene, options: CompileOptions, mode: Mode | None, without: tuple[int, ...] = ()
+) -> CompiledModel:
+    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
     from .runtime.hybrid import HybridModel
 
-    model = _compile(stages.scene, options, without, stages.mode)
+    model = _compile(scene, options, without, mode)
     assert not isinstance(model, HybridModel)
     return model
 
 
-def compile_mode(scene: Scene, options: CompileOptions, mode: Mode) -> CompiledModel:
-    """Return the model of a scene with contacts in one of its modes."""
-    from .runtime.hybrid import HybridModel
-
-    model = _compile(scene, options, (), mode)
-    assert not isinstance(model, HybridModel)
-    return model
+def compile_modes(scene: Scene, options: CompileOptions) -> CompiledModel | HybridModel:
+    """Return the model of a scene with contacts."""
+    return _compile(scene, options)
 
 
 def _compile(

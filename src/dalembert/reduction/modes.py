@@ -86,7 +86,7 @@ def side_name(contact: ContactRow) -> str | None:
 
 def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
     """Return the parameters that a contact in a state adds to those of the scene, with values to start from."""
-    added = {}
+    added: dict[str, float] = {}
     if state == SLIP:
         added |= dict(zip(direction_names(contact), (1.0, 0.0), strict=False))
     side = side_name(contact)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .hybrid import HybridTrajectory
     from .trajectory import Trajectory
 
-    Motion = Trajectory | HybridTrajectory
+    Motion: TypeAlias = Trajectory | HybridTrajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]
 

@@ -110,6 +110,11 @@ class HybridTrajectory:
         return f"{self.status.message} Note: {note}." if note else self.status.message
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._parts[0].motion.coordinates
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         every = [set(part.motion.names) for part in self._parts]
@@ -183,7 +188,7 @@ class HybridTrajectory:
             import xarray
         except ImportError:
             raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
-        data = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
+        data: dict[str, Any] = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
         for contact in self.phases[0].modes:
             data[f"mode of {contact}"] = ("time", self.mode(contact))
         attrs = {"scene": self._name, "status": self.status.name}
@@ -199,7 +204,7 @@ class HybridTrajectory:
         """
         from .plots import plot
 
-        return plot(self, [str(name) for name in names] or list(self._parts[0].motion.coordinates))
+        return plot(self, [str(name) for name in names] or list(self.coordinates))
 
 
 def joined_records(

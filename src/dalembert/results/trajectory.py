@@ -150,6 +150,11 @@ class Trajectory:
         return self._dense is not None
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._program.layout.coordinates
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         layout = self._program.layout
@@ -273,4 +278,4 @@ class Trajectory:
         """
         from .plots import plot
 
-        return plot(self, [str(name) for name in names] or list(self._program.layout.coordinates))
+        return plot(self, [str(name) for name in names] or list(self.coordinates))

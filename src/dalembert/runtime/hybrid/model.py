@@ -9,20 +9,27 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from ...errors import OptionError, ValueInputError, list_names
+from ...integrators.problem import IntegrationProblem
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...options import CompileOptions
 from ...reduction.contact_data import contact_data
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
+from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
+from ...results.hybrid_sweep import HybridSweep
 from ...scene import Scene
 from .. import inputs
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
+from ..reductions import reduction_table
+from ..sweeping import Cases, Settings, available_threads
+from ..swept import with_grid
 from .facts import FloatArray
 from .running import Modes, Request, simulate
 from .settling import Laws
+from .sweeping import Campaign, sweep
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -148,7 +155,9 @@ class HybridModel:
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return HybridModel, (self._scene, self._options, self._equations)
+        from ...compiler import compile_modes
+
+        return compile_modes, (self._scene, self._options)
 
     # -- motions ---------------------------------------------------------------------------
 
@@ -219,6 +228,107 @@ class HybridModel:
             jumps={event.label: self._jump(event, given) for event in listed if event.apply is not None},
         )
         return simulate(self._modes, request)
+
+    def sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        threads: int | None = None,
+        progress: bool = False,
+        events: Any = (),
+        reduce: Any = (),
+    ) -> HybridSweep:
+        """Simulate many cases, each with its own phases, steps and status; one that fails never touches its neighbours.
+
+        All cases that are in one mode run side by side, up to what ends it for each.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
+            As for `dalembert.runtime.model.CompiledModel.sweep`; every time of `t_eval` ends a step.
+        max_steps : int
+            Attempted steps in one phase after which a case ends with a status.
+        events : sequence of Event, SymPy expressions or names
+            As for `simulate`, without ``apply``, and terminal at the first occurrence or not at all.
+
+        Returns
+        -------
+        HybridSweep
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong for all cases.
+        """
+        inputs.warn_below_floor(rtol, atol)
+        listed = event_list(events, self.layout.aliases)
+        for event in listed:
+            if event.apply is not None or int(event.terminal) > 1:
+                raise OptionError(
+                    f"event {event.label!r}: a sweep of a scene with contacts counts events, and may end at the first;"
+                    " simulate its cases one by one for those that map the state, or end it later"
+                )
+        count = available_threads() if threads is None else int(threads)
+        if count < 1:
+            raise OptionError(f"threads must be at least 1, not {threads!r}")
+        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        if grid is not None:
+            initial, parameters = with_grid(self.layout, grid, initial, parameters)
+        known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
+        complete = known >= {*self.layout.coordinates, *self.layout.rates}
+        model = self._model(self._plain(OPEN if complete else CLOSED))
+        program = model.stages.program
+        cases = Cases(program, model._start, t_span, initial, parameters)
+        if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
+            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+        chosen = model._method(method, rtol, atol, many=True)
+        settings = Settings(times, chosen, float(rtol), float(atol), float(max_step), int(max_steps), count, progress)
+        IntegrationProblem(
+            t0=float(cases.span["start"][0]),
+            t1=float(cases.span["end"][0]),
+            y0=np.zeros(0),
+            constants=np.zeros(0),
+            rtol=rtol,
+            atol=atol,
+            t_eval=times,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        block, status = cases.block(slice(0, cases.count), settings)
+        columns = {n: cases.parameters[n] for n in self.layout.parameters}
+        p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
+        campaign = Campaign(
+            t=block.spans[:, 0],
+            t1=block.spans[:, 1],
+            x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
+            p=np.zeros((cases.count, 0)) if p is None else p,
+            status=status.astype(np.int64),
+            t_eval=times,
+            events=listed,
+            reductions=reduction_table(reduce, self.layout.aliases),
+            options={
+                "method": method,
+                "rtol": rtol,
+                "atol": atol,
+                "max_step": max_step,
+                "max_steps": max_steps,
+                "threads": count,
+            },
+            progress=progress,
+            layout=self.layout,
+            varied=(cases.initial, columns),
+            axes={} if grid is None else grid.axes,
+        )
+        return sweep(self._modes, campaign)
 
     def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
         """Return consistent coordinates and rates (2 n_q,)."""

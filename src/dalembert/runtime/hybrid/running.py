@@ -24,9 +24,9 @@ from .settling import Instants, Laws, Settled
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["Modes", "Request", "simulate"]
+__all__ = ["JAMMED", "Modes", "Request", "simulate"]
 
-_JAMMED = 0.05
+JAMMED = 0.05
 """Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
 
 
@@ -292,7 +292,7 @@ class _Run:
         self.note = run.stats.note
         status = run.status
         if status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS) and SLIP in mode:
-            if not run["uniqueness of reactions"][-1] > _JAMMED:
+            if not run["uniqueness of reactions"][-1] > JAMMED:
                 status = Status.CONTACT_IMPOSSIBLE
                 self.now = replace(self.now, x=np.hstack([run.q[-1:], run.qdot[-1:]]))
                 self.note = self._where(status)

@@ -35,7 +35,7 @@ _NOTHING = 1e-4
 class Instants:
     """Cases at an instant: times (k,), states (q, q_dot) (k, 2 n_q), parameters (k, n_p), and what they slip with.
 
-    `passed` (k,) is how long the last phase was, `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) are what it
+    `passed` (k,) is how long the last phase was, `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) what it
     slipped with, and `speeds` (k, n_contacts) the sizes of the slip speeds so far.
     """
 
