@@ -23,6 +23,9 @@ __all__ = ["Facts", "Level", "Outcome", "facts_at"]
 FloatArray = NDArray[np.float64]
 _RESIDUAL, _RANK = 1e-7, 1e-11
 
+TOGETHER = 1e-9
+"""Share to which the slips of two contacts may differ from being multiples of each other."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -123,11 +126,15 @@ class Facts:
         slip_drift = self.slip_velocity - _times(self.slip_jacobian, self.qdot)
         return Level(_times(self.mass, self.qdot), after - drift, -slip_drift)
 
-    def solve(self, level: Level, mode: Mode, directions: FloatArray, sides: FloatArray) -> Outcome:
+    def solve(
+        self, level: Level, mode: Mode, directions: FloatArray, sides: FloatArray, mu: FloatArray | None = None
+    ) -> Outcome:
         """Return the solution in a mode, with directions (k, n_contacts, 2) of slip and sides (k, n_contacts).
 
-        Motion, normal reactions and slip are affine in the friction forces, which the laws then give.
+        Motion, normal reactions and slip are affine in the friction forces, which the laws then give, with `mu`
+        (k, n_contacts) instead of the coefficients of sliding friction if that is given.
         """
+        mu = self.mu if mu is None else mu
         response = self._response(level, frozenset(i for i, state in enumerate(mode) if state == OPEN))
         count, total = len(self), self.slip_jacobian.shape[1]
         matrix, right = np.zeros((count, total, total)), np.zeros((count, total))
@@ -138,7 +145,7 @@ class Facts:
                     continue
                 matrix[:, place, place] = 1.0
                 if state in (SLIP, SMOOTH):
-                    kappa = self.mu[:, i] * sides[:, i] * directions[:, i, j]
+                    kappa = mu[:, i] * sides[:, i] * directions[:, i, j]
                     matrix[:, place] += kappa[:, np.newaxis] * response.normal[:, i, 1:]
                     right[:, place] = -kappa * response.normal[:, i, 0]
         forces = _solved(matrix, right)
@@ -179,6 +186,15 @@ class Facts:
         slip = self.slip_jacobian @ motion
         slip[:, :, 0] -= level.slips
         return Outcome(motion, normal, normal[:, :0], gap, slip)
+
+    def coupling(self, level: Level, mode: Mode, i: int, j: int) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Return where two contacts can only slip together (k,), and the sign of their slips' ratio (k,)."""
+        slip = self._response(level, frozenset(n for n, state in enumerate(mode) if state == OPEN)).slip
+        a, b = self.places[i].start, self.places[j].start
+        w = slip[:, [a, b]][:, :, [1 + a, 1 + b]]
+        own = w[:, 0, 0] * w[:, 1, 1]
+        together = np.abs(own - w[:, 0, 1] * w[:, 1, 0]) <= TOGETHER * np.abs(own)
+        return together, np.where(w[:, 1, 0] < 0.0, -1.0, 1.0)
 
     def _held(self, opened: frozenset[int]) -> list[int]:
         """Return the constraints that hold while some contacts are open."""

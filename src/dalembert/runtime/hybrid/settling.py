@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...integrators.status import Status
-from ...mechanics.equations import ContactRow
+from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.contact_data import ContactData
-from ...reduction.modes import OPEN, SLIP, STICK, Mode, Watchpoint
+from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing, choose
 from .facts import Facts, FloatArray, facts_at
 
@@ -107,6 +107,15 @@ class Laws:
     def facts(self, t: FloatArray, x: FloatArray, c: FloatArray) -> Facts:
         """Return the facts of cases."""
         return facts_at(self.data, self.contacts, t, x, c)
+
+    def plain(self, facts: Facts) -> Mode:
+        """Return the mode of the first case if all that touches is closed, and slips."""
+        able = []
+        for i, contact in enumerate(self.contacts):
+            apart = contact.constraint is not None and facts.gap[0, i] > self._gap_noise(facts, i)[0]
+            smooth = SMOOTH if contact.regularization is not None else SLIP
+            able.append(OPEN if apart else smooth if contact.tangential else CLOSED)
+        return tuple(able)
 
     def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
