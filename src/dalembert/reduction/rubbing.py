@@ -101,8 +101,8 @@ def _normals(
         if place in undetermined:
             name = whole.symbols.unknowns[item.contact.normal]
             raise ConstraintError(
-                f"scene {bare.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion do not"
-                " determine: only a combination of it with other reactions appears in them, or none. Give back the"
+                f"scene {bare.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion do"
+                " not determine: only a combination of it with other reactions appears in them, or none. Give back the"
                 " coordinate that hides it, with scene.release(coordinate, point, direction)"
             )
         places.append(independent.index(place))

@@ -241,7 +241,7 @@ def _margin(
             used = np.sqrt(np.sum(outcome.friction[:, i] ** 2, axis=1))
             conditions.append(np.where(alone, _share(facts.mu_static[:, i] * press - used, force), 1.0))
         if state == SLIP and standing.kind == GRIPPED:
-            share = _forward(facts, outcome, along, i)
+            share = _forward(facts, level, mode, outcome, along, i)
             grazing = (standing.broken is not None) & (share >= -GRAZING)
             conditions.append(np.where(grazing, np.maximum(share, 0.0), share))
     least = np.min(conditions, axis=0)
@@ -249,11 +249,13 @@ def _margin(
     return np.asarray(least)
 
 
-def _forward(facts: Facts, outcome: Outcome, along: FloatArray, i: int) -> FloatArray:
-    """Return by which share of the motion slip begins along its direction (k,)."""
+def _forward(facts: Facts, level: Level, mode: Mode, outcome: Outcome, along: FloatArray, i: int) -> FloatArray:
+    """Return by which share of the motion, and of what friction does to it, slip begins along its direction (k,)."""
     speed = np.max(np.abs(outcome.motion), axis=1, initial=0.0)
     forward = np.sum(outcome.slip[:, i] * along[:, i], axis=1)
-    return _share(forward, speed * np.max(_size(facts.slip_jacobian[:, facts.places[i]]), axis=1))
+    force = np.sum(np.abs(outcome.friction[:, i]), axis=1)
+    held = facts.yielding(level, mode, i) * force
+    return _share(forward, speed * np.max(_size(facts.slip_jacobian[:, facts.places[i]]), axis=1) + held)
 
 
 def _pairs(contacts: Sequence[ContactRow], standings: Sequence[Standing], mode: Mode) -> list[tuple[int, int]]:
@@ -286,7 +288,7 @@ def _impending(
         way = along.copy()
         way[:, i], way[:, j] = (sign, 0.0), np.column_stack([sign * ratio, np.zeros(len(facts))])
         outcome = facts.solve(level, both, way, sides, facts.mu_static)
-        least = np.minimum(least, -_forward(facts, outcome, way, i))
+        least = np.minimum(least, -_forward(facts, level, both, outcome, way, i))
     return least
 
 

@@ -152,9 +152,9 @@ class Facts:
         weights = np.concatenate([np.ones((count, 1)), forces], axis=1)
         friction, slip = np.zeros((count, len(mode), 2)), np.zeros((count, len(mode), 2))
         slips = _times(response.slip, weights)
-        for i, place in enumerate(self.places):
-            wide = place.stop - place.start
-            friction[:, i, :wide], slip[:, i, :wide] = forces[:, place], slips[:, place]
+        for i, span in enumerate(self.places):
+            wide = span.stop - span.start
+            friction[:, i, :wide], slip[:, i, :wide] = forces[:, span], slips[:, span]
         motion, normal = _times(response.motion, weights), _times(response.normal, weights)
         return Outcome(motion, normal, friction, _times(response.gap, weights), slip)
 
@@ -186,6 +186,12 @@ class Facts:
         slip = self.slip_jacobian @ motion
         slip[:, :, 0] -= level.slips
         return Outcome(motion, normal, normal[:, :0], gap, slip)
+
+    def yielding(self, level: Level, mode: Mode, i: int) -> FloatArray:
+        """Return the slip of a contact that a unit of friction force takes away (k,)."""
+        slip = self._response(level, frozenset(n for n, state in enumerate(mode) if state == OPEN)).slip
+        place = self.places[i].start
+        return np.abs(slip[:, place, 1 + place])
 
     def coupling(self, level: Level, mode: Mode, i: int, j: int) -> tuple[NDArray[np.bool_], FloatArray]:
         """Return where two contacts can only slip together (k,), and the sign of their slips' ratio (k,)."""
