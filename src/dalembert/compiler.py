@@ -18,7 +18,7 @@ from .mechanics.derive import derive
 from .mechanics.equations import EquationsOfMotion
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
-from .reduction.modes import Mode, always, in_mode, watchpoints
+from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
@@ -136,8 +136,8 @@ def _compile(
             from .runtime.hybrid import HybridModel
 
             return HybridModel(scene, options, equations)
-        names += [point.output for point in watchpoints(equations, mode)]
         equations = watch("mode", lambda: in_mode(equations, mode))
+        names += [point.output for point in equations.watchpoints]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     program = watch("lower", lambda: lower(reduced))
     methods = chosen.serving(program)

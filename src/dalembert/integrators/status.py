@@ -71,9 +71,9 @@ _MESSAGES = {
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
-        "Events with apply follow each other ever faster, infinitely many within a finite time, as the bounces of a "
-        "ball do; the run ends where they accumulate: go on from there with a model of the rest or of the contact, "
-        "or make the event terminal."
+        "Events with apply, or phases of a contact, follow each other ever faster, infinitely many within a finite time, "
+        "as the bounces of a ball do; the run ends where they accumulate: go on from there with a model of the rest, or "
+        "make the event terminal."
     ),
     Status.EVENT_STATE: (
         "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "

@@ -11,6 +11,7 @@ from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
 
 __all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
+__all__ += ["Watchpoint"]
 
 
 @final
@@ -76,6 +77,31 @@ class ContactRow:
 
 @final
 @dataclass(frozen=True)
+class Watchpoint:
+    """An output whose fall through zero ends a mode.
+
+    Attributes
+    ----------
+    output : str
+        Its name.
+    contact : int
+        Number of the contact; -1 for all of them.
+    kind : str
+        "stop" (the slip velocity vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal
+        reaction vanishes), "turn" (it changes its side, at a constraint that never opens), "meet" (the gap closes) or
+        "paradox" (the normal reactions are no longer determined).
+    sign : int
+        Direction of the slip that begins where friction breaks along one direction.
+    """
+
+    output: str
+    contact: int
+    kind: str
+    sign: int = 0
+
+
+@final
+@dataclass(frozen=True)
 class VelocityChoice:
     """Quasi-velocities that may replace the rates of a group: speeds = rows . rates."""
 
@@ -114,6 +140,10 @@ class EquationsOfMotion:
         Laws of friction and constraints that open, which `dalembert.reduction.modes` applies.
     defaults : mapping of str to float
         Parameters that were added to those of the scene, and may be left out.
+    watchpoints : tuple of Watchpoint
+        What ends the mode that contacts are in.
+    least : bool
+        Whether reactions that are not determined are the least ones, and not an error.
     """
 
     name: str
@@ -131,6 +161,8 @@ class EquationsOfMotion:
     outputs: Mapping[str, Node]
     contacts: tuple[ContactRow, ...] = ()
     defaults: Mapping[str, float] = field(default_factory=dict)
+    watchpoints: tuple[Watchpoint, ...] = ()
+    least: bool = False
 
     @property
     def time(self) -> Node:

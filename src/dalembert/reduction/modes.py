@@ -2,25 +2,24 @@
 
 In a mode every contact is open or closed, and slips or sticks. What is open has neither constraint nor reactions; what
 sticks has its slip velocity as a further constraint, which the friction force holds; where a contact slips, friction is
-a given force, -kappa N, and the normal reactions N follow from the equations with all of them: without friction they
-would be N_0, each unit of N_s adds B_rs to N_r, and (I - B) N = N_0. That matrix loses its regularity where the law of
-friction has no or several solutions (Painleve's paradox). What is left is a scene without contacts, so that every
-formulation, backend and method serves it.
+a given force (`dalembert.reduction.rubbing`). What is left is a scene without contacts, so that every formulation,
+backend and method serves it.
 
 Which mode holds is decided by `dalembert.runtime.contacts`, from numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import final
 
-from ..errors import ConstraintError
+from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, determinant_and_solution, factorize, matmul, matvec, transpose
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion
-from .reactions import independent_columns
+from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Watchpoint
+from .rubbing import Rubbed, Rubbing, rub
 from .saddle import SaddlePoint
 
 __all__ = [
@@ -30,13 +29,11 @@ __all__ = [
     "SMOOTH",
     "STICK",
     "Mode",
-    "Watchpoint",
     "added_parameters",
     "always",
     "direction_names",
     "in_mode",
     "side_name",
-    "watchpoints",
 ]
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
@@ -45,31 +42,6 @@ Mode = tuple[str, ...]
 """One word a contact."""
 
 _TINY = 1e-150
-
-
-@final
-@dataclass(frozen=True)
-class Watchpoint:
-    """An output whose fall through zero ends a mode.
-
-    Attributes
-    ----------
-    output : str
-        Its name.
-    contact : int
-        Number of the contact; -1 for all of them.
-    kind : str
-        "stop" (the slip velocity vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal
-        reaction vanishes), "turn" (it changes its side, at a constraint that never opens), "meet" (the gap closes) or
-        "paradox" (the normal reactions are no longer determined).
-    sign : int
-        Direction of the slip that begins where friction breaks along one direction.
-    """
-
-    output: str
-    contact: int
-    kind: str
-    sign: int = 0
 
 
 def direction_names(contact: ContactRow) -> tuple[str, ...]:
@@ -101,29 +73,6 @@ def always(contacts: Sequence[ContactRow]) -> Mode | None:
     return (SMOOTH,) * len(contacts) if smooth else None
 
 
-def watchpoints(equations: EquationsOfMotion, mode: Mode) -> list[Watchpoint]:
-    """Return what ends a mode."""
-    points = []
-    for i, (contact, state) in enumerate(zip(equations.contacts, mode, strict=True)):
-        name = contact.name
-        if state == OPEN:
-            points.append(Watchpoint(f"gap of {name}", i, "meet"))
-            continue
-        if contact.constraint is not None:
-            points.append(Watchpoint(f"press of {name}", i, "lift"))
-        elif state in (SLIP, STICK):
-            points.append(Watchpoint(f"press of {name}", i, "turn"))
-        if state == SLIP:
-            points.append(Watchpoint(f"slip speed of {name}", i, "stop"))
-        elif state == STICK and len(contact.tangential) == 1:
-            points += [Watchpoint(f"hold of {name} against {s:+d}", i, "break", s) for s in (1, -1)]
-        elif state == STICK:
-            points.append(Watchpoint(f"hold of {name}", i, "break"))
-    if any(state == SLIP for state in mode):
-        points.append(Watchpoint("uniqueness of reactions", -1, "paradox"))
-    return points
-
-
 def in_mode(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotion:
     """Return the equations of a scene in a mode, with the outputs of its watchpoints.
 
@@ -143,36 +92,88 @@ class _InMode:
         self.whole, self.mode = equations, mode
         self.graph: Graph = equations.graph
         self.contacts = list(zip(equations.contacts, mode, strict=True))
-        self.rubbing = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
+        rubbing = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
+        self.rubbing = [Rubbing(c, partial(self._factors, c, state)) for c, state in rubbing]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
-        rows: list[ConstraintRow] = [row for i, row in enumerate(equations.constraints) if i not in opened]
-        rows += [row for c, state in self.contacts if state == STICK for row in c.slips]
-        self.rows = tuple(rows)
+        self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
+        self.groups = self._stick([c for c, state in self.contacts if state == STICK])
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
-        gone |= {i for c, _ in self.rubbing for i in c.tangential}
+        gone |= {i for c, _ in rubbing for i in c.tangential}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
+
+    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[tuple[ContactRow, Node]]]:
+        """Add the rows of what sticks that no other row implies.
+
+        Returns, by the name of the contact that holds them, the others that cannot slip while it does not, each with
+        the ratio of its slip velocity to that one's.
+        """
+        graph, held = self.graph, len(self.rows)
+        groups: dict[str, list[tuple[ContactRow, Node]]] = {}
+        owners: list[str] = []
+        for contact in sticking:
+            for row in contact.slips:
+                base = [list(r.jacobian) for r in self.rows]
+                trial = [*base, list(row.jacobian)]
+                try:
+                    factorize(graph, matmul(graph, trial, transpose(trial)))
+                except SingularMatrix:
+                    weights: list[Node] = []
+                    if base:
+                        normal = factorize(graph, matmul(graph, base, transpose(base)))
+                        weights = normal.solve(matvec(graph, base, row.jacobian))
+                    holding = [(o, w) for o, w in zip(owners, weights[held:], strict=True) if not w.is_zero]
+                    if len(holding) > 1 or len(contact.slips) > 1:
+                        raise ConstraintError(
+                            f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
+                            f" {list_names(repr(o) for o, _ in holding)} hold each other while they stick, and which of"
+                            " them lets go first is not determined: give one of them a regularization"
+                        ) from None
+                    for owner, weight in holding:
+                        groups.setdefault(owner, []).append((contact, weight))
+                    if not holding:
+                        groups.setdefault(contact.name, [])
+                    continue
+                self.rows.append(row)
+                owners.append(contact.name)
+        return groups
 
     def equations(self) -> EquationsOfMotion:
         """Return the equations in this mode."""
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
-        reactions = [[row[i] for i in self.kept] for row in whole.reactions]
-        bare = replace(whole, constraints=self.rows, reactions=reactions)
-        forcing, forces, determinant = self._rub(bare)
-        known = {graph.input(names[i]): node for i, node in forces.items()}
+        bare = self._bare(self.rows, self.kept)
+        rubbed = rub(bare, whole, self.kept, self.rubbing)
+        known: dict[Node, Node] = {}
+        for rubbing, kappa in zip(self.rubbing, rubbed.factors, strict=True):
+            pressing = graph.input(names[rubbing.contact.normal])
+            for i, k in zip(rubbing.contact.tangential, kappa, strict=True):
+                known[graph.input(names[i])] = -k * pressing
         for contact, state in self.contacts:
             if state == OPEN:
                 known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
         outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
         outputs |= {str(node.payload): value for node, value in known.items()}
-        outputs |= self._watched(determinant)
+        points = self._watchpoints(rubbed)
         added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
         symbols = replace(
             whole.symbols,
             unknowns=tuple(names[i] for i in self.kept),
             parameters=(*whole.symbols.parameters, *added),
         )
-        return replace(bare, symbols=symbols, forcing=tuple(forcing), outputs=outputs, defaults=added)
+        return replace(
+            bare,
+            symbols=symbols,
+            forcing=rubbed.forcing,
+            outputs=outputs | {point.output: node for point, node in points},
+            defaults=added,
+            watchpoints=tuple(point for point, _ in points),
+            least=bool(self.groups),
+        )
+
+    def _bare(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
+        """Return the equations with some constraints and some reactions, and no friction."""
+        reactions = [[row[i] for i in kept] for row in self.whole.reactions]
+        return replace(self.whole, constraints=tuple(rows), reactions=reactions)
 
     # -- sliding friction ------------------------------------------------------------------
 
@@ -188,8 +189,7 @@ class _InMode:
             if contact.constraint is None:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
             return [contact.mu * side * w / size for w in slips]
-        side_of = side_name(contact)
-        mu = contact.mu if side_of is None else contact.mu * graph.input(side_of)
+        mu = contact.mu * self._side(contact)
         held = [graph.input(name) for name in direction_names(contact)]
         if len(held) == 1:
             return [mu * held[0]]
@@ -200,102 +200,81 @@ class _InMode:
         size = graph.call("sqrt", graph.sum(a * a for a in along))
         return [mu * a / size for a in along]
 
+    def _side(self, contact: ContactRow) -> Node:
+        name = side_name(contact)
+        return self.graph.one if name is None else self.graph.input(name)
+
     def _speed(self, row: ConstraintRow) -> Node:
         terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
         return self.graph.sum(terms) + row.drift
 
-    def _rub(self, bare: EquationsOfMotion) -> tuple[list[Node], dict[int, Node], Node]:
-        """Return the forcing with friction, the friction forces by unknown, and the determinant of I - B."""
-        graph = self.graph
-        if not self.rubbing:
-            return list(bare.forcing), {}, graph.one
-        saddle = SaddlePoint.of(bare, guarded=False)
-        columns = self._normals(bare)
-        free = saddle.accelerations([row.bias for row in self.rows], bare.name)
-        n0 = columns(self._residual(bare, free, bare.forcing))
-        directions, factors = [], []
-        for (contact, state), normal in zip(self.rubbing, n0, strict=True):
-            kappa = self._factors(contact, state, normal)
-            factors.append(kappa)
-            columns_of = [[row[i] for row in self.whole.reactions] for i in contact.tangential]
-            rows = zip(*columns_of, strict=True)
-            directions.append([-graph.sum(k * c for k, c in zip(kappa, row, strict=True)) for row in rows])
-        nothing = [graph.zero for _ in self.rows]
-        added = []
-        for direction in directions:
-            pushed = replace(saddle, forcing=tuple(direction)).accelerations(nothing, bare.name)
-            added.append(columns(self._residual(bare, pushed, direction)))
-        size = range(len(n0))
-        matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
-        determinant, pressing = determinant_and_solution(graph, matrix, n0)
-        forcing = list(bare.forcing)
-        for direction, normal in zip(directions, pressing, strict=True):
-            forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
-        names = self.whole.symbols.unknowns
-        forces = {
-            i: -k * graph.input(names[contact.normal])
-            for (contact, _), kappa in zip(self.rubbing, factors, strict=True)
-            for i, k in zip(contact.tangential, kappa, strict=True)
-        }
-        return forcing, forces, determinant
-
-    def _residual(self, bare: EquationsOfMotion, a: Sequence[Node], forcing: Sequence[Node]) -> list[Node]:
-        return [x - f for x, f in zip(matvec(self.graph, bare.mass_matrix, a), forcing, strict=True)]
-
-    def _normals(self, bare: EquationsOfMotion) -> Callable[[Sequence[Node]], list[Node]]:
-        """Return the function from what reactions have to supply to the normal reactions of what rubs."""
-        graph = self.graph
-        independent, undetermined = independent_columns(graph, bare.reactions)
-        places = []
-        for contact, _ in self.rubbing:
-            place = self.kept.index(contact.normal)
-            if place in undetermined:
-                name = self.whole.symbols.unknowns[contact.normal]
-                raise ConstraintError(
-                    f"scene {bare.name!r}: friction {contact.name!r} needs {name}, which the equations of motion do not"
-                    " determine: only a combination of it with other reactions appears in them, or none. Give back the"
-                    " coordinate that hides it, with scene.release(coordinate, point, direction)"
-                )
-            places.append(independent.index(place))
-        columns = transpose([[row[i] for i in independent] for row in bare.reactions])
-        normal = factorize(graph, matmul(graph, columns, transpose(columns)))
-
-        def normals(residual: Sequence[Node]) -> list[Node]:
-            found = normal.solve(matvec(graph, columns, residual))
-            return [found[place] for place in places]
-
-        return normals
-
     # -- what ends the mode ----------------------------------------------------------------
 
-    def _watched(self, determinant: Node) -> dict[str, Node]:
-        """Return the outputs of the watchpoints; reactions in them are inputs."""
+    def _watchpoints(self, rubbed: Rubbed) -> list[tuple[Watchpoint, Node]]:
+        """Return what ends the mode, with its value; reactions in it are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
-        found: dict[str, Node] = {}
-        for point in watchpoints(self.whole, self.mode):
-            if point.kind == "paradox":
-                found[point.output] = determinant
-                continue
-            contact = self.whole.contacts[point.contact]
-            side_of = side_name(contact)
-            press = graph.input(names[contact.normal])
-            press = press if side_of is None else press * graph.input(side_of)
-            if point.kind == "meet":
+        together = {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
+        points: list[tuple[Watchpoint, Node]] = []
+        for i, (contact, state) in enumerate(self.contacts):
+            name = contact.name
+            if state == OPEN:
                 assert contact.gap is not None
-                found[point.output] = contact.gap
-            elif point.kind in ("lift", "turn"):
-                found[point.output] = press
-            elif point.kind == "stop":
-                held = [graph.input(name) for name in direction_names(contact)]
-                found[point.output] = graph.sum(
-                    self._speed(row) * d for row, d in zip(contact.slips, held, strict=True)
-                )
-            else:
-                assert contact.mu_static is not None
-                most = contact.mu_static * press
-                forces = [graph.input(names[i]) for i in contact.tangential]
-                if point.sign:
-                    found[point.output] = most + point.sign * forces[0]
-                else:
-                    found[point.output] = most * most - graph.sum(f * f for f in forces)
-        return found
+                points.append((Watchpoint(f"gap of {name}", i, "meet"), contact.gap))
+                continue
+            press = graph.input(names[contact.normal]) * self._side(contact)
+            if name not in together and (contact.constraint is not None or state in (SLIP, STICK)):
+                kind = "turn" if contact.constraint is None else "lift"
+                points.append((Watchpoint(f"press of {name}", i, kind), press))
+            if state == SLIP:
+                held = [graph.input(n) for n in direction_names(contact)]
+                forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
+                points.append((Watchpoint(f"slip speed of {name}", i, "stop"), forward))
+            elif state == STICK and name in together:
+                points += self._impending(i)
+            elif state == STICK:
+                points += self._holding(i, press)
+        if any(state == SLIP for state in self.mode):
+            points.append((Watchpoint("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
+        return points
+
+    def _holding(self, i: int, press: Node) -> list[tuple[Watchpoint, Node]]:
+        """Return by how much friction could be larger where a contact sticks by itself."""
+        graph, contact = self.graph, self.whole.contacts[i]
+        assert contact.mu_static is not None
+        most = contact.mu_static * press
+        forces = [graph.input(self.whole.symbols.unknowns[j]) for j in contact.tangential]
+        if len(forces) > 1:
+            rest = most * most - graph.sum(f * f for f in forces)
+            return [(Watchpoint(f"hold of {contact.name}", i, "break"), rest)]
+        return [
+            (Watchpoint(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)
+        ]
+
+    def _impending(self, i: int) -> list[tuple[Watchpoint, Node]]:
+        """Return how fast slip would end if all contacts that hold each other slipped: they stick as long as it would.
+
+        Which of them bears how much is not determined, but with all of them at their limits it is.
+        """
+        graph, contact = self.graph, self.whole.contacts[i]
+        if contact.name not in self.groups or not contact.slips or contact.slips[0] not in self.rows:
+            return []
+        group = [(contact, graph.one), *self.groups[contact.name]]
+        rows = [row for row in self.rows if row is not contact.slips[0]]
+        kept = [j for j in self.kept if all(j not in c.tangential for c, _ in group)]
+        bare = self._bare(rows, kept)
+        points = []
+        for sign in (1, -1):
+            limits = [Rubbing(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
+            rubbed = rub(bare, self.whole, kept, [*self.rubbing, *limits])
+            moving = SaddlePoint.of(replace(bare, forcing=rubbed.forcing), guarded=False)
+            found = moving.accelerations([row.bias for row in rows], bare.name)
+            slip = contact.slips[0]
+            rate = graph.sum(a * b for a, b in zip(slip.jacobian, found, strict=True)) - slip.bias
+            points.append((Watchpoint(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
+        return points
+
+    def _limit(self, contact: ContactRow, sign: int, ratio: Node, free: Node) -> list[Node]:
+        """Return kappa of a contact at its limit, where another is about to slip with `sign`."""
+        assert contact.mu_static is not None
+        way = ratio if ratio.is_one else self.graph.call("sign", ratio)
+        return [sign * contact.mu_static * self._side(contact) * way]

@@ -139,7 +139,12 @@ class HybridTrajectory:
     @property
     def can_evaluate(self) -> bool:
         """Whether the run kept what it takes to evaluate it between the recorded times."""
-        return all(part.motion.can_evaluate for part in self._whole)
+        return all(part.motion.can_evaluate for part in self._lasting)
+
+    @property
+    def _lasting(self) -> Sequence[Part]:
+        """Phases that take time, of which there is something to evaluate; where there are none, all."""
+        return [part for part in self._whole if part.phase.t0 != part.phase.t1] or self._whole
 
     def __call__(self, t: Any) -> HybridTrajectory:
         """Return the motion at other times; where a phase ends, as the next one begins.
@@ -154,21 +159,19 @@ class HybridTrajectory:
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        forward = 1.0 if self.phases[-1].t1 >= self.phases[0].t0 else -1.0
-        begins = np.array([part.phase.t0 for part in self._whole]) * forward
+        times, lasting = np.atleast_1d(np.asarray(t, dtype=float)), self._lasting
+        first, last = lasting[0].phase.t0, lasting[-1].phase.t1
+        forward = 1.0 if last >= first else -1.0
+        if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):
+            raise OptionError(f"times must lie within the span of the run, {first:g} to {last:g} s")
+        begins = np.array([part.phase.t0 for part in lasting]) * forward
         place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
-        last = self._whole[-1].phase.t1
-        if np.any((times - last) * forward > 0.0) or np.any((times - self._whole[0].phase.t0) * forward < 0.0):
-            raise OptionError(f"times must lie within the span of the run, {self._whole[0].phase.t0:g} to {last:g} s")
-        parts, rows = [], []
-        for number in np.unique(place):
-            some = np.flatnonzero(place == number)
-            part = self._whole[number]
-            parts.append(Part(part.phase, part.motion(times[some]), part.violation))
-            rows.append(some)
-        if not parts:
-            parts, rows = [Part(self._whole[0].phase, self._whole[0].motion(times), self._whole[0].violation)], [place]
+        rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
+        parts = [
+            Part(part.phase, part.motion(times[some]), part.violation)
+            for part, some in zip(lasting, rows, strict=True)
+            if len(some) or part is lasting[0]
+        ]
         order = np.argsort(np.concatenate(rows), kind="stable")
         return HybridTrajectory(parts, self.phases, order, self._whole, self.status, self.stats, self._name)
 

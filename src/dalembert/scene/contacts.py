@@ -61,7 +61,8 @@ class CoulombFriction:
     @property
     def label(self) -> str:
         """What results call it."""
-        return str(self.normal) if self.name is None else self.name
+        own = "without a normal reaction" if self.normal is None else str(self.normal)
+        return own if self.name is None else self.name
 
 
 @final
@@ -146,7 +147,7 @@ class _Reading:
         held["tangential"] = names
         held["mu"] = self.number(law.mu, f"mu of {where}")
         static = law.mu if law.mu_static is None else law.mu_static
-        held["mu_static"] = self.number(static, f"mu_static of {where}")
+        held["mu_static"] = held["mu"] if law.mu_static is None else self.number(static, f"mu_static of {where}")
         both = (sp.sympify(law.mu), sp.sympify(static))
         if all(e.is_number for e in both) and both[1] < both[0]:
             self.faults.append(f"{where}: mu_static is {static}, less than mu = {law.mu}; it is at least as large")

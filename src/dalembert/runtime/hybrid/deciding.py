@@ -25,6 +25,9 @@ __all__ = ["Choice", "Standing", "choose"]
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
 
+GRAZING = 1e-6
+"""Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
+
 _TURNS = 60
 
 FREE, TOUCHING, GRIPPED, SLIDING, LIFTING = "free", "touching", "gripped", "sliding", "lifting"
@@ -104,7 +107,7 @@ def choose(facts: Facts, standings: Sequence[Standing], level: Level, directions
         if begins:
             along = _turned(facts, level, combination, sides, along, begins)
         outcome = facts.solve(level, mode, along, sides)
-        margin = _margin(facts, standings, combination, outcome, along, sides)
+        margin = _margin(facts, standings, level, combination, outcome, along, sides)
         ranked.append((mode, margin, along, sides, outcome.motion))
         modes.append(mode)
     margins = np.array([margin for _, margin, *_ in ranked])
@@ -203,36 +206,88 @@ def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
 def _margin(
     facts: Facts,
     standings: Sequence[Standing],
+    level: Level,
     combination: Sequence[Option],
     outcome: Outcome,
     along: FloatArray,
     sides: FloatArray,
 ) -> FloatArray:
     """Return by which share of the forces, at least, a combination contradicts nothing (k,); below zero it does."""
-    least = np.full(len(facts), np.inf)
+    mode = tuple(state for state, _, _ in combination)
+    never = np.zeros(len(facts), np.bool_)
+    shared = {i: never.copy() for i, state in enumerate(mode) if state == STICK}  # where others hold it too
+    conditions: list[FloatArray] = [np.ones(len(facts))]
+    for i, j in _pairs(facts.contacts, standings, mode):
+        together, ratio = facts.coupling(level, mode, i, j)
+        if mode[i] == mode[j] == STICK:
+            shared[i], shared[j] = shared[i] | together, shared[j] | together
+            if np.any(together):
+                holds = _impending(facts, level, mode, (i, j), ratio, along, sides)
+                conditions.append(np.where(together, holds, 1.0))
+        else:
+            conditions.append(np.where(together, -1.0, 1.0))
     force = np.sum(np.abs(outcome.normal), axis=1) + np.sum(np.abs(outcome.friction), axis=(1, 2))
     speed = np.max(np.abs(outcome.motion), axis=1, initial=0.0)
-    for i, (contact, (state, _, _)) in enumerate(zip(facts.contacts, combination, strict=True)):
-        standing = standings[i]
+    for i, contact in enumerate(facts.contacts):
+        standing, state = standings[i], mode[i]
         press = sides[:, i] * outcome.normal[:, i]
-        conditions = []
+        alone = ~shared.get(i, never)
         if state == OPEN:
             if standing.kind not in (FREE, LIFTING):
                 conditions.append(_share(outcome.gap[:, i], speed * _size(facts.jacobian[:, contact.constraint])))
         elif contact.constraint is not None or side_name(contact) is not None:
-            conditions.append(_share(press, force))
+            conditions.append(np.where(alone, _share(press, force), 1.0))
         if state == STICK:
             used = np.sqrt(np.sum(outcome.friction[:, i] ** 2, axis=1))
-            conditions.append(_share(facts.mu_static[:, i] * press - used, force))
+            conditions.append(np.where(alone, _share(facts.mu_static[:, i] * press - used, force), 1.0))
         if state == SLIP and standing.kind == GRIPPED:
-            place = facts.places[i]
-            forward = np.sum(outcome.slip[:, i] * along[:, i], axis=1)
-            share = _share(forward, speed * np.max(_size(facts.slip_jacobian[:, place]), axis=1))
-            conditions.append(np.maximum(share, 0.0) if standing.broken is not None else share)
-        for condition in conditions:
-            least = np.minimum(least, condition)
+            share = _forward(facts, outcome, along, i)
+            grazing = (standing.broken is not None) & (share >= -GRAZING)
+            conditions.append(np.where(grazing, np.maximum(share, 0.0), share))
+    least = np.min(conditions, axis=0)
     least[~np.isfinite(outcome.motion).all(axis=1)] = np.nan
-    return np.where(np.isinf(least), 1.0, least)
+    return np.asarray(least)
+
+
+def _forward(facts: Facts, outcome: Outcome, along: FloatArray, i: int) -> FloatArray:
+    """Return by which share of the motion slip begins along its direction (k,)."""
+    speed = np.max(np.abs(outcome.motion), axis=1, initial=0.0)
+    forward = np.sum(outcome.slip[:, i] * along[:, i], axis=1)
+    return _share(forward, speed * np.max(_size(facts.slip_jacobian[:, facts.places[i]]), axis=1))
+
+
+def _pairs(contacts: Sequence[ContactRow], standings: Sequence[Standing], mode: Mode) -> list[tuple[int, int]]:
+    """Return contacts along one direction that stick now, of which one at least is to go on sticking."""
+    able = [
+        i
+        for i, (contact, standing) in enumerate(zip(contacts, standings, strict=True))
+        if standing.kind == GRIPPED and len(contact.tangential) == 1 and mode[i] in (STICK, SLIP)
+    ]
+    return [(i, j) for i in able for j in able if i < j and STICK in (mode[i], mode[j])]
+
+
+def _impending(
+    facts: Facts,
+    level: Level,
+    mode: Mode,
+    pair: tuple[int, int],
+    ratio: FloatArray,
+    along: FloatArray,
+    sides: FloatArray,
+) -> FloatArray:
+    """Return by which share of the motion two contacts that can only slip together do not begin to (k,).
+
+    Which of them bears how much is not determined; with both at their limits it is.
+    """
+    i, j = pair
+    both = tuple(SLIP if n in pair else state for n, state in enumerate(mode))
+    least = np.full(len(facts), np.inf)
+    for sign in (1.0, -1.0):
+        way = along.copy()
+        way[:, i], way[:, j] = (sign, 0.0), np.column_stack([sign * ratio, np.zeros(len(facts))])
+        outcome = facts.solve(level, both, way, sides, facts.mu_static)
+        least = np.minimum(least, -_forward(facts, outcome, way, i))
+    return least
 
 
 def _size(rows: FloatArray) -> FloatArray:

@@ -21,7 +21,10 @@ from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 __all__ = ["Facts", "Level", "Outcome", "facts_at"]
 
 FloatArray = NDArray[np.float64]
-_RESIDUAL = 1e-9
+_RESIDUAL, _RANK = 1e-7, 1e-11
+
+TOGETHER = 1e-9
+"""Share to which the slips of two contacts may differ from being multiples of each other."""
 
 
 @final
@@ -89,7 +92,9 @@ class Facts:
     restitution: FloatArray
     regularization: FloatArray
     qdot: FloatArray
-    places: tuple[slice, ...] = field(default=())
+    places: tuple[slice, ...]
+    _inverses: dict[frozenset[int], tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
+    _responses: dict[tuple[int, frozenset[int]], tuple[Level, Outcome]] = field(default_factory=dict, init=False)
 
     def __len__(self) -> int:
         return len(self.mass)
@@ -121,64 +126,107 @@ class Facts:
         slip_drift = self.slip_velocity - _times(self.slip_jacobian, self.qdot)
         return Level(_times(self.mass, self.qdot), after - drift, -slip_drift)
 
-    def solve(self, level: Level, mode: Mode, directions: FloatArray, sides: FloatArray) -> Outcome:
-        """Return the solution in a mode, with directions (k, n_contacts, 2) of slip and sides (k, n_contacts)."""
-        count, size = len(self), self.mass.shape[1]
-        rows, targets = self._rows(level, mode)
-        across = np.swapaxes(rows, 1, 2)
-        gone = {c.normal for c, state in zip(self.contacts, mode, strict=True) if state == OPEN}
-        gone |= {i for c, s in zip(self.contacts, mode, strict=True) if s in (OPEN, SLIP, SMOOTH) for i in c.tangential}
-        kept = [i for i in range(self.reactions.shape[2]) if i not in gone]
-        supply = np.linalg.pinv(self.reactions[:, :, kept], rcond=1e-12) @ across if kept else np.zeros((count, 0, 0))
-        push = across.copy()
-        for i, (contact, state) in enumerate(zip(self.contacts, mode, strict=True)):
-            if state in (SLIP, SMOOTH):
-                kappa = (self.mu[:, i] * sides[:, i])[:, None] * directions[:, i, : len(contact.tangential)]
-                force = np.einsum("kij,kj->ki", self.reactions[:, :, list(contact.tangential)], kappa)
-                push -= force[:, :, None] * supply[:, kept.index(contact.normal), None, :]
-        width = size + rows.shape[1]
-        matrix = np.zeros((count, width, width))
-        matrix[:, :size, :size], matrix[:, :size, size:], matrix[:, size:, :size] = self.mass, -push, rows
-        found = _solved(matrix, np.concatenate([level.load, targets], axis=1))
-        motion, multipliers = found[:, :size], found[:, size:]
-        forces = _times(supply, multipliers)
-        normal, friction = np.zeros((count, len(mode))), np.zeros((count, len(mode), 2))
-        gap, slip = np.zeros((count, len(mode))), np.zeros((count, len(mode), 2))
-        for i, (contact, state) in enumerate(zip(self.contacts, mode, strict=True)):
-            if state != OPEN:
-                normal[:, i] = forces[:, kept.index(contact.normal)]
-            wide = len(contact.tangential)
-            if state == STICK:
-                for j, unknown in enumerate(contact.tangential):
-                    friction[:, i, j] = forces[:, kept.index(unknown)]
-            elif state in (SLIP, SMOOTH):
-                kappa = (self.mu[:, i] * sides[:, i])[:, None] * directions[:, i, :wide]
-                friction[:, i, :wide] = -kappa * normal[:, i, None]
-            if contact.constraint is not None:
-                row = contact.constraint
-                rate = np.sum(self.jacobian[:, row] * motion, axis=1) - level.rows[:, row]
-                gap[:, i] = contact.sense * rate
-            place = self.places[i]
-            slip[:, i, :wide] = _times(self.slip_jacobian[:, place], motion) - level.slips[:, place]
-        return Outcome(motion, normal, friction, gap, slip)
+    def solve(
+        self, level: Level, mode: Mode, directions: FloatArray, sides: FloatArray, mu: FloatArray | None = None
+    ) -> Outcome:
+        """Return the solution in a mode, with directions (k, n_contacts, 2) of slip and sides (k, n_contacts).
 
-    def _rows(self, level: Level, mode: Mode) -> tuple[FloatArray, FloatArray]:
-        """Return the rows that hold in a mode, and what they demand."""
-        opened = {c.constraint for c, state in zip(self.contacts, mode, strict=True) if state == OPEN}
-        held = [i for i in range(self.jacobian.shape[1]) if i not in opened]
-        rows, targets = [self.jacobian[:, held]], [level.rows[:, held]]
-        for place, state in zip(self.places, mode, strict=True):
-            if state == STICK:
-                rows.append(self.slip_jacobian[:, place])
-                targets.append(level.slips[:, place])
-        return np.concatenate(rows, axis=1), np.concatenate(targets, axis=1)
+        Motion, normal reactions and slip are affine in the friction forces, which the laws then give, with `mu`
+        (k, n_contacts) instead of the coefficients of sliding friction if that is given.
+        """
+        mu = self.mu if mu is None else mu
+        response = self._response(level, frozenset(i for i, state in enumerate(mode) if state == OPEN))
+        count, total = len(self), self.slip_jacobian.shape[1]
+        matrix, right = np.zeros((count, total, total)), np.zeros((count, total))
+        for i, state in enumerate(mode):
+            for j, place in enumerate(range(self.places[i].start, self.places[i].stop)):
+                if state == STICK:
+                    matrix[:, place], right[:, place] = response.slip[:, place, 1:], -response.slip[:, place, 0]
+                    continue
+                matrix[:, place, place] = 1.0
+                if state in (SLIP, SMOOTH):
+                    kappa = mu[:, i] * sides[:, i] * directions[:, i, j]
+                    matrix[:, place] += kappa[:, np.newaxis] * response.normal[:, i, 1:]
+                    right[:, place] = -kappa * response.normal[:, i, 0]
+        forces = _solved(matrix, right)
+        weights = np.concatenate([np.ones((count, 1)), forces], axis=1)
+        friction, slip = np.zeros((count, len(mode), 2)), np.zeros((count, len(mode), 2))
+        slips = _times(response.slip, weights)
+        for i, place in enumerate(self.places):
+            wide = place.stop - place.start
+            friction[:, i, :wide], slip[:, i, :wide] = forces[:, place], slips[:, place]
+        motion, normal = _times(response.motion, weights), _times(response.normal, weights)
+        return Outcome(motion, normal, friction, _times(response.gap, weights), slip)
+
+    def _response(self, level: Level, opened: frozenset[int]) -> Outcome:
+        """Return what there is without friction and for a unit of each friction force, (..., 1 + n_slips)."""
+        key = id(level), opened  # the level is kept with its response, so that no other can have its number
+        if key not in self._responses:
+            self._responses[key] = level, self._respond(level, opened)
+        return self._responses[key][1]
+
+    def _respond(self, level: Level, opened: frozenset[int]) -> Outcome:
+        inverse, reactions = self._inverse(opened)
+        size, held = self.mass.shape[1], self._held(opened)
+        tangential = [unknown for contact in self.contacts for unknown in contact.tangential]
+        right = np.zeros((len(self), size + len(held), 1 + len(tangential)))
+        right[:, :size, 0], right[:, size:, 0] = level.load, level.rows[:, held]
+        right[:, :size, 1:] = self.reactions[:, :, tangential]
+        found = inverse @ right
+        motion, forces = found[:, :size], reactions @ found[:, size:]
+        normal = np.zeros((len(self), len(self.contacts), right.shape[2]))
+        gap = np.zeros_like(normal)
+        kept = self._kept(opened)
+        for i, contact in enumerate(self.contacts):
+            if i not in opened:
+                normal[:, i] = forces[:, kept.index(contact.normal)]
+            if contact.constraint is not None:
+                gap[:, i] = contact.sense * np.einsum("ki,kij->kj", self.jacobian[:, contact.constraint], motion)
+                gap[:, i, 0] -= contact.sense * level.rows[:, contact.constraint]
+        slip = self.slip_jacobian @ motion
+        slip[:, :, 0] -= level.slips
+        return Outcome(motion, normal, normal[:, :0], gap, slip)
+
+    def coupling(self, level: Level, mode: Mode, i: int, j: int) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Return where two contacts can only slip together (k,), and the sign of their slips' ratio (k,)."""
+        slip = self._response(level, frozenset(n for n, state in enumerate(mode) if state == OPEN)).slip
+        a, b = self.places[i].start, self.places[j].start
+        w = slip[:, [a, b]][:, :, [1 + a, 1 + b]]
+        own = w[:, 0, 0] * w[:, 1, 1]
+        together = np.abs(own - w[:, 0, 1] * w[:, 1, 0]) <= TOGETHER * np.abs(own)
+        return together, np.where(w[:, 1, 0] < 0.0, -1.0, 1.0)
+
+    def _held(self, opened: frozenset[int]) -> list[int]:
+        """Return the constraints that hold while some contacts are open."""
+        gone = {self.contacts[i].constraint for i in opened}
+        return [i for i in range(self.jacobian.shape[1]) if i not in gone]
+
+    def _kept(self, opened: frozenset[int]) -> list[int]:
+        """Return the reactions that hold constraints while some contacts are open."""
+        gone = {i for contact in self.contacts for i in contact.tangential} | {self.contacts[i].normal for i in opened}
+        powerless = {i for i in range(self.reactions.shape[2]) if not np.any(self.reactions[:, :, i])}
+        needed = {contact.normal for contact in self.contacts}
+        return [i for i in range(self.reactions.shape[2]) if i not in gone and (i in needed or i not in powerless)]
+
+    def _inverse(self, opened: frozenset[int]) -> tuple[FloatArray, FloatArray]:
+        """Return the inverse of the saddle-point matrix, and what leads from its multipliers to reactions."""
+        if opened not in self._inverses:
+            size, held, kept = self.mass.shape[1], self._held(opened), self._kept(opened)
+            rows = self.jacobian[:, held]
+            across = np.swapaxes(rows, 1, 2)
+            matrix = np.zeros((len(self), size + len(held), size + len(held)))
+            matrix[:, :size, :size], matrix[:, :size, size:], matrix[:, size:, :size] = self.mass, -across, rows
+            columns = self.reactions[:, :, kept]
+            back = np.swapaxes(columns, 1, 2)
+            reactions = _inverted(back @ columns) @ (back @ across)
+            self._inverses[opened] = _inverted(matrix), reactions
+        return self._inverses[opened]
 
     def held(self, mode: Mode) -> FloatArray:
         """Return the rates (k, n_q) nearest to the present ones, by kinetic energy, that a mode allows."""
         level = self.impact(np.zeros_like(self.velocity))
-        frictionless = np.zeros((len(self), len(mode)))
-        smooth = tuple(state if state in (OPEN, STICK) else CLOSED for state in mode)
-        return self.solve(level, smooth, np.zeros((len(self), len(mode), 2)), frictionless).motion
+        still = tuple(state if state in (OPEN, STICK) else CLOSED for state in mode)
+        return self.solve(level, still, np.zeros((len(self), len(mode), 2)), np.zeros((len(self), len(mode)))).motion
 
     def part(self, some: NDArray[np.intp]) -> Facts:
         """Return the facts of some instants."""
@@ -234,16 +282,29 @@ def _padded(values: FloatArray) -> FloatArray:
 
 
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Return solutions; where constraints depend on each other, those with the least multipliers."""
-    found = np.full_like(right, np.nan)
-    good = np.all(np.isfinite(matrix), axis=(1, 2)) & np.all(np.isfinite(right), axis=1)
+    """Return solutions of small systems (k, n), the least ones where they are singular."""
+    if matrix.shape[1] == 0:
+        return right
+    if matrix.shape[1] == 1:
+        pivot = matrix[:, :, 0]
+        return np.where(pivot == 0.0, 0.0, right / np.where(pivot == 0.0, 1.0, pivot))
+    return _times(_inverted(matrix), right)
+
+
+def _inverted(matrix: FloatArray) -> FloatArray:
+    """Return inverses (k, n, n), pseudo-inverses where there are none, and NaN where entries are not finite."""
+    size = matrix.shape[1]
+    if size == 0:
+        return matrix
+    good = np.all(np.isfinite(matrix), axis=(1, 2))
+    found = np.full_like(matrix, np.nan)
     try:
-        found[good] = np.linalg.solve(matrix[good], right[good, :, None])[:, :, 0]
+        found[good] = np.linalg.inv(matrix[good])
     except np.linalg.LinAlgError:
-        pass
-    scale = np.max(np.abs(right), axis=1, initial=0.0) + np.max(np.abs(matrix), axis=(1, 2), initial=0.0)
-    left = np.max(np.abs(_times(matrix, found) - right), axis=1, initial=0.0)
-    bad = good & ~(left <= _RESIDUAL * scale)
+        found[good] = np.linalg.pinv(matrix[good], rcond=_RANK)
+        return found
+    left = np.max(np.abs(matrix @ found - np.eye(size)), axis=(1, 2))
+    bad = good & ~(left <= _RESIDUAL)
     if np.any(bad):
-        found[bad] = _times(np.linalg.pinv(matrix[bad], rcond=1e-11), right[bad])
+        found[bad] = np.linalg.pinv(matrix[bad], rcond=_RANK)
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -12,8 +12,8 @@ import numpy as np
 from ...errors import InitialStateError, ValueInputError
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
-from ...mechanics.equations import EquationsOfMotion
-from ...reduction.modes import OPEN, SLIP, STICK, Mode, Watchpoint, direction_names, side_name, watchpoints
+from ...mechanics.equations import EquationsOfMotion, Watchpoint
+from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.trajectory import RunStatistics, Trajectory
@@ -38,13 +38,16 @@ class Modes:
     equations: EquationsOfMotion
     laws: Laws
     model: Callable[[Mode], CompiledModel]
+    _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
 
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""
-        reduced = self.model(mode).stages.reduced
-        graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
-        found = watchpoints(self.equations, mode)
-        return [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+        if mode not in self._points:
+            reduced = self.model(mode).stages.reduced
+            graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
+            found = reduced.equations.watchpoints
+            self._points[mode] = [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+        return self._points[mode]
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""
@@ -155,7 +158,7 @@ class _Run:
         if status is Status.INITIAL_STATE:
             raise self._complaint()
         if status is not Status.SUCCESS:
-            self.note = self._where(status)
+            self.note = self._where()
             return status
         self._take(settled)
         return None
@@ -163,7 +166,7 @@ class _Run:
     def _take(self, settled: Settled) -> None:
         fields = {name: getattr(settled, name) for name in ("x", "directions", "sides", "speeds")}
         self.now = replace(self.now, **fields)
-        self.mode = settled.modes[0]
+        self.mode = settled.table[settled.mode[0]]
 
     def _complaint(self) -> Exception:
         """Return what is wrong with the start."""
@@ -196,7 +199,7 @@ class _Run:
                 )
         return InitialStateError("the initial state contradicts the contacts:\n  " + "\n  ".join(faults))
 
-    def _where(self, status: Status) -> str:
+    def _where(self) -> str:
         """Return where the run ended, for the note."""
         symbols = self.modes.equations.symbols
         place = ", ".join(
@@ -281,7 +284,7 @@ class _Run:
             return Status.EVENT
         fired = [point for point in self.modes.points(mode) if point.output in happened]
         if any(point.kind == "paradox" for point in fired):
-            self.note = self._where(Status.CONTACT_IMPOSSIBLE)
+            self.note = self._where()
             return Status.CONTACT_IMPOSSIBLE
         if applied:
             self.mode, fired = None, []
@@ -295,7 +298,7 @@ class _Run:
             if not run["uniqueness of reactions"][-1] > JAMMED:
                 status = Status.CONTACT_IMPOSSIBLE
                 self.now = replace(self.now, x=np.hstack([run.q[-1:], run.qdot[-1:]]))
-                self.note = self._where(status)
+                self.note = self._where()
         return status
 
     def _too_soon(self, passed: float) -> Status | None:
@@ -304,14 +307,17 @@ class _Run:
         self.soon = self.soon + 1 if passed <= SOON * span else 0
         if self.soon < SOON_IN_A_ROW:
             return None
-        self.note = self._where(Status.EVENTS_ACCUMULATE)
+        before, after = self.parts[-1].phase.modes, self.modes.named(self.mode or ())
+        changing = [name for name in before if before[name] != after.get(name)] or list(before)
+        self.note = f"contact {', '.join(changing)} {self._where()}"
         return Status.EVENTS_ACCUMULATE
 
     # -- results ---------------------------------------------------------------------------
 
     def _stay(self, status: Status) -> None:
         """Record the start of a motion that cannot go on from it."""
-        mode = tuple(OPEN if c.constraint is not None else SLIP for c in self.modes.equations.contacts)
+        facts = self.modes.laws.facts(self.now.t, self.now.x, self.now.c)
+        mode = self.modes.laws.plain(facts)
         model = self.modes.model(mode)
         names = (*model.layout.coordinates, *model.layout.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))

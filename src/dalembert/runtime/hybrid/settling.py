@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...integrators.status import Status
-from ...mechanics.equations import ContactRow
+from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.contact_data import ContactData
-from ...reduction.modes import OPEN, SLIP, STICK, Mode, Watchpoint
+from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing, choose
 from .facts import Facts, FloatArray, facts_at
 
@@ -63,15 +63,32 @@ class Instants:
 @final
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """How cases go on: their modes, or a status that is not SUCCESS; their states; and where an impact happened."""
+    """How cases go on.
 
-    modes: list[Mode]
+    Attributes
+    ----------
+    table : list of Mode
+        The modes that occur.
+    mode : ndarray (k,) of int
+        Number of the mode of each case, -1 where the status is not SUCCESS.
+    x, directions, sides, speeds
+        As in `Instants`.
+    status : ndarray (k,) of int
+    """
+
+    table: list[Mode]
+    mode: NDArray[np.intp]
     x: FloatArray
     directions: FloatArray
     sides: FloatArray
     speeds: FloatArray
     status: NDArray[np.int64]
-    struck: NDArray[np.bool_]
+
+    def take(self, mode: Mode, cases: NDArray[np.intp]) -> None:
+        """Put cases into a mode."""
+        if mode not in self.table:
+            self.table.append(mode)
+        self.mode[cases] = self.table.index(mode)
 
 
 @final
@@ -91,28 +108,38 @@ class Laws:
         """Return the facts of cases."""
         return facts_at(self.data, self.contacts, t, x, c)
 
+    def plain(self, facts: Facts) -> Mode:
+        """Return the mode of the first case if all that touches is closed, and slips."""
+        able = []
+        for i, contact in enumerate(self.contacts):
+            apart = contact.constraint is not None and facts.gap[0, i] > self._gap_noise(facts, i)[0]
+            smooth = SMOOTH if contact.regularization is not None else SLIP
+            able.append(OPEN if apart else smooth if contact.tangential else CLOSED)
+        return tuple(able)
+
     def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
         facts = self.facts(now.t, now.x, now.c)
         count, k = len(facts), len(self.contacts)
         speeds = np.maximum(now.speeds, self._speeds(facts, now, mode))
-        standings = [self._standings(facts, now, i, mode, fired, speeds) for i in range(k)]
-        table = np.array([[hash_of[s] for s in column] for column, hash_of in map(_numbered, standings)]).T
+        table: list[Standing] = []
+        codes = np.array([self._standings(facts, now, i, mode, fired, speeds, table) for i in range(k)]).T
         result = Settled(
-            [()] * count,
+            [],
+            np.full(count, -1),
             now.x.copy(),
             now.directions.copy(),
             now.sides.copy(),
             speeds,
             np.zeros(count, np.int64),
-            np.zeros(count, np.bool_),
         )
-        for row in np.unique(table.reshape(count, k), axis=0):
-            some = np.flatnonzero(np.all(table == row, axis=1))
-            alike = [standings[i][some[0]] for i in range(k)]
-            self._group(facts.part(some), now.part(some), alike, result, some)
+        mixed = codes.reshape(count, k) @ (len(table) ** np.arange(k))
+        for some in (np.flatnonzero(mixed == number) for number in np.unique(mixed)):
+            alike = [table[code] for code in codes[some[0]]]
+            here = facts if len(some) == count else facts.part(some)
+            self._group(here, now.part(some), alike, result, some, moved=bool(fired) or mode is None)
         bad = self._refused(facts, mode)
-        result.status[bad] = int(Status.INITIAL_STATE)
+        result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
         return result
 
     def _speeds(self, facts: Facts, now: Instants, mode: Mode | None) -> FloatArray:
@@ -120,7 +147,8 @@ class Laws:
         speeds = np.zeros((len(facts), len(self.contacts)))
         for i in range(len(self.contacts)):
             speeds[:, i] = _length(facts.slips(i))
-        if mode is not None and SLIP in mode:
+        unsure = any(len(contact.tangential) > 1 for contact in self.contacts)  # whether zero is a matter of size
+        if mode is not None and SLIP in mode and (mode.count(SLIP) > 1 or unsure):
             change = facts.solve(facts.accelerating(), mode, now.directions, now.sides).slip
             speeds = np.maximum(speeds, np.nan_to_num(_length(change) * np.abs(now.passed)[:, np.newaxis]))
         return speeds
@@ -139,27 +167,39 @@ class Laws:
         return NOISE * (np.abs(facts.gap[:, i]) + _NOTHING + 1.0)
 
     def _standings(
-        self, facts: Facts, now: Instants, i: int, mode: Mode | None, fired: Sequence[Watchpoint], speeds: FloatArray
-    ) -> list[Standing]:
-        """Return how a contact stands in each case."""
-        contact = self.contacts[i]
+        self,
+        facts: Facts,
+        now: Instants,
+        i: int,
+        mode: Mode | None,
+        fired: Sequence[Watchpoint],
+        speeds: FloatArray,
+        table: list[Standing],
+    ) -> NDArray[np.intp]:
+        """Return how a contact stands in each case (k,), as numbers in `table`, which grows."""
+        contact, count = self.contacts[i], len(facts)
         mine = [point for point in fired if point.contact == i]
         kinds = {point.kind for point in mine}
-        count = len(facts)
         before = None if mode is None else mode[i]
-        closed = self._closed(facts, i, before, mine, speeds)
+
+        def number(standing: Standing) -> int:
+            if standing not in table:
+                table.append(standing)
+            return table.index(standing)
+
+        sliding, still = self._closed(facts, i, before, mine, speeds)
+        codes = np.where(sliding, number(Standing(SLIDING)), number(still))
         if contact.constraint is None or before not in (None, OPEN):
-            return [Standing(LIFTING)] * count if "lift" in kinds else closed
+            return np.full(count, number(Standing(LIFTING))) if "lift" in kinds else codes
         if before == OPEN and "meet" not in kinds:
-            return [Standing(FREE)] * count
+            return np.full(count, number(Standing(FREE)))
         rate, noise = facts.gap_rate(i), self._rate_noise(facts, i)
-        apart = np.zeros(count, np.bool_)
+        struck = np.where(sliding, number(Standing(SLIDING, struck=True)), number(Standing(still.kind, struck=True)))
+        codes = np.where(rate < -noise, struck, codes)
+        apart = rate > noise
         if before is None:
-            apart = facts.gap[:, i] > self._gap_noise(facts, i)
-        return [
-            Standing(FREE) if a or v > e else Standing(s.kind, struck=True) if v < -e else s
-            for s, a, v, e in zip(closed, apart, rate, noise, strict=True)
-        ]
+            apart |= facts.gap[:, i] > self._gap_noise(facts, i)
+        return np.where(apart, number(Standing(FREE)), codes)
 
     def _rate_noise(self, facts: Facts, i: int) -> FloatArray:
         row = self.contacts[i].constraint
@@ -168,34 +208,38 @@ class Laws:
 
     def _closed(
         self, facts: Facts, i: int, before: str | None, mine: Sequence[Watchpoint], speeds: FloatArray
-    ) -> list[Standing]:
-        """Return how a contact stands in each case if it is closed."""
-        contact, count = self.contacts[i], len(facts)
+    ) -> tuple[NDArray[np.bool_], Standing]:
+        """Return in which cases a contact slides if it is closed (k,), and how it stands in the others."""
+        contact, never = self.contacts[i], np.zeros(len(facts), np.bool_)
         if not contact.tangential or contact.regularization is not None:
-            return [Standing(TOUCHING)] * count
+            return never, Standing(TOUCHING)
         broken = [point.sign for point in mine if point.kind == "break"]
         if broken:
-            return [Standing(GRIPPED, broken=broken[0])] * count
+            return never, Standing(GRIPPED, broken=broken[0])
         stopped = any(point.kind == "stop" for point in mine)
         if before == STICK or (stopped and len(contact.tangential) == 1):
-            return [Standing(GRIPPED)] * count
-        size = _length(facts.slips(i))
-        share = STOPPED if stopped else NOISE
+            return never, Standing(GRIPPED)
         scale = speeds[:, i]
         if before is None:
             rows = facts.slip_jacobian[:, facts.places[i]]
-            scale = np.maximum(scale, np.max(np.sum(np.abs(rows * facts.qdot[:, None, :]), axis=2), axis=1))
-        return [Standing(GRIPPED if w <= share * s else SLIDING) for w, s in zip(size, scale, strict=True)]
+            scale = np.maximum(scale, np.max(np.sum(np.abs(rows * facts.qdot[:, np.newaxis]), axis=2), axis=1))
+        return ~(_length(facts.slips(i)) <= (STOPPED if stopped else NOISE) * scale), Standing(GRIPPED)
 
     # -- one group of cases that stand alike ----------------------------------------------
 
     def _group(
-        self, facts: Facts, now: Instants, standings: list[Standing], result: Settled, some: NDArray[np.intp]
+        self,
+        facts: Facts,
+        now: Instants,
+        standings: list[Standing],
+        result: Settled,
+        some: NDArray[np.intp],
+        *,
+        moved: bool = True,
     ) -> None:
         directions = self._directions(facts, now.directions)
         x, size = now.x.copy(), facts.mass.shape[1]
         if any(standing.struck for standing in standings):
-            result.struck[some] = True
             self._strike(facts, now, standings, directions, result, some)
             return
         choice = choose(facts, standings, facts.accelerating(), directions)
@@ -203,10 +247,11 @@ class Laws:
         result.directions[some], result.sides[some] = choice.directions, choice.sides
         for number, mode in enumerate(choice.modes):
             here = np.flatnonzero(choice.mode == number)
-            if len(here):
-                x[here, size:] = facts.part(here).held(mode)
-            for case in some[here]:
-                result.modes[case] = mode
+            if not len(here):
+                continue
+            if moved and (STICK in mode or any(standing.kind == TOUCHING for standing in standings)):
+                x[here, size:] = (facts if len(here) == len(facts) else facts.part(here)).held(mode)
+            result.take(mode, some[here])
         result.x[some] = x
 
     def _strike(
@@ -273,8 +318,3 @@ class Laws:
 
 def _length(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(vectors**2, axis=-1)))
-
-
-def _numbered(column: list[Standing]) -> tuple[list[Standing], dict[Standing, int]]:
-    """Return standings, and a number for each that occurs."""
-    return column, {standing: i for i, standing in enumerate(dict.fromkeys(column))}

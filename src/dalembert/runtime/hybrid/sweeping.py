@@ -250,9 +250,9 @@ class _Sweep:
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
-        for pattern in np.unique(fired[:, ended], axis=1).T:
-            here = cases[np.all(fired[:, ended] == pattern[:, np.newaxis], axis=0)]
-            self._settle(here, mode, [p for p, yes in zip(points, pattern, strict=True) if yes])
+        mixed = (1 << np.arange(len(points))) @ fired[:, ended]
+        for number in np.unique(mixed):
+            self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
         self._sample(cases)
 
     def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Any]) -> None:
@@ -266,10 +266,10 @@ class _Sweep:
             own[some[good]] = new[good]
         for own, new in ((self.now.sides, settled.sides), (self.now.speeds, settled.speeds)):
             own[some[good]] = new[good]
-        for case, found in zip(some[good], [m for m, g in zip(settled.modes, good, strict=True) if g], strict=True):
+        for number, found in enumerate(settled.table):
             if found not in self.table:
                 self.table.append(found)
-            self.mode[case] = self.table.index(found)
+            self.mode[some[good & (settled.mode == number)]] = self.table.index(found)
         over = some[good][self.now.t[some[good]] == self.campaign.t1[some[good]]]
         self.status[over] = int(Status.SUCCESS)
 
