@@ -147,6 +147,13 @@ def rod_lifts():
     return contact_case("rod_lifts", da.scenes.sliding_rod(), start, names, bound=1e-11)
 
 
+def rod_falls():
+    """A rod that falls on the ground: an impact with friction that stops its end, which then slides and sticks."""
+    start = {"x": 0.0, "y": 0.5, "theta": 1.0, "x_dot": 1.0, "y_dot": 0.0, "theta_dot": 0.0}
+    names = ["x", "theta", "x_dot", "theta_dot"]
+    return contact_case("rod_falls", da.scenes.sliding_rod(), start, names, bound=1e-11)
+
+
 def belt():
     """A block on a belt, 0.5 in stick and 0.3 in slip: thirty transitions in 100 s."""
     start = {"x": 0.0, "x_dot": 0.2}
@@ -205,6 +212,7 @@ CONTACT_CASES = {
     "plate with two frictions that sticks": sticks,
     "rod that sticks and slips": rod_stops,
     "rod that lifts off": rod_lifts,
+    "rod that falls on the ground": rod_falls,
     "block on a belt": belt,
     "oscillator with dry friction": oscillator,
     "block that slides back": incline_back,

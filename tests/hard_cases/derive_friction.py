@@ -150,6 +150,37 @@ def rod_lifts():
     return entry(NEWTON, p, [(0, {"ground": "slip"}), (lift.t, {"ground": "open"})], rows)
 
 
+def rod_falls():
+    """Return x, theta, x_dot, theta_dot of a rod that falls on the ground, stops there, and goes on sliding and sticking.
+
+    The impact is plastic. The impulses that bring A to rest, along and across the ground, lie within Coulomb's cone, so
+    that A stops; the angular momentum about A stays.
+    """
+    p = {"m": 1, "l": 1, "mu": "0.3", "g": "9.81"}
+    rod = Rod(*(mp.mpf(x) for x in p.values()))
+    theta, u, height = mp.mpf(1), mp.mpf(1), mp.mpf("0.5")
+    s, c = mp.sin(theta), mp.cos(theta)
+    hit = mp.sqrt(2 * height / rod.g)
+    v = -rod.g * hit
+    omega = (c * v - s * u) * 3 / 4
+    along, across = -s * omega - u, c * omega - v  # impulses over m: changes of the velocity of G
+    assert abs(along) < rod.mu * across
+    y = [u * hit, theta, mp.mpf(0), omega]
+    assert abs(rod.sticking(theta, omega)[2]) > rod.mu * rod.sticking(theta, omega)[1]  # it cannot hold there
+    first = rod.slide(y, 2, hit, step="0.002")
+    stuck = rod.pivot(first.y, 2, first.t)
+    second = rod.slide(stuck.y, "0.6", stuck.t)
+    assert (first.name, stuck.name, second.name) == ("stop", "slip", "")
+    modes = [(0, "open"), (hit, "slip"), (first.t, "stick"), (stuck.t, "slip")]
+    phases = [(t, {"ground": mode}) for t, mode in modes]
+    rows = [
+        ("0.3", [mp.mpf("0.3"), theta, u, mp.mpf(0)]),
+        ("0.4", rod.pivot(first.y, "0.4", first.t).y),
+        ("0.6", second.y),
+    ]
+    return entry(NEWTON, p, phases, rows)
+
+
 # -- closed forms -------------------------------------------------------------------------------
 
 
@@ -271,6 +302,7 @@ def main():
             "plate_sticks": plate_two_frictions("0.9", "0.9", 1),
             "rod_stops": rod_stops(),
             "rod_lifts": rod_lifts(),
+            "rod_falls": rod_falls(),
             "belt": belt(),
             "coulomb_oscillator": coulomb_oscillator(),
             "incline_back": incline("0.3"),

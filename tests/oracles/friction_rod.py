@@ -46,8 +46,11 @@ class Rod:
         N = self.m * (self.g + self.l * (c * alpha - s * omega**2))
         return alpha, N, self.m * self.l * (-s * alpha - c * omega**2)
 
-    def slide(self, y, end, t=0) -> Occurrence:
-        """Follow the rod until A stops ("stop"), leaves the ground ("lift"), or p or theta falls to zero."""
+    def slide(self, y, end, t=0, step="0.05") -> Occurrence:
+        """Follow the rod until A stops ("stop"), leaves the ground ("lift"), or p or theta falls to zero.
+
+        A slip that starts from rest has to last for more than one `step`.
+        """
         sign = int(mp.sign(y[2])) if y[2] else int(mp.sign(self.sticking(y[1], y[3])[2])) * -1
         events = {
             "stop": lambda t, y: sign * y[2],
@@ -55,7 +58,7 @@ class Rod:
             "singular": lambda t, y: self.contact(y[1], y[3], sign)[0],
             "down": lambda t, y: mp.sin(y[1]),
         }
-        return follow(lambda t, y: self.sliding(y, sign)[0], t, y, end, events)
+        return follow(lambda t, y: self.sliding(y, sign)[0], t, y, end, events, step=step)
 
     def pivot(self, y, end, t=0) -> Occurrence:
         """Follow the rod about A until Coulomb's law lets A "slip", or it lifts off or lies down."""
