@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 
 from .problem import FloatArray
 
-__all__ = ["COEFFICIENTS", "POINTS", "SLOPES", "Changes", "Crossing", "Pieces", "changes", "located", "pieces"]
+__all__ = [
+    "COEFFICIENTS",
+    "DIVIDED",
+    "POINTS",
+    "SLOPES",
+    "Changes",
+    "Crossing",
+    "Pieces",
+    "changes",
+    "located",
+    "pieces",
+]
 
 IntArray = NDArray[np.intp]
 Sample = Callable[[IntArray, FloatArray], FloatArray]
@@ -37,6 +48,21 @@ COEFFICIENTS: FloatArray = (
 
 SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T @ COEFFICIENTS
 """From values at the points to the Chebyshev coefficients of the derivative, over half the length of the interval."""
+
+
+def _divided(power: int) -> FloatArray:
+    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0.
+
+    Its value at zero is that of the polynomial through the others.
+    """
+    rest = POINTS[1:]
+    towards = [np.prod([other / (other - x) for other in rest if other != x]) for x in rest]
+    matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], towards)
+    return np.hstack([np.zeros((_COUNT, 1)), matrix / rest**power])
+
+
+DIVIDED: FloatArray = np.array([_divided(1), _divided(2)])
+"""The same for a function that is zero where the interval begins, divided by the distance from there, or its square."""
 
 TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
 """What the last two coefficients are multiplied by, to stand for all that follow."""
@@ -72,7 +98,9 @@ class Crossing:
     seen: bool
 
 
-def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> Pieces:
+def pieces(
+    sample: Sample, count: int, noise: FloatArray, least: FloatArray, zero: NDArray[np.bool_] | None = None
+) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
     Parameters
@@ -85,6 +113,8 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
         Size below which a function counts as zero (n,).
     least
         Length below which a piece is not cut, as a fraction of each step (count,).
+    zero
+        Which functions are zero where the first step begins (n,), so that they need not be monotone there.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -92,7 +122,8 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, _COUNT), theta.ravel()).reshape(len(step), _COUNT, -1)
-        simple, finite = _simple(values, noise)
+        first = None if zero is None else np.flatnonzero((step == 0) & (low == 0.0))
+        simple, finite = _simple(values, noise, first, zero)
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -109,18 +140,32 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
     return Pieces(*(part[order] for part in parts))
 
 
-def _simple(values: FloatArray, noise: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pieces need not be cut for any function, and on which all values are finite."""
+def _simple(
+    values: FloatArray, noise: FloatArray, first: IntArray | None, zero: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pieces need not be cut for any function, and on which all values are finite.
+
+    Some functions are `zero` where the piece `first` begins.
+    """
     with np.errstate(all="ignore"):
         series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS, values))
         slopes = np.abs(np.einsum("kj,ijn->ikn", SLOPES, values))
         tail = series[:, -2:].sum(axis=1)
-        one_sign = series[:, 0] > series[:, 1:].sum(axis=1) + TAIL * tail
+        one_sign = _one_sign(series)
         monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * tail
         nothing = np.abs(values).max(axis=1) <= noise
+        if first is not None and zero is not None and len(first):
+            divided = np.abs(np.einsum("pkj,ijn->pikn", DIVIDED, values[first]))
+            one_sign[first] |= zero & (_one_sign(divided[0]) | _one_sign(divided[1]))
     finite = np.isfinite(values)
     lost = ~finite.any(axis=1)
     return np.asarray(np.all(one_sign | monotone | nothing | lost, axis=1)), np.asarray(finite.all(axis=(1, 2)))
+
+
+def _one_sign(series: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions keep their sign, from the sizes of their coefficients (k, 8, n)."""
+    tail = series[:, -2:].sum(axis=1)
+    return np.asarray(series[:, 0] > series[:, 1:].sum(axis=1) + TAIL * tail)
 
 
 @final

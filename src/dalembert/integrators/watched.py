@@ -233,8 +233,9 @@ class _Run:
             return False, None
         noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
-        cut = pieces(sample, len(sizes), noise, least)
-        if self.t == self.began:
+        fresh = self.t == self.began
+        cut = pieces(sample, len(sizes), noise, least, self.zero if fresh else None)
+        if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
         whole = cut if broken is None else Pieces(*(getattr(cut, name)[:broken] for name in cut.__dataclass_fields__))

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from ..crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..crossings import COEFFICIENTS, DEEPEST, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
@@ -47,6 +47,7 @@ NOTHING, STOPPED, BROKEN = 0, 1, 2
 _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
 SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
+_ONCE, _TWICE = np.ascontiguousarray(DIVIDED[0].T), np.ascontiguousarray(DIVIDED[1].T)
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
@@ -236,8 +237,11 @@ def _monotone(series: FloatArray, slopes: FloatArray) -> bool:
 
 
 @compiled
-def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
-    """Return whether a piece need not be cut for any expression, and whether all values are finite."""
+def _simple(room: Scratch, count: int, lane: int, fresh: bool) -> tuple[bool, bool]:
+    """Return whether a piece need not be cut for any expression, and whether all values are finite.
+
+    ``fresh`` says that expressions which are zero at the start of the lane are so where the piece begins.
+    """
     simple = finite = True
     series, slopes = np.empty(8), np.empty(8)
     for e in range(count):
@@ -255,6 +259,14 @@ def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
         transformed(SERIES, room.values, e, series)
         if _one_sign(series):
             continue
+        if fresh and room.zero[lane, e] != 0.0:
+            transformed(_ONCE, room.values, e, series)
+            if _one_sign(series):
+                continue
+            transformed(_TWICE, room.values, e, series)
+            if _one_sign(series):
+                continue
+            transformed(SERIES, room.values, e, series)
         transformed(SLOPE_SERIES, room.values, e, slopes)
         if not _monotone(series, slopes):
             simple = False
@@ -389,7 +401,7 @@ def scan(
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
         sample(watch.values, watch.used, room, many, t, h, low, high - low)
         budget -= 1
-        simple, finite = _simple(room, count)
+        simple, finite = _simple(room, count, lane, fresh and low == 0.0)
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
             middle = 0.5 * (low + high)
             room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
