@@ -82,7 +82,9 @@ def test_energy_lost_is_the_work_of_friction():
         motion = run((edges[:-1, None] + half + half * nodes).ravel())
         slip = motion["x_dot"] * np.cos(motion["theta"])
         lost += np.sum((motion["F_Q"] * slip).reshape(len(half), -1) @ weights * half[:, 0])
-        pushed += np.sum(((4 + 7 * np.sin(3 * motion.t)) * motion["x_dot"]).reshape(len(half), -1) @ weights * half[:, 0])
+        pushed += np.sum(
+            ((4 + 7 * np.sin(3 * motion.t)) * motion["x_dot"]).reshape(len(half), -1) @ weights * half[:, 0]
+        )
     assert lost < -8
     assert abs(run["energy"][-1] - run["energy"][0] - pushed - lost) < 1e-10 * abs(lost)
 
