@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import final
 
 import numpy as np
@@ -82,7 +82,21 @@ Option = tuple[str, int, int]
 """State, side and direction (0: that of the slip velocity, or of the slip that begins)."""
 
 
-def choose(facts: Facts, standings: Sequence[Standing], level: Level, directions: FloatArray) -> Choice:
+@final
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A combination that was tried: its mode, margins (k,), directions, sides and motion."""
+
+    mode: Mode
+    margin: FloatArray
+    along: FloatArray
+    sides: FloatArray
+    motion: FloatArray
+
+
+def choose(
+    facts: Facts, standings: Sequence[Standing], level: Level, directions: FloatArray, sides: FloatArray | None = None
+) -> Choice:
     """Return the modes of cases whose contacts stand alike.
 
     Parameters
@@ -94,45 +108,66 @@ def choose(facts: Facts, standings: Sequence[Standing], level: Level, directions
         Of accelerations, or of an impact.
     directions : ndarray (k, n_contacts, 2)
         Of the slip velocities, unit vectors; anything for contacts that do not slide.
+    sides : ndarray (k, n_contacts), optional
+        On which side constraints that never open were pushed just before. The others are only tried where these
+        contradict something.
     """
-    count, contacts = len(facts), facts.contacts
-    options = [_options(c, s) for c, s in zip(contacts, standings, strict=True)]
-    modes: list[Mode] = []
-    ranked: list[tuple[Mode, NDArray[np.float64], FloatArray, FloatArray, FloatArray]] = []
-    for combination in product(*options):
-        mode = tuple(state for state, _, _ in combination)
-        sides = np.tile([float(side) for _, side, _ in combination], (count, 1))
-        along = _along(facts, combination, directions)
-        begins = [i for i, (s, _, d) in enumerate(combination) if s == SLIP and d == 0 and standings[i].kind == GRIPPED]
-        if begins:
-            along = _turned(facts, level, combination, sides, along, begins)
-        outcome = facts.solve(level, mode, along, sides)
-        margin = _margin(facts, standings, level, combination, outcome, along, sides)
-        ranked.append((mode, margin, along, sides, outcome.motion))
-        modes.append(mode)
-    margins = np.array([margin for _, margin, *_ in ranked])
+    every = list(product(*(_options(c, s) for c, s in zip(facts.contacts, standings, strict=True))))
+    tried: list[_Trial] = []
+    if sides is not None and any(side_name(contact) is not None for contact in facts.contacts):
+        same = [c for c in every if all(side == 1 for _, side, _ in c)]
+        tried = [_try(facts, standings, level, c, directions, sides) for c in same]
+        if np.all(np.any([trial.margin >= 0.0 for trial in tried], axis=0)):
+            return _judge(facts, tried)
+    others = np.ones((len(facts), len(facts.contacts)))
+    return _judge(facts, [_try(facts, standings, level, c, directions, others) for c in every])
+
+
+def _try(
+    facts: Facts,
+    standings: Sequence[Standing],
+    level: Level,
+    combination: Sequence[Option],
+    directions: FloatArray,
+    sides: FloatArray,
+) -> _Trial:
+    """Return what comes of a combination, whose sides are relative to the given ones."""
+    mode = tuple(state for state, _, _ in combination)
+    sides = sides * np.array([float(side) for _, side, _ in combination])
+    along = _along(facts, combination, directions)
+    begins = [i for i, (s, _, d) in enumerate(combination) if s == SLIP and d == 0 and standings[i].kind == GRIPPED]
+    if begins:
+        along = _turned(facts, level, combination, sides, along, begins)
+    outcome = facts.solve(level, mode, along, sides)
+    margin = _margin(facts, standings, level, combination, outcome, along, sides)
+    return _Trial(mode, margin, along, sides, outcome.motion)
+
+
+def _judge(facts: Facts, tried: Sequence[_Trial]) -> Choice:
+    """Return the first combination that contradicts nothing, or why there is none."""
+    margins = np.array([trial.margin for trial in tried])
     strict = margins >= 0.0
     allowed = np.where(np.any(strict, axis=0), strict, margins >= -ROUNDING)
-    number = np.argmax(allowed, axis=0)
-    status = np.where(np.any(allowed, axis=0), int(Status.SUCCESS), int(Status.CONTACT_IMPOSSIBLE))
-    status[np.any(np.isnan(margins), axis=0) & ~np.any(allowed, axis=0)] = int(Status.NON_FINITE)
+    some = np.any(allowed, axis=0)
+    status = np.where(some, int(Status.SUCCESS), int(Status.CONTACT_IMPOSSIBLE))
+    status[np.any(np.isnan(margins), axis=0) & ~some] = int(Status.NON_FINITE)
     clear = margins > ROUNDING
-    for i, contact in enumerate(contacts):
-        for a in range(len(modes)):
-            for b in range(a):
-                apart = (modes[a][i] == OPEN) != (modes[b][i] == OPEN) or (
-                    side_name(contact) is not None and ranked[a][3][0, i] != ranked[b][3][0, i]
-                )
-                if apart:
-                    status[clear[a] & clear[b]] = int(Status.CONTACT_AMBIGUOUS)
-    case = np.arange(count)
+    several = np.sum(clear, axis=0) > 1
+    if np.any(several):
+        for b, a in combinations(range(len(tried)), 2):
+            for i, contact in enumerate(facts.contacts):
+                apart = np.full(len(facts), (tried[a].mode[i] == OPEN) != (tried[b].mode[i] == OPEN))
+                if side_name(contact) is not None:
+                    apart |= tried[a].sides[:, i] != tried[b].sides[:, i]
+                status[clear[a] & clear[b] & apart] = int(Status.CONTACT_AMBIGUOUS)
+    number, case = np.argmax(allowed, axis=0), np.arange(len(facts))
     return Choice(
         mode=np.where(status == Status.SUCCESS, number, -1),
-        modes=modes,
-        directions=np.array([along for _, _, along, _, _ in ranked])[number, case],
-        sides=np.array([sides for _, _, _, sides, _ in ranked])[number, case],
+        modes=[trial.mode for trial in tried],
+        directions=np.array([trial.along for trial in tried])[number, case],
+        sides=np.array([trial.sides for trial in tried])[number, case],
         status=status,
-        motion=np.array([motion for *_, motion in ranked])[number, case],
+        motion=np.array([trial.motion for trial in tried])[number, case],
     )
 
 

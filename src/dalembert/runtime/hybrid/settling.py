@@ -137,7 +137,8 @@ class Laws:
         for some in (np.flatnonzero(mixed == number) for number in np.unique(mixed)):
             alike = [table[code] for code in codes[some[0]]]
             here = facts if len(some) == count else facts.part(some)
-            self._group(here, now.part(some), alike, result, some, moved=bool(fired) or mode is None)
+            known = mode is not None and not any(point.kind == "turn" for point in fired)
+            self._group(here, now.part(some), alike, result, some, known=known)
         bad = self._refused(facts, mode)
         result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
         return result
@@ -235,21 +236,22 @@ class Laws:
         result: Settled,
         some: NDArray[np.intp],
         *,
-        moved: bool = True,
+        known: bool = False,
     ) -> None:
+        """Settle cases whose contacts stand alike; `known` says that they are pushed as they were before."""
         directions = self._directions(facts, now.directions)
         x, size = now.x.copy(), facts.mass.shape[1]
         if any(standing.struck for standing in standings):
             self._strike(facts, now, standings, directions, result, some)
             return
-        choice = choose(facts, standings, facts.accelerating(), directions)
+        choice = choose(facts, standings, facts.accelerating(), directions, now.sides if known else None)
         result.status[some] = choice.status
         result.directions[some], result.sides[some] = choice.directions, choice.sides
         for number, mode in enumerate(choice.modes):
             here = np.flatnonzero(choice.mode == number)
             if not len(here):
                 continue
-            if moved and (STICK in mode or any(standing.kind == TOUCHING for standing in standings)):
+            if STICK in mode or any(standing.kind == TOUCHING for standing in standings):
                 x[here, size:] = (facts if len(here) == len(facts) else facts.part(here)).held(mode)
             result.take(mode, some[here])
         result.x[some] = x
