@@ -64,6 +64,9 @@ def _divided(power: int) -> FloatArray:
 DIVIDED: FloatArray = np.array([_divided(1), _divided(2)])
 """The same for a function that is zero where the interval begins, divided by the distance from there, or its square."""
 
+FLAT = 1e-12
+"""Slope, as a share of the values, up to which a function leaves zero like a parabola."""
+
 TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
 """What the last two coefficients are multiplied by, to stand for all that follow."""
 
@@ -99,7 +102,7 @@ class Crossing:
 
 
 def pieces(
-    sample: Sample, count: int, noise: FloatArray, least: FloatArray, zero: NDArray[np.bool_] | None = None
+    sample: Sample, count: int, noise: FloatArray, least: FloatArray, slopes: FloatArray | None = None
 ) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
@@ -113,8 +116,9 @@ def pieces(
         Size below which a function counts as zero (n,).
     least
         Length below which a piece is not cut, as a fraction of each step (count,).
-    zero
-        Which functions are zero where the first step begins (n,), so that they need not be monotone there.
+    slopes
+        For functions that are zero where the first step begins their rates there, over the step; NaN for others (n,).
+        They need not be monotone where they leave zero.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -122,8 +126,11 @@ def pieces(
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, _COUNT), theta.ravel()).reshape(len(step), _COUNT, -1)
-        first = None if zero is None else np.flatnonzero((step == 0) & (low == 0.0))
-        simple, finite = _simple(values, noise, first, zero)
+        simple, finite = _simple(values, noise)
+        if slopes is not None:
+            here = np.flatnonzero((step == 0) & (low == 0.0) & ~simple)
+            for i in here:
+                simple[i] = _simple_from_zero(values[i], noise, slopes * high[i])
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -140,13 +147,15 @@ def pieces(
     return Pieces(*(part[order] for part in parts))
 
 
-def _simple(
-    values: FloatArray, noise: FloatArray, first: IntArray | None, zero: NDArray[np.bool_] | None
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pieces need not be cut for any function, and on which all values are finite.
+def _simple(values: FloatArray, noise: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pieces need not be cut for any function, and on which all values are finite."""
+    good = _good(values, noise)
+    finite = np.isfinite(values)
+    return np.asarray(np.all(good, axis=1)), np.asarray(finite.all(axis=(1, 2)))
 
-    Some functions are `zero` where the piece `first` begins.
-    """
+
+def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions a piece need not be cut for (k, n)."""
     with np.errstate(all="ignore"):
         series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS, values))
         slopes = np.abs(np.einsum("kj,ijn->ikn", SLOPES, values))
@@ -154,12 +163,18 @@ def _simple(
         one_sign = _one_sign(series)
         monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * tail
         nothing = np.abs(values).max(axis=1) <= noise
-        if first is not None and zero is not None and len(first):
-            divided = np.abs(np.einsum("pkj,ijn->pikn", DIVIDED, values[first]))
-            one_sign[first] |= zero & (_one_sign(divided[0]) | _one_sign(divided[1]))
-    finite = np.isfinite(values)
-    lost = ~finite.any(axis=1)
-    return np.asarray(np.all(one_sign | monotone | nothing | lost, axis=1)), np.asarray(finite.all(axis=(1, 2)))
+    lost = ~np.isfinite(values).any(axis=1)
+    return np.asarray(one_sign | monotone | nothing | lost)
+
+
+def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray) -> bool:
+    """Return whether a piece (8, n) need not be cut that begins where some functions are zero, with `slopes` over it."""
+    with np.errstate(all="ignore"):
+        once, twice = np.abs(np.einsum("pkj,jn->pkn", DIVIDED, values))
+        largest = np.abs(values).max(axis=0)
+        leaves = ~np.isnan(slopes) & (_one_sign(once[np.newaxis])[0])
+        leaves |= (np.abs(slopes) <= FLAT * largest) & _one_sign(twice[np.newaxis])[0]
+    return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
 
 
 def _one_sign(series: FloatArray) -> NDArray[np.bool_]:

@@ -189,10 +189,10 @@ class _Run:
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
         return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
 
-    def _noise(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the size below which each expression counts as zero, for a state that is not one of its zeros."""
+    def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
         _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
-        return np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
+        return rate, np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
 
     def _until_jump(self) -> Status | None:
         """Integrate to the end, or to the next jump, for which None is returned."""
@@ -231,10 +231,10 @@ class _Run:
         if not self.counts:
             self._take(stretch)
             return False, None
-        noise = self._noise(float(knots[0]), stretch.y[0])
+        rate, noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
-        cut = pieces(sample, len(sizes), noise, least, self.zero if fresh else None)
+        cut = pieces(sample, len(sizes), noise, least, np.where(self.zero, rate * sizes[0], np.nan) if fresh else None)
         if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None

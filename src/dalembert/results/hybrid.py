@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, OptionError
+from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
+from ..ir.program import Layout
 from .events import EventRecord, EventRecords
-from .trajectory import RunStatistics, Trajectory
+from .trajectory import ENERGIES, RunStatistics, Trajectory
 
 if TYPE_CHECKING:
     import xarray
@@ -74,8 +75,10 @@ class HybridTrajectory:
         status: Status,
         stats: RunStatistics,
         name: str,
+        layout: Layout,
     ) -> None:
-        self._parts, self._whole, self._order, self._name = tuple(parts), tuple(whole), order, name
+        self._parts, self._whole, self._order = tuple(parts), tuple(whole), order
+        self._name, self._layout = name, layout
         self.phases = tuple(phases)
         self.status, self.stats = status, stats
         self.events = EventRecords()
@@ -112,13 +115,13 @@ class HybridTrajectory:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return self._parts[0].motion.coordinates
+        return self._layout.coordinates
 
     @property
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
-        every = [set(part.motion.names) for part in self._parts]
-        return tuple(name for name in self._parts[0].motion.names if all(name in names for names in every))
+        layout = self._layout
+        return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
 
     @property
     def invariants(self) -> dict[str, FloatArray]:
@@ -128,10 +131,18 @@ class HybridTrajectory:
         return {name: self._joined(lambda part, name=name: part.motion.invariants[name]) for name in common}  # type: ignore[misc]
 
     def __getitem__(self, key: Any) -> FloatArray:
+        name = self._layout.aliases.get(str(key), str(key))
+        if not {name, str(key)} & {*self.names}:
+            hint = ""
+            if name in self._layout.unknowns:
+                hint = f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
+            raise UnknownNameError(unknown_name("output", str(key), self.names) + hint)
         return self._joined(lambda part: part.motion[key])
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return what a contact does at the recorded times (n_t,)."""
+        if contact not in self.phases[0].modes:
+            raise OptionError(unknown_name("contact", contact, self.phases[0].modes))
         words = [np.full(len(part.motion.t), part.phase.modes[contact]) for part in self._parts]
         joined = np.concatenate(words)
         return joined if self._order is None else joined[self._order]
@@ -170,10 +181,14 @@ class HybridTrajectory:
         parts = [
             Part(part.phase, part.motion(times[some]), part.violation)
             for part, some in zip(lasting, rows, strict=True)
-            if len(some) or part is lasting[0]
+            if len(some)
         ]
+        if not parts:
+            part = lasting[0]
+            parts = [Part(part.phase, part.motion.at(part.motion.t[:0], part.motion.y[:0]), part.violation)]
         order = np.argsort(np.concatenate(rows), kind="stable")
-        return HybridTrajectory(parts, self.phases, order, self._whole, self.status, self.stats, self._name)
+        about = (self.status, self.stats, self._name, self._layout)
+        return HybridTrajectory(parts, self.phases, order, self._whole, *about)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""

@@ -225,6 +225,7 @@ class HybridModel:
             t_eval=times,
             options=options,
             events=listed,
+            layout=self.layout,
             jumps={event.label: self._jump(event, given) for event in listed if event.apply is not None},
         )
         return simulate(self._modes, request)

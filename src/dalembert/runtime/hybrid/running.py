@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import InitialStateError, ValueInputError
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
+from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...results.events import EventRecords
@@ -101,6 +102,8 @@ class Request:
     events : tuple of Event
     jumps : mapping of str to callable
         For each event that maps the state: from time and state (2 n_q,) to the state after it, or None.
+    layout : Layout
+        Of the scene, with the outputs that were asked for.
     """
 
     t0: float
@@ -112,6 +115,7 @@ class Request:
     options: Mapping[str, Any]
     events: tuple[Event, ...]
     jumps: Mapping[str, Callable[[float, FloatArray], FloatArray | None]]
+    layout: Layout
 
 
 def simulate(modes: Modes, request: Request) -> HybridTrajectory:
@@ -333,7 +337,7 @@ class _Run:
         name = self.modes.equations.name
 
         def make(parts: Sequence[Part]) -> HybridTrajectory:
-            return HybridTrajectory(parts, phases, None, self.parts, status, stats, name)
+            return HybridTrajectory(parts, phases, None, self.parts, status, stats, name, self.request.layout)
 
         run = make(self.parts)
         if self.request.t_eval is not None:
