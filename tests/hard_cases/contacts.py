@@ -94,7 +94,7 @@ def table_oscillator(load=None, **law):
 
 
 def push_pull():
-    """Pushed and pulled by F_A = 4 + 7 sin(3 t): slips seven times, and sticks in between at another place each time."""
+    """Pushed and pulled by F_A = 4 + 7 sin(3 t): slips eight times, and sticks in between, each time elsewhere."""
     case = "plate_push_pull"
     start = {"x": -0.5 / math.tan(0.5), "theta": 0.5, "x_dot": 0.0, "theta_dot": 0.0}
     scene = corner_plate(4 + 7 * sin(3 * TIME))

@@ -151,7 +151,7 @@ def rod_lifts():
 
 
 def rod_falls():
-    """Return x, theta, x_dot, theta_dot of a rod that falls on the ground, stops there, and goes on sliding and sticking.
+    """Return x, theta, x_dot, theta_dot of a rod that falls on the ground, where its end stops, slips, sticks.
 
     The impact is plastic. The impulses that bring A to rest, along and across the ground, lie within Coulomb's cone, so
     that A stops; the angular momentum about A stays.

@@ -33,14 +33,14 @@ def _no_force(t):
 @final
 @dataclass(frozen=True)
 class Plate:
-    """Parameters, as mpf: mass, half length, height of the corner, gravity, friction at A and Q, force at A over time."""
+    """Mass, half length, height of the corner, gravity, friction at A and Q as mpf, and the force at A over time."""
 
     m: Any
     l: Any
     h: Any
     g: Any
-    mu_A: Any = mp.mpf(0)
-    mu_Q: Any = mp.mpf(0)
+    mu_A: Any = 0
+    mu_Q: Any = 0
     force: Callable[[Any], Any] = _no_force
 
     def sliding(self, t, theta, omega, sign, side=1) -> Forces:

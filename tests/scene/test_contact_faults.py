@@ -30,7 +30,10 @@ def law(normal=N_Q, tangential=F_Q, **changes):
     return da.CoulombFriction(normal, tangential, **({"mu": mu, "name": "corner"} | changes))
 
 
-def contact(normal=N_Q, gap=-x - sp.Symbol("h", positive=True) * sp.cot(theta), **changes):
+GAP = -x - sp.Symbol("h", positive=True) * sp.cot(theta)
+
+
+def contact(normal=N_Q, gap=GAP, **changes):
     return da.UnilateralContact(normal, gap, **({"name": "corner"} | changes))
 
 
