@@ -100,9 +100,8 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
     if isinstance(events, Event | str) or not isinstance(events, Iterable):
         events = (events,)
     made = [event if isinstance(event, Event) else Event(event) for event in events]
-    listed = tuple(
-        event if event.name else replace(event, name=aliases.get(event.label, event.label)) for event in made
-    )
+    names = [aliases.get(event.label, event.label) for event in made]
+    listed = tuple(e if e.name == name else replace(e, name=name) for e, name in zip(made, names, strict=True))
     labels = [event.label for event in listed]
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
