@@ -18,12 +18,14 @@ from .mechanics.derive import derive
 from .mechanics.equations import EquationsOfMotion
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
+from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
 
 if TYPE_CHECKING:
     from .codegen.base import RenderedModule
+    from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
 
 __all__ = ["Stages", "compile_model"]
@@ -42,6 +44,7 @@ class Stages:
     rendered: RenderedModule
     seconds: dict[str, float]
     options: CompileOptions
+    mode: Mode | None = None
 
 
 def compile_model(
@@ -52,7 +55,7 @@ def compile_model(
     outputs: Sequence[Any] = (),
     cache: bool = True,
     gains: tuple[float, float] | None = None,
-) -> CompiledModel:
+) -> CompiledModel | HybridModel:
     """Compile a scene to a simulator.
 
     Parameters
@@ -75,7 +78,8 @@ def compile_model(
 
     Returns
     -------
-    CompiledModel
+    CompiledModel or HybridModel
+        A scene with friction or contacts that has several modes gives the second, which is used like the first.
 
     Raises
     ------
@@ -87,7 +91,7 @@ def compile_model(
     if not isinstance(source, Scene):
         raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
     options = CompileOptions(backend, formulation, tuple(outputs), cache, gains)
-    return _compile(source.copy(), options, ())
+    return _compile(source.copy(), options)
 
 
 def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
@@ -96,10 +100,28 @@ def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
     They are those that a run found to follow from the others.
     """
     options = replace(stages.options, formulation=stages.program.formulation)
-    return _compile(stages.scene, options, without)
+    return compile_mode(stages.scene, options, stages.mode, without)
 
 
-def _compile(scene: Scene, options: CompileOptions, without: tuple[int, ...]) -> CompiledModel:
+def compile_mode(
+    scene: Scene, options: CompileOptions, mode: Mode | None, without: tuple[int, ...] = ()
+) -> CompiledModel:
+    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
+    from .runtime.hybrid import HybridModel
+
+    model = _compile(scene, options, without, mode)
+    assert not isinstance(model, HybridModel)
+    return model
+
+
+def compile_modes(scene: Scene, options: CompileOptions) -> CompiledModel | HybridModel:
+    """Return the model of a scene with contacts."""
+    return _compile(scene, options)
+
+
+def _compile(
+    scene: Scene, options: CompileOptions, without: tuple[int, ...] = (), mode: Mode | None = None
+) -> CompiledModel | HybridModel:
     from .codegen import backend_named
     from .runtime.model import CompiledModel
 
@@ -108,12 +130,20 @@ def _compile(scene: Scene, options: CompileOptions, without: tuple[int, ...]) ->
     chosen = watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
+    if equations.contacts:
+        mode = mode or always(equations.contacts)
+        if mode is None:
+            from .runtime.hybrid import HybridModel
+
+            return HybridModel(scene, options, equations)
+        equations = watch("mode", lambda: in_mode(equations, mode))
+        names += [point.output for point in equations.watchpoints]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     program = watch("lower", lambda: lower(reduced))
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options)
+    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode)
     return CompiledModel(stages, engine, methods)
 
 

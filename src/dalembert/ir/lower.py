@@ -83,7 +83,7 @@ def lower(system: ReducedSystem) -> Program:
         holonomic=sum(row.position is not None for row in rows),
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
-        defaults=dict(system.defaults),
+        defaults={**equations.defaults, **system.defaults},
     )
     return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
 

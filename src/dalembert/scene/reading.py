@@ -16,12 +16,14 @@ from ..ir.graph import Graph, Node
 from ..naming import rate_name
 from . import changes
 from .belonging import foreign_points
+from .contacts import read_contacts
 from .expressions import ExpressionReader
 from .model import (
     Action,
     BodyModel,
     Components,
     ConstraintModel,
+    ContactModel,
     FrameModel,
     Piece,
     Pieces,
@@ -106,6 +108,7 @@ class _SceneReader:
             for item in outputs
             if isinstance(item, sp.Basic)
         }
+        contacts, closing = self._contacts()
         symbols = self._symbols()
         if not self.faults:
             self.faults += foreign_points(
@@ -130,9 +133,10 @@ class _SceneReader:
             actions=tuple(action for action in actions if action is not None),
             gravity=gravity,
             potential=potential,
-            holonomic=tuple(holonomic),
+            holonomic=(*holonomic, *closing),
             nonholonomic=tuple(nonholonomic),
             outputs=extra,
+            contacts=tuple(contacts),
         )
 
     # -- symbols --------------------------------------------------------------------------
@@ -328,6 +332,14 @@ class _SceneReader:
                 )
                 break
         return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+
+    def _contacts(self) -> tuple[list[ContactModel], list[ConstraintModel]]:
+        if not (self.scene.contacts or self.scene.frictions):
+            return [], []
+        forces = list(self.expressions.unknowns)
+        return read_contacts(
+            self.scene, self.expressions, self._rates(), self._mask("coordinates"), forces, self.faults.append
+        )
 
     def _rates(self) -> list[Node]:
         return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
