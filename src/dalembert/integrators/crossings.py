@@ -50,22 +50,25 @@ SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for 
 """From values at the points to the Chebyshev coefficients of the derivative, over half the length of the interval."""
 
 
+_REST = POINTS[1:]
+_TOWARDS: FloatArray = np.array([np.prod([other / (other - x) for other in _REST if other != x]) for x in _REST])
+"""From values at the other points to that of their polynomial at zero."""
+
+
 def _divided(power: int) -> FloatArray:
-    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0.
-
-    Its value at zero is that of the polynomial through the others.
-    """
-    rest = POINTS[1:]
-    towards = [np.prod([other / (other - x) for other in rest if other != x]) for x in rest]
-    matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], towards)
-    return np.hstack([np.zeros((_COUNT, 1)), matrix / rest**power])
+    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0."""
+    matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], _TOWARDS)
+    return np.hstack([np.zeros((_COUNT, 1)), matrix / _REST**power])
 
 
-DIVIDED: FloatArray = np.array([_divided(1), _divided(2)])
-"""The same for a function that is zero where the interval begins, divided by the distance from there, or its square."""
+DIVIDED: FloatArray = np.array([_divided(power) for power in (1, 2, 3)])
+"""The same for a function that is zero where the interval begins, divided by a power of the distance from there."""
 
-FLAT = 1e-12
-"""Slope, as a share of the values, up to which a function leaves zero like a parabola."""
+BEND: FloatArray = np.concatenate([[0.0], _TOWARDS / _REST**2])
+"""From values at the points to half the second derivative where the interval begins, with value and slope zero."""
+
+FLAT, BENT = 1e-12, 1e-9
+"""Slope and bend, as shares of the values, up to which a function leaves zero as if it had none."""
 
 TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
 """What the last two coefficients are multiplied by, to stand for all that follow."""
@@ -168,12 +171,13 @@ def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 
 
 def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray) -> bool:
-    """Return whether a piece (8, n) need not be cut that begins where some functions are zero, with `slopes` over it."""
+    """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut."""
     with np.errstate(all="ignore"):
-        once, twice = np.abs(np.einsum("pkj,jn->pkn", DIVIDED, values))
+        once, twice, thrice = (_one_sign(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
         largest = np.abs(values).max(axis=0)
-        leaves = ~np.isnan(slopes) & (_one_sign(once[np.newaxis])[0])
-        leaves |= (np.abs(slopes) <= FLAT * largest) & _one_sign(twice[np.newaxis])[0]
+        flat = np.abs(slopes) <= FLAT * largest
+        unbent = flat & (np.abs(BEND @ values) <= BENT * largest)
+        leaves = (~np.isnan(slopes) & once) | (flat & twice) | (unbent & thrice)
     return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
 
 

@@ -39,6 +39,8 @@ Jump = Callable[[float, FloatArray], FloatArray | None]
 class Rule:
     """What an event does: which sign changes count, the occurrence that ends the run (0: none), and the jump.
 
+    A direction of 2 or -2 says that the expression is zero where the motion begins, and leaves it the other way.
+
     The jump gives the state after it from time and state, or None where the constraints do not allow it.
     """
 
@@ -187,6 +189,9 @@ class _Run:
         noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
         zero = np.abs(value) <= noise
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
+        directions = np.array([rule.direction for rule in self.watched.rules])
+        leaves = np.abs(directions) > 1
+        zero, sign = zero | leaves, np.where(leaves, -np.sign(directions), sign)
         return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
 
     def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from ..crossings import COEFFICIENTS, DEEPEST, DIVIDED, FLAT, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..crossings import BEND, BENT, COEFFICIENTS, DEEPEST, DIVIDED, FLAT, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
@@ -47,7 +47,8 @@ NOTHING, STOPPED, BROKEN = 0, 1, 2
 _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
 SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
-_ONCE, _TWICE = np.ascontiguousarray(DIVIDED[0].T), np.ascontiguousarray(DIVIDED[1].T)
+_ONCE, _TWICE, _THRICE = (np.ascontiguousarray(matrix.T) for matrix in DIVIDED)
+_BEND = BEND.copy()
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
@@ -157,6 +158,8 @@ def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: flo
         room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
         deciding = rate * direction if abs(value) <= limit else value
         room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
+        if abs(watch.directions[e]) > 1:
+            room.zero[lane, e], room.signs[lane, e] = 1.0, -0.5 * float(watch.directions[e])
         room.seen[lane, e] = 0.0
 
 
@@ -268,6 +271,12 @@ def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> t
             if room.zero[lane, e] * high <= FLAT * largest:
                 transformed(_TWICE, room.values, e, slopes)
                 if _one_sign(slopes):
+                    continue
+                bend = 0.0
+                for j in range(1, 8):
+                    bend += _BEND[j] * room.values[e, j]
+                transformed(_THRICE, room.values, e, slopes)
+                if abs(bend) <= BENT * largest and _one_sign(slopes):
                     continue
         transformed(SLOPE_SERIES, room.values, e, slopes)
         if not _monotone(series, slopes):

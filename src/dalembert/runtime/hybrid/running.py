@@ -18,7 +18,7 @@ from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_na
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.trajectory import RunStatistics, Trajectory
-from ..events import Event
+from ..events import Event, leaving
 from .facts import FloatArray
 from .settling import Instants, Laws, Settled
 
@@ -49,6 +49,19 @@ class Modes:
             found = reduced.equations.watchpoints
             self._points[mode] = [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
         return self._points[mode]
+
+    def events(self, mode: Mode, before: Mode | None, fired: Sequence[Watchpoint]) -> list[Event]:
+        """Return what can end a mode as events, for motions that come from the mode `before` because of `fired`."""
+        found = []
+        for point in self.points(mode):
+            event = Event(point.output, terminal=True, direction=-1, name=point.output)
+            kinds = {other.kind for other in fired if other.contact == point.contact}
+            leaves = before is not None and (
+                (point.kind == "meet" and ("lift" in kinds or "meet" in kinds))
+                or (point.kind == "stop" and ("stop" in kinds or before[point.contact] == STICK))
+            )
+            found.append(leaving(event) if leaves else event)
+        return found
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""
@@ -135,6 +148,7 @@ class _Run:
         self.t = request.t0
         self.now = Instants.starting(t, x, c, len(modes.equations.contacts))
         self.mode: Mode | None = None
+        self.cause: tuple[Mode | None, tuple[Watchpoint, ...]] = (None, ())
         self.parts: list[Part] = []
         self.records: list[tuple[Part, EventRecords]] = []
         self.counts = {event.label: 0 for event in request.events}
@@ -164,6 +178,7 @@ class _Run:
         if status is not Status.SUCCESS:
             self.note = self._where()
             return status
+        self.cause = self.mode, tuple(fired)
         self._take(settled)
         return None
 
@@ -220,8 +235,7 @@ class _Run:
             last = int(event.terminal) - self.counts[event.label] if event.terminal else 0
             last = 1 if event.apply is not None else last
             events.append(replace(event, name=event.label, apply=None, terminal=last))
-        points = self.modes.points(mode)
-        return events + [Event(point.output, terminal=True, direction=-1, name=point.output) for point in points]
+        return events + self.modes.events(mode, *self.cause)
 
     def _run(self, mode: Mode) -> Trajectory:
         """Run the model of a mode from where the motion is, up to what ends it."""

@@ -14,6 +14,7 @@ from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
+from ...mechanics.equations import Watchpoint
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
@@ -90,6 +91,8 @@ class _Sweep:
         self.status = campaign.status.copy()
         self.table: list[Mode] = []
         self.mode = np.full(count, -1)
+        self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
+        self.cause = np.zeros(count, np.intp)
         self.forward = np.where(campaign.t1 >= campaign.t, 1.0, -1.0)
         self.span = np.abs(campaign.t1 - campaign.t)
         self.steps, self.phases = np.zeros(count, np.int64), np.zeros(count, np.int64)
@@ -115,8 +118,10 @@ class _Sweep:
             try:
                 while np.any(self.status == _RUNNING):
                     before = int(np.sum(self.status == _RUNNING))
-                    for number in np.unique(self.mode[self.status == _RUNNING]):
-                        self._round(int(number))
+                    running = np.flatnonzero(self.status == _RUNNING)
+                    mixed = self.mode[running] * len(self.causes) + self.cause[running]
+                    for number in np.unique(mixed):
+                        self._round(running[mixed == number])
                     advance(before - int(np.sum(self.status == _RUNNING)))
             except KeyboardInterrupt:
                 pass
@@ -125,10 +130,9 @@ class _Sweep:
 
     # -- one round -------------------------------------------------------------------------
 
-    def _round(self, number: int) -> None:
-        """Run the cases that are in one mode, each to its next sample, its end, or what ends the mode."""
-        some = np.flatnonzero((self.status == _RUNNING) & (self.mode == number))
-        mode = self.table[number]
+    def _round(self, some: NDArray[np.intp]) -> None:
+        """Run cases in one mode and for one cause, each to its next sample, its end, or what ends the mode."""
+        mode = self.table[self.mode[some[0]]]
         goal = self._goal(some)
         run = self._run(mode, some, goal)
         program = self.modes.model(mode).stages.program
@@ -137,6 +141,7 @@ class _Sweep:
         self._keep(run, some, passed)
         self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
         self.steps[some] += run.steps
+        self.cause[some] = 0
         status = run.status.astype(np.int64)
         failed = ~np.isin(status, (Status.SUCCESS, Status.EVENT))
         self.status[some[failed]] = self._judged(run, status, mode)[failed]
@@ -168,8 +173,7 @@ class _Sweep:
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
         events = [replace(e, name=e.label) for e in self.campaign.events]
-        points = self.modes.points(mode)
-        events += [Event(p.output, terminal=True, direction=-1, name=p.output) for p in points]
+        events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
         rows = self._rows(mode, some)
         run = model.sweep(
             (self.now.t[some], goal),
@@ -255,10 +259,14 @@ class _Sweep:
             self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
         self._sample(cases)
 
-    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Any]) -> None:
+    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Watchpoint]) -> None:
         """Decide how cases go on."""
         if not len(some):
             return
+        cause = mode, tuple(fired)
+        if cause not in self.causes:
+            self.causes.append(cause)
+        self.cause[some] = self.causes.index(cause)
         settled = self.modes.laws.settle(self.now.part(some), mode, fired)
         good = settled.status == Status.SUCCESS
         self.status[some[~good]] = settled.status[~good]
