@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,12 +86,72 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
 """The operations on arrays of many states at once."""
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class _Tape:
+    """A kernel as places in one list: what is loaded, what is literal, and operations on the places of operands."""
+
+    kernel: Kernel
+    loads: tuple[tuple[int, str, int | None], ...]
+    start: tuple[Any, ...]
+    lines: tuple[tuple[Callable[..., Any], tuple[int, ...], int], ...]
+    outputs: tuple[int, ...]
+
+    @classmethod
+    def of(cls, kernel: Kernel) -> _Tape:
+        """Return the tape of a kernel, for arrays."""
+        places = {load.target: i for i, load in enumerate(kernel.loads)}
+        start: list[Any] = [None] * len(places)
+
+        def place(operand: str | float) -> int:
+            key = operand if isinstance(operand, str) else repr(operand)  # no name; and -0.0 is not 0.0
+            if key not in places:
+                places[key] = len(start)
+                start.append(None if isinstance(operand, str) else float(operand))
+            return places[key]
+
+        loads = tuple((places[load.target], load.array, load.index) for load in kernel.loads)
+        lines = tuple(
+            (ARRAY_OPERATIONS[line.op], tuple(place(arg) for arg in line.args), place(line.target))
+            for line in kernel.body
+        )
+        outputs = tuple(place(output) for output in kernel.outputs)
+        return cls(kernel, loads, tuple(start), lines, outputs)
+
+    def __call__(self, arguments: Mapping[str, Any]) -> list[Any]:
+        """Return the outputs."""
+        values = list(self.start)
+        for place, array, index in self.loads:
+            source = arguments[array]
+            values[place] = source if index is None else source[index]
+        for function, args, target in self.lines:
+            if len(args) == 2:
+                values[target] = function(values[args[0]], values[args[1]])
+            else:
+                values[target] = function(*[values[arg] for arg in args])
+        return [values[place] for place in self.outputs]
+
+
+_MOST_TAPES = 1024
+_TAPES: dict[int, _Tape] = {}
+"""Tapes by the identity of their kernel, which each keeps, so that no other can have it."""
+
+
+def _tape(kernel: Kernel) -> _Tape:
+    found = _TAPES.get(id(kernel))
+    if found is None:
+        if len(_TAPES) >= _MOST_TAPES:
+            _TAPES.clear()
+        found = _TAPES[id(kernel)] = _Tape.of(kernel)
+    return found
+
+
 def interpret_rows(
     kernel: Kernel, t: NDArray[np.float64], y: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,) or (k, n_c)."""
     with np.errstate(all="ignore"):
-        columns = interpret(kernel, {"t": t, "y": y.T, "c": c.T}, ARRAY_OPERATIONS)
+        columns = _tape(kernel)({"t": t, "y": y.T, "c": c.T})
     out = np.empty((len(t), len(columns)))
     for i, column in enumerate(columns):
         out[:, i] = column
