@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from exact import ROOT  # puts tests/ on the path
 from measure import machine
+from report_contacts import contact_section
 from symmetric import symmetric_methods
 
 import dalembert as da
@@ -212,6 +213,7 @@ Formulations that cannot serve, with the reason that `compile_model` gives:
 
 {reasons}
 
+{contacts}
 ## Whipple bicycle
 
 {bicycle}
@@ -282,6 +284,7 @@ def main() -> None:
         tolerances=" / ".join(f"{x:g}" for x in TOLERANCE.values()),
         rows="\n".join(rows),
         reasons="\n".join(f"- a constraint {reason}: {', '.join(names)}" for reason, names in reasons.items()),
+        contacts=contact_section(),
         bicycle=bicycle(),
         long="\n".join(long),
         symmetric=symmetric_methods(),

@@ -35,6 +35,9 @@ z = dynamicsymbols("z")
 view = da.lagrange(scene.release(z, G, N.z))
 view.equation(z)
 """
+FRICTION = """
+scene.add_friction(da.CoulombFriction(N_Q, F_Q, mu=mu, name="corner"))
+"""
 BANNER = "<!-- Written by docs/generate_examples.py; do not edit. -->\n"
 
 
@@ -76,6 +79,27 @@ def derivation(view: da.LagrangeView, build: Callable[[], da.Scene]) -> str:
     return f"{scene_code(build)}\n{code(first)}\n{view.report().markdown()}"
 
 
+def friction_table() -> str:
+    """Return what the plate does with friction: how it goes on, when it stops, and where."""
+    scene = da.scenes.corner_plate()
+    N_Q, F_Q = da.unknowns("N_Q F_Q")
+    scene.add_friction(da.CoulombFriction(N_Q, F_Q, mu=sp.Symbol("mu"), name="corner"))
+    model = da.compile_model(scene, backend="numpy")
+    start = {"x": -0.5 / np.tan(0.6), "theta": 0.6, "theta_dot": 1.0}
+    rows = [
+        "| mu | stops at t | at theta | tan(theta) | then | theta at 1 s |",
+        "| ---: | ---: | ---: | ---: | --- | ---: |",
+    ]
+    for mu in (0.2, 0.5, 0.8):
+        p = {"m": 1, "l": 1, "h": 0.5, "g": 9.81, "F_A": 0, "mu": mu}
+        run = model.simulate((0, 1), start, p, rtol=1e-11, atol=1e-13)
+        (then,) = (phase for phase in run.phases[1:])
+        angle = run([then.t0])["theta"][0]
+        does = "sticks" if then.modes["corner"] == "stick" else "slides back"
+        rows.append(f"| {mu} | {then.t0:.6f} | {angle:.6f} | {np.tan(angle):.4f} | {does} | {run['theta'][-1]:.6f} |")
+    return "\n".join(rows)
+
+
 def corner_plate() -> str:
     """Return the page of example 13.4.2."""
     scene = da.scenes.corner_plate()
@@ -105,7 +129,17 @@ $F_Q$: friction opposes the slip velocity, so $F_Q$ has the sign of
 
 $$-\\left({latex(slip)}\\right).$$
 
-The compiled scene has no friction: the corner is an ideal joint there, which makes $F_Q = 0$.
+The compiled scene has no friction: the corner is an ideal joint there, which makes $F_Q = 0$. Equation (4) is one line,
+in which the sign is not written but found ([friction.md](../friction.md)):
+
+{code(FRICTION)}
+Pushed up with $\\dot\\theta = 1$ from $\\theta = 0.6$ (m = l = 1, h = 0.5, g = 9.81, F_A = 0), the plate
+stops, and then:
+
+{friction_table()}
+
+It sticks, once it has stopped, where $\\tan\\theta \\le \\mu$: at rest, moments about A give
+$N_Q = mgl\\sin\\theta\\cos\\theta/h$, and the horizontal forces $F_Q = N_Q\\tan\\theta$.
 
 ## The coordinate y released
 

@@ -155,7 +155,7 @@ def rod_falls():
 
 
 def belt():
-    """A block on a belt, 0.5 in stick and 0.3 in slip: thirty transitions in 100 s."""
+    """A block on a belt, 0.5 in stick and 0.3 in slip: thirty phases in 100 s."""
     start = {"x": 0.0, "x_dot": 0.2}
     return contact_case("belt", da.scenes.belt_oscillator(), start, ["x", "x_dot"], bound=1e-11)
 
