@@ -1,11 +1,14 @@
 """Sweeps, grids, prepared runs and error estimates through the public API."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.integrators.status import Status
+from dalembert.runtime import sweeping
 from oracles.sleigh_exact import sleigh_state
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -99,23 +102,31 @@ def test_progress_shows_a_bar(model, capsys):
     assert "41/41" in capsys.readouterr().err.replace(".0", "")
 
 
-def test_an_interrupt_keeps_what_is_finished(model, monkeypatch):
-    from dalembert.runtime import sweeping
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Progress at which someone presses Ctrl-C."""
 
-    held = sweeping._run_block
-    calls = []
+    def press(finished):
+        raise KeyboardInterrupt
 
-    def interrupted(*args):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        held(*args)
+    monkeypatch.setattr(sweeping, "_BETWEEN_LOOKS", 0.01)
+    monkeypatch.setattr(sweeping, "_meter", lambda total, wanted: contextlib.nullcontext(press))
 
-    monkeypatch.setattr(sweeping, "_run_block", interrupted)
-    sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.linspace(0.1, 0.5, 640)}, threads=1)
-    statuses = {Status(s) for s in sweep.status}
-    assert statuses == {Status.SUCCESS, Status.INTERRUPTED}
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_keeps_what_is_finished(model, interrupted, threads):
+    lengths = np.linspace(0.1, 0.5, 200_000)
+    sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=threads, progress=True)
+    assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
     assert np.all(sweep.success[: int(sweep.success.sum())])
+    assert np.all(sweep.t[sweep.success] == 10)
+
+
+def test_an_interrupt_keeps_blocks_that_are_finished(model, interrupted):
+    lengths = np.linspace(0.1, 0.5, 640)
+    sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=1, t_eval=[5.0])
+    assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
+    assert np.all(np.isfinite(sweep.samples[sweep.success]))
 
 
 @pytest.mark.parametrize("formulation", ["minimal", "projected"])

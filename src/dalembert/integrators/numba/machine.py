@@ -44,6 +44,8 @@ def _unpacker(kinds: tuple[Any, ...]) -> Any:
                     return _array(context, builder, kind, word(), [word() for _ in range(kind.ndim)])
                 if isinstance(kind, types.UniTuple):
                     return cgutils.pack_array(builder, [word() for _ in range(kind.count)])
+                if isinstance(kind, types.BaseTuple):
+                    return context.make_tuple(builder, kind, [argument(part) for part in kind.types])
                 return word()
 
             return context.make_tuple(builder, signature.return_type, [argument(kind) for kind in kinds])
@@ -74,15 +76,15 @@ def loop_assembly(loop: Callable[..., Any], kinds: tuple[Any, ...]) -> str:
     loop : callable
         Compiled by numba; it returns nothing and writes its results to its arguments.
     kinds : tuple of numba types
-        Its arguments: ``intp``, tuples of them, or C-contiguous arrays. An integer is one word; an array is its
-        address and its shape.
+        Its arguments: ``intp``, C-contiguous arrays, or tuples, named ones too. An integer is one word; an array is
+        its address and its shape.
     """
     unpack = _unpacker(kinds)
 
     def entry(pointer: Any) -> None:
         loop(*unpack(pointer))
 
-    compiled = numba.cfunc(types.void(types.voidptr), error_model="numpy", fastmath={"contract"})(entry)
+    compiled = numba.cfunc(types.void(types.voidptr), error_model="numpy", fastmath={"contract"}, _nrt=False)(entry)
     text = compiled.inspect_llvm()
     wrapper = compiled.native_name
     inner = re.search(r"define [^@\n]*i32 @([^(\n]+)\(", text)
