@@ -168,10 +168,15 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool 
             printer.store(operand, index)
         arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*kernel.arguments, "out"))
         body = "\n".join(f"  {line}" for line in printer.lines)
-        parts.append(f"define void @{name}({arguments}) nounwind {{\n{body}\n  ret void\n}}")
+        parts.append(f"define void @{name}({arguments}) {_aligned_stack(lanes)}nounwind {{\n{body}\n  ret void\n}}")
         if lanes == 1 and kernel.arguments == ("t", "y", "c"):
             parts.append(_under_numba(name))
     return "\n\n".join(parts)
+
+
+def _aligned_stack(lanes: int) -> str:
+    """Return the attribute that keeps packs on the stack from lying across cache lines, which costs a quarter."""
+    return f"alignstack({8 * lanes}) " if lanes > 2 else ""
 
 
 def _under_numba(name: str) -> str:
