@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, final
 
 import numpy as np
@@ -263,12 +264,26 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     return result
 
 
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return threads that are kept: starting them takes longer than a hundred cases."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="dalembert")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
+
+
 def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> None:
-    """Let threads do the work, while this one waits, so that it can be interrupted."""
-    shown = 0
-    with _meter(count, progress) as advance, ThreadPoolExecutor(threads) as pool:
+    """Let threads do the work, while this one waits, so that it can be interrupted; few cases need no thread."""
+    if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
+        run.work()
+        run.finish()
+        return
+    shown, pool = 0, _pool(threads)
+    with _meter(count, progress) as advance:
+        workers = [pool.submit(run.work) for _ in range(threads)]
         try:
-            workers = [pool.submit(run.work) for _ in range(threads)]
             while wait(workers, _BETWEEN_LOOKS if progress else None).not_done:
                 begun = min(int(run.turn[0]), count)
                 advance(begun - shown)

@@ -233,10 +233,13 @@ class Compiled:
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
+        self._addresses: dict[str, int] = {}
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
-        return int(self._engine.get_function_address(name))
+        if name not in self._addresses:
+            self._addresses[name] = int(self._engine.get_function_address(name))
+        return self._addresses[name]
 
 
 def load_object(code: bytes) -> Compiled:

@@ -10,7 +10,7 @@ import ctypes
 import importlib
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, cached_property
 from importlib.metadata import version
 from typing import Any, final
@@ -74,19 +74,21 @@ class Loop:
 
 def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
     """Return arguments as words: integers as they are, an array as its address and its shape, tuples in their order."""
-    return np.array(list(_words(arguments)), dtype=np.int64)
+    words: list[int] = []
+    _append(words, arguments)
+    return np.array(words, dtype=np.int64)
 
 
-def _words(arguments: tuple[Any, ...]) -> Iterator[int]:
+def _append(words: list[int], arguments: tuple[Any, ...]) -> None:
     for argument in arguments:
         if isinstance(argument, np.ndarray):
             assert argument.flags.c_contiguous
-            yield argument.__array_interface__["data"][0]
-            yield from argument.shape
+            words.append(argument.__array_interface__["data"][0])
+            words += argument.shape
         elif isinstance(argument, tuple):
-            yield from _words(argument)
+            _append(words, argument)
         else:
-            yield argument
+            words.append(argument)
 
 
 @cache

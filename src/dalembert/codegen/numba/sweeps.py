@@ -67,35 +67,36 @@ def case_run(
     turn = np.zeros(1, np.int64)
     size = n + 2 + shape.memory
     rows = size + (n * (shape.degree + 1) if shape.dense else 0)
-    common = (
+    t_eval = np.ascontiguousarray(cases.t_eval)
+    first = (
         codes,
         (shape.degree, shape.memory, len(cases.parameters), values, checks, k, shape.share),
         limits,
         columns,
         turn,
-        np.ascontiguousarray(cases.t_eval),
+        t_eval,
         result.y,
         result.ends,
         samples,
         inside,
         constants,
     )
+    last = (result.happened, result.totals)
     loop = loop_named("watched_lanes" if watched else "lanes").call
+    head, tail = packed(first), packed(last)
 
     def work() -> None:
-        space = room(
-            shape.lanes, n, shape.n_c, 2 + len(settings), rows, max(len(cases.parameters), values), n + checks + size
-        )
-        spare = _spare(watch, shape, 2 + len(settings)) if watched else _NO_SCRATCH
-        arguments = (*common, space, watch, spare, result.happened, result.totals)
-        words = packed(arguments)
+        n_s = 2 + len(settings)
+        space = room(shape.lanes, n, shape.n_c, n_s, rows, max(len(cases.parameters), values), n + checks + size)
+        spare = scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes) if watched else _NO_SCRATCH
+        words = np.concatenate([head, packed((space, watch)), packed(spare) if watched else _NO_WORDS, tail])
         loop(ctypes.c_void_p(words.ctypes.data))
 
     def finish() -> None:
         if np.any(inside):
-            _project(projections, constants, common[5], inside, samples, shape)
+            _project(projections, constants, t_eval, inside, samples, shape)
 
-    work.held = held  # type: ignore[attr-defined]  # what the columns point to stays alive with `work`
+    work.held = held, first, last  # type: ignore[attr-defined]  # what words point to stays alive with `work`
     return CaseRun(work, turn, finish)
 
 
@@ -107,11 +108,8 @@ def _columns(cases: CaseColumns) -> tuple[NDArray[np.int64], tuple[FloatArray, .
     return np.array(places, np.int64), columns
 
 
-def _spare(watch: Watch, shape: SweepShape, n_s: int) -> Scratch:
-    return scratch(watch, shape.n, shape.degree, shape.n_c, n_s, shape.lanes)
-
-
 _NO_SCRATCH = Scratch(*(np.zeros((1, 1)),) * len(Scratch._fields))
+_NO_WORDS = packed(_NO_SCRATCH)
 
 
 def _project(

@@ -303,8 +303,10 @@ def sweeping(watched: bool) -> Callable[..., None]:
                     old, new = new, old
                     continue
             for lane in range(lanes):
+                if not look >> lane & 1:
+                    continue
                 whole[MARK, lane] = NONE
-                if whole[STATUS, lane] != _RUNNING or not look >> lane & 1:
+                if whole[STATUS, lane] != _RUNNING:
                     continue
                 now, size = clock[_NOW, lane], states[new + n, lane]
                 rest = abs(clock[_END, lane] - now)
