@@ -1,6 +1,9 @@
 """Sweeps, grids, prepared runs and error estimates through the public API."""
 
 import contextlib
+import os
+import signal
+import time
 
 import numpy as np
 import pytest
@@ -167,3 +170,56 @@ def test_error_estimate_is_near_the_true_error(model, rtol):
     assert single.error_estimate["x"].shape == single.t.shape
     with pytest.raises(OptionError, match="error_estimate=True"):
         _ = model.simulate((0, 1), START, PARAMETERS).error_estimate
+
+
+def test_a_case_starts_from_the_bits_of_a_single_run(model):
+    lengths, angles = np.linspace(0.1, 0.5, 9), np.linspace(-3.0, 3.0, 9)
+    parameters = {**PARAMETERS, "b": lengths}
+    sweep = model.sweep((1.0, 1.0), {**START, "theta": angles}, parameters)
+    for i in range(9):
+        given = {**START, "theta": angles[i]}, {**PARAMETERS, "b": lengths[i]}
+        assert np.array_equal(sweep.y[i], model.state(*given))
+        assert np.array_equal(sweep.y[i], model.simulate((1.0, 1.0), *given).y[0])
+
+
+def test_columns_of_any_layout(model):
+    pairs = np.stack([np.linspace(0.1, 0.5, 70), np.linspace(-3.0, 3.0, 70)], axis=1)
+    apart, together = pairs[:, 0], np.ascontiguousarray(pairs[:, 0])
+    ends = np.linspace(0.5, 2.0, 140)[::2]
+    sweeps = [model.sweep((0.0, ends), START, {**PARAMETERS, "b": b}) for b in (apart, together, apart.astype(">f8"))]
+    for sweep in sweeps[1:]:
+        assert np.array_equal(sweep.y, sweeps[0].y)
+    assert np.array_equal(sweeps[0].t, ends)
+
+
+def test_cases_that_cannot_start(model):
+    speeds = np.array([0.0, 0.5, np.nan, 0.0])  # a slip of the blade, and a number that is none
+    sweep = model.sweep((0.5, 3.0), {**START, "theta": 0.0, "y_dot": speeds}, PARAMETERS)
+    assert [Status(s) for s in sweep.status] == [
+        Status.SUCCESS,
+        Status.INITIAL_STATE,
+        Status.NON_FINITE,
+        Status.SUCCESS,
+    ]
+    assert np.all(np.isnan(sweep.y[1:3])) and np.all(sweep.t[1:3] == 0.5) and np.all(sweep.steps[1:3] == 0)
+    assert np.array_equal(sweep.y[0], sweep.y[3])
+
+
+def test_a_forked_process_can_sweep(model):
+    if not hasattr(os, "fork"):
+        pytest.skip("this platform does not fork")
+    lengths = np.linspace(0.1, 0.5, 300)
+    here = model.sweep((0, 1), START, {**PARAMETERS, "b": lengths}, threads=2)
+    child = os.fork()
+    if child == 0:
+        there = model.sweep((0, 1), START, {**PARAMETERS, "b": lengths}, threads=2)
+        os._exit(0 if np.array_equal(there.y, here.y) else 1)
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        finished, status = os.waitpid(child, os.WNOHANG)
+        if finished:
+            assert status == 0
+            return
+        time.sleep(0.01)
+    os.kill(child, signal.SIGKILL)
+    pytest.fail("the forked process hangs")
