@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.workspace import Scratch, Watch, aligned, room, scratch
+from ...integrators.numba.workspace import Watch, aligned, room, scratch
 from ..base import BlockResult, CaseColumns, CaseRun, FloatArray
 from .loops import loop_named, packed
 
@@ -88,8 +88,8 @@ def case_run(
     def work() -> None:
         n_s = 2 + len(settings)
         space = room(shape.lanes, n, shape.n_c, n_s, rows, max(len(cases.parameters), values), n + checks + size)
-        spare = scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes) if watched else _NO_SCRATCH
-        words = np.concatenate([head, packed((space, watch)), packed(spare) if watched else _NO_WORDS, tail])
+        spare = (watch, scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes)) if watched else ()
+        words = np.concatenate([head, packed((space, spare)), tail])
         loop(ctypes.c_void_p(words.ctypes.data))
 
     def finish() -> None:
@@ -106,10 +106,6 @@ def _columns(cases: CaseColumns) -> tuple[NDArray[np.int64], tuple[FloatArray, .
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
     places = [(column.__array_interface__["data"][0], int(len(column) > 1)) for column in columns]
     return np.array(places, np.int64), columns
-
-
-_NO_SCRATCH = Scratch(*(np.zeros((1, 1)),) * len(Scratch._fields))
-_NO_WORDS = packed(_NO_SCRATCH)
 
 
 def _project(

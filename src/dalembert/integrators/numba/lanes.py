@@ -12,6 +12,7 @@ they share.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -40,7 +41,7 @@ from .workspace import (
     Watch,
 )
 
-__all__ = ["KINDS", "LOOP", "sweeping"]
+__all__ = ["KINDS", "LOOP", "kinds", "sweeping"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
@@ -53,21 +54,25 @@ _ATTEMPTS, _REFUSED, _BEFORE, _FIRST = 0, 1, 2, 3
 
 _INTEGERS = types.Array(types.int64, 2, "C")
 _ROOM = types.NamedTuple((*(MATRIX,) * 6, _INTEGERS, *(MATRIX,) * 5), Room)
-KINDS = (
-    types.UniTuple(types.intp, 7),
-    types.UniTuple(types.intp, 7),
-    MATRIX,
-    _INTEGERS,
-    types.Array(types.int64, 1, "C"),
-    VECTOR,
-    *(MATRIX,) * 3,
-    types.Array(types.boolean, 2, "C"),
-    MATRIX,
-    _ROOM,
-    WATCH,
-    SCRATCH,
-    *(MATRIX,) * 2,
-)
+_NOTHING = types.Tuple(())
+
+
+def kinds(watched: bool) -> tuple[Any, ...]:
+    """Return the types of the loop's arguments; without events, two of them are empty."""
+    return (
+        types.UniTuple(types.intp, 7),
+        types.UniTuple(types.intp, 7),
+        MATRIX,
+        _INTEGERS,
+        types.Array(types.int64, 1, "C"),
+        VECTOR,
+        *(MATRIX,) * 3,
+        types.Array(types.boolean, 2, "C"),
+        MATRIX,
+        _ROOM,
+        *((WATCH, SCRATCH) if watched else (_NOTHING, _NOTHING)),
+        *(MATRIX,) * 2,
+    )
 
 
 @bare
@@ -215,13 +220,18 @@ def sweeping(watched: bool) -> Callable[..., None]:
         degree, memory, _, _, checks, count, share = shape
         clock, settings, constants, states, tally = room.clock, room.settings, room.constants, room.states, room.tally
         whole, lanes, n = room.whole, room.clock.shape[1], room.delta.shape[0]
+        time, end_of, upcoming = clock[_NOW], clock[_END], clock[_NEXT]
+        attempts, refused, before_of, first_of = tally[_ATTEMPTS], tally[_REFUSED], tally[_BEFORE], tally[_FIRST]
+        case, status, mark, fresh_of = whole[CASE], whole[STATUS], whole[MARK], whole[FRESH]
+        sampled_of, sampled_before = whole[SAMPLED], whole[SAMPLED_BEFORE]
+        reach, direction = settings[0], settings[1]
         n_c, wanted = kept_constants.shape[1], t_eval.size
         projected = position != 0 or velocity != 0
         largest, budget = limits[0, 0], limits[0, 1]
         held, rows = n + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
         for lane in range(lanes):
-            whole[CASE, lane], whole[STATUS, lane] = -1, _IDLE
+            case[lane], status[lane] = -1, _IDLE
             for m in range(constants.shape[0]):
                 constants[m, lane] = 1.0
             for m in range(2, limits.shape[1]):
@@ -235,27 +245,27 @@ def sweeping(watched: bool) -> Callable[..., None]:
                 if not look >> lane & 1:
                     continue
                 while True:
-                    if whole[CASE, lane] >= 0:
-                        i = whole[CASE, lane]
-                        sampled = whole[SAMPLED, lane]
-                        while sampled < wanted and t_eval[sampled] == clock[_NOW, lane]:
+                    if case[lane] >= 0:
+                        i = case[lane]
+                        sampled = sampled_of[lane]
+                        while sampled < wanted and t_eval[sampled] == time[lane]:
                             for m in range(n):
                                 samples[i, sampled * n + m] = states[old + m, lane]
                             sampled += 1
-                        whole[SAMPLED, lane] = sampled
-                        if whole[STATUS, lane] == _RUNNING:
-                            settings[0, lane] = min(largest, abs(clock[_END, lane] - clock[_NOW, lane]))
+                        sampled_of[lane] = sampled
+                        if status[lane] == _RUNNING:
+                            reach[lane] = min(largest, abs(end_of[lane] - time[lane]))
                             if sampled < wanted:
-                                clock[_NEXT, lane] = t_eval[sampled]
+                                upcoming[lane] = t_eval[sampled]
                             else:
-                                clock[_NEXT, lane] = clock[_END, lane]
+                                upcoming[lane] = end_of[lane]
                             break
                         for m in range(n):  # a case has ended: hand it in
                             out[i, m] = states[old + m, lane]
-                        ends[i, 0], ends[i, 1] = clock[_NOW, lane], whole[STATUS, lane]
-                        ends[i, 2] = tally[_ATTEMPTS, lane] - tally[_REFUSED, lane]
-                        whole[CASE, lane], whole[STATUS, lane] = -1, _IDLE
-                        settings[0, lane] = 0.0
+                        ends[i, 0], ends[i, 1] = time[lane], status[lane]
+                        ends[i, 2] = attempts[lane] - refused[lane]
+                        case[lane], status[lane] = -1, _IDLE
+                        reach[lane] = 0.0
                         active -= 1
                     if place == filled:  # all that were made ahead have been taken
                         if coming == last < count:
@@ -282,14 +292,14 @@ def sweeping(watched: bool) -> Callable[..., None]:
                             states[old + m, lane] = room.begun[m, place]
                     active += 1
                     if watched:
-                        whole[FRESH, lane] = 1
+                        fresh_of[lane] = 1
                         for m in range(constants.shape[0]):
                             spare.own[lane, m] = room.constants_ahead[m, place]
                             for point in range(POINT_LANES):
                                 spare.constants[lane * constants.shape[0] + m, point] = spare.own[lane, m]
                         for m in range(n):
                             spare.one_point[0, m] = room.begun[m, place]
-                        starts(watch, spare, lane, clock[_NOW, lane], settings[1, lane], row(spare.own, lane))
+                        starts(watch, spare, lane, time[lane], direction[lane], row(spare.own, lane))
                     place += 1
             if active == 0:
                 break
@@ -305,14 +315,14 @@ def sweeping(watched: bool) -> Callable[..., None]:
             for lane in range(lanes):
                 if not look >> lane & 1:
                     continue
-                whole[MARK, lane] = NONE
-                if whole[STATUS, lane] != _RUNNING:
+                mark[lane] = NONE
+                if status[lane] != _RUNNING:
                     continue
-                now, size = clock[_NOW, lane], states[new + n, lane]
-                rest = abs(clock[_END, lane] - now)
+                now, size = time[lane], states[new + n, lane]
+                rest = abs(end_of[lane] - now)
                 broken = states[new + n + 1, lane] != 0.0
                 smallest = _SMALLEST * abs(now) + 1e-30 * rest
-                tally[_ATTEMPTS, lane] += 1.0
+                attempts[lane] += 1.0
                 if memory > 0:
                     kept = size != 0.0
                     stuck = not kept and not states[new + n + 2, lane] >= smallest
@@ -320,70 +330,70 @@ def sweeping(watched: bool) -> Callable[..., None]:
                     stuck = broken or (size < rest and size < smallest)
                     kept = not stuck
                 if not kept:
-                    tally[_REFUSED, lane] += 1.0
+                    refused[lane] += 1.0
                 if stuck:
-                    whole[STATUS, lane] = _NON_FINITE if broken else _STEP_TOO_SMALL
+                    status[lane] = _NON_FINITE if broken else _STEP_TOO_SMALL
                     for m in range(n):
                         states[new + m, lane] = states[old + m, lane]
                     continue
                 if not kept:
-                    if tally[_ATTEMPTS, lane] >= budget:
-                        whole[STATUS, lane] = _MAX_STEPS
+                    if attempts[lane] >= budget:
+                        status[lane] = _MAX_STEPS
                     continue
-                t = clock[_END, lane] if size == rest else now + settings[1, lane] * size
-                sampled = whole[SAMPLED_BEFORE, lane] = whole[SAMPLED, lane]
-                while sampled < wanted and (t_eval[sampled] - t) * settings[1, lane] < 0.0:
+                t = end_of[lane] if size == rest else now + direction[lane] * size
+                sampled = sampled_before[lane] = sampled_of[lane]
+                while sampled < wanted and (t_eval[sampled] - t) * direction[lane] < 0.0:
                     x = t_eval[sampled] - now
                     if memory > 0:
-                        x /= settings[1, lane] * size
+                        x /= direction[lane] * size
                     for m in range(n):
                         value = 0.0
                         for k in range(degree, -1, -1):
                             value = value * x + states[new + held + m * (degree + 1) + k, lane]
-                        samples[whole[CASE, lane], sampled * n + m] = value
+                        samples[case[lane], sampled * n + m] = value
                     if marked:
-                        inside[whole[CASE, lane], sampled] = True
+                        inside[case[lane], sampled] = True
                     sampled += 1
-                whole[SAMPLED, lane] = sampled
-                tally[_BEFORE, lane], clock[_NOW, lane], whole[MARK, lane] = now, t, WANTED
+                sampled_of[lane] = sampled
+                before_of[lane], time[lane], mark[lane] = now, t, WANTED
                 if size == rest:
-                    whole[STATUS, lane] = _SUCCESS
-                elif tally[_ATTEMPTS, lane] >= budget:
-                    whole[STATUS, lane] = _MAX_STEPS
+                    status[lane] = _SUCCESS
+                elif attempts[lane] >= budget:
+                    status[lane] = _MAX_STEPS
             old, new = new, old
             if not projected and not watched:
                 continue
             if projected:
                 correct(position, velocity, clock, states, old, constants, room.delta, whole, MARK)
             for lane in range(lanes):
-                if whole[MARK, lane] != FAILED:
+                if mark[lane] != FAILED:
                     continue
                 # Go back to the state before the step, and try a smaller one where the step can.
-                before = tally[_BEFORE, lane]
-                size = REDUCTION_BLIND * abs(clock[_NOW, lane] - before)
+                before = before_of[lane]
+                size = REDUCTION_BLIND * abs(time[lane] - before)
                 for m in range(held):
                     states[old + m, lane] = states[new + m, lane]
-                clock[_NOW, lane], whole[SAMPLED, lane] = before, whole[SAMPLED_BEFORE, lane]
-                tally[_REFUSED, lane] += 1.0
-                whole[STATUS, lane] = _PROJECTION_FAILED
-                if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(clock[_END, lane] - before):
-                    whole[STATUS, lane] = _RUNNING if tally[_ATTEMPTS, lane] < budget else _MAX_STEPS
+                time[lane], sampled_of[lane] = before, sampled_before[lane]
+                refused[lane] += 1.0
+                status[lane] = _PROJECTION_FAILED
+                if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(end_of[lane] - before):
+                    status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
                     states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
             if not watched:
                 continue
             for lane in range(lanes):
-                spare.earlier[0, lane] = tally[_BEFORE, lane]
+                spare.earlier[0, lane] = before_of[lane]
             at, rest_of_it, setting = row(spare.earlier, 0), row(constants, 0), row(settings, 0)
             if spare.over.shape[0] > 0:
                 call_code(watch.quiet, at, row(states, old), rest_of_it, setting, row(spare.over, 0))
             if spare.quick.shape[0] > 0:
                 call_code(watch.quick, at, row(states, old), rest_of_it, setting, row(spare.quick, 0))
             for lane in range(lanes):
-                if whole[MARK, lane] != WANTED:
+                if mark[lane] != WANTED:
                     continue
-                i, now, fresh = whole[CASE, lane], tally[_BEFORE, lane], whole[FRESH, lane] != 0
+                i, now, fresh = case[lane], before_of[lane], fresh_of[lane] != 0
                 one, many = row(spare.own, lane), row(spare.constants, lane * constants.shape[0])
-                h, scale = clock[_NOW, lane] - now, 1.0 if memory > 0 else clock[_NOW, lane] - now
+                h, scale = time[lane] - now, 1.0 if memory > 0 else time[lane] - now
                 quiet, found, theta = True, NOTHING, 1.0
                 for e in range(spare.over.shape[0]):
                     quiet = quiet and spare.over[e, lane] * spare.signs[lane, e] > 0.0
@@ -392,7 +402,7 @@ def sweeping(watched: bool) -> Callable[..., None]:
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
                     found, theta = scan(watch, spare, lane, many, one, now, h, fresh, happened, i)
-                whole[FRESH, lane] = 0
+                fresh_of[lane] = 0
                 followed = not quiet
                 for e in range(watch.kinds.size):
                     decided, total = advance(watch.kinds[e], totals[i, e], spare.quick, e, lane, h)
@@ -405,16 +415,16 @@ def sweeping(watched: bool) -> Callable[..., None]:
                 if quiet:
                     continue
                 if found == NOTHING:
-                    if whole[STATUS, lane] != _SUCCESS:
+                    if status[lane] != _SUCCESS:
                         continue
                     for m in range(n):
                         spare.one_point[0, m] = states[old + m, lane]
-                    end, forward = clock[_END, lane], settings[1, lane]
+                    end, forward = end_of[lane], direction[lane]
                     if not zeros_at_end(watch, spare, lane, end, forward, one, happened, i):
                         continue
                 elif theta < 1.0:
                     state_at(spare, n, theta, 0)
-                    clock[_NOW, lane] = now + theta * h
+                    time[lane] = now + theta * h
                     for m in range(n):
                         states[old + m, lane] = spare.one_point[0, m]
                     if projected:
@@ -422,36 +432,36 @@ def sweeping(watched: bool) -> Callable[..., None]:
                             whole[LONE, other] = WANTED if other == lane else NONE
                         correct(position, velocity, clock, states, old, constants, room.delta, whole, LONE)
                         if whole[LONE, lane] == FAILED:
-                            whole[STATUS, lane] = _PROJECTION_FAILED
+                            status[lane] = _PROJECTION_FAILED
                             continue
                 for m in range(n):
                     spare.one_point[0, m] = states[old + m, lane]
-                t, forward = clock[_NOW, lane], settings[1, lane]
-                sampled = whole[SAMPLED, lane]
+                t, forward = time[lane], direction[lane]
+                sampled = sampled_of[lane]
                 while sampled > 0 and (t_eval[sampled - 1] - t) * forward >= 0.0:
                     sampled -= 1
                     for m in range(n):
                         samples[i, sampled * n + m] = np.nan
                     if marked:
                         inside[i, sampled] = False
-                whole[SAMPLED, lane] = sampled
+                sampled_of[lane] = sampled
                 if found == BROKEN:
-                    whole[STATUS, lane] = _EVENT_NON_FINITE
+                    status[lane] = _EVENT_NON_FINITE
                     continue
-                span = abs(clock[_END, lane] - tally[_FIRST, lane])
+                span = abs(end_of[lane] - first_of[lane])
                 outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i)
                 for m in range(n):
                     states[old + m, lane] = spare.one_point[0, m]
                 if outcome >= 0:
-                    whole[STATUS, lane] = outcome
+                    status[lane] = outcome
                     continue
-                rest = abs(clock[_END, lane] - t)
-                whole[STATUS, lane] = _RUNNING if tally[_ATTEMPTS, lane] < budget else _MAX_STEPS
+                rest = abs(end_of[lane] - t)
+                status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
                 if rest == 0.0:
-                    whole[STATUS, lane] = _SUCCESS
-                if whole[STATUS, lane] != _RUNNING:
+                    status[lane] = _SUCCESS
+                if status[lane] != _RUNNING:
                     continue
-                whole[FRESH, lane] = 1
+                fresh_of[lane] = 1
                 begin_signs(watch, spare, lane, t, forward, one)
                 if memory > 0:
                     spare.setting[0, 0], spare.setting[0, 1] = min(largest, rest), forward
@@ -466,4 +476,4 @@ def sweeping(watched: bool) -> Callable[..., None]:
     return bare(loop)
 
 
-LOOP = sweeping(watched=False)
+LOOP, KINDS = sweeping(watched=False), kinds(watched=False)

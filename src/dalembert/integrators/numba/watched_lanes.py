@@ -1,7 +1,7 @@
 """The loop of `dalembert.integrators.numba.lanes` with events and reductions."""
 
-from .lanes import KINDS, sweeping
+from .lanes import kinds, sweeping
 
 __all__ = ["KINDS", "LOOP"]
 
-LOOP = sweeping(watched=True)
+LOOP, KINDS = sweeping(watched=True), kinds(watched=True)
