@@ -31,7 +31,8 @@ print("numba" in sys.modules, *run(y, model.parameter_vector(p)).tolist())
 SWEEP = """
 import sys
 import dalembert as da
-model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
+formulation = "minimal" if sys.argv[1] == "minimal" else "projected"
+model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation=formulation)
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 more = {"events": ["theta_dot"], "reduce": {"far": da.maximum("x")}} if sys.argv[1] == "watched" else {}
 more = {"t_eval": [0.3, 1.0]} if sys.argv[1] == "sampled" else more

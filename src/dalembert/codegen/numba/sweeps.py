@@ -82,7 +82,7 @@ def case_run(
         constants,
     )
     last = (result.happened, result.totals)
-    loop = loop_named("watched_lanes" if watched else "lanes").call
+    loop = loop_named("watched_lanes" if watched else "projected_lanes" if any(projections) else "lanes").call
     head, tail = packed(first), packed(last)
 
     def work() -> None:

@@ -164,8 +164,8 @@ def _follow(series: FloatArray, lane: int, states: FloatArray, first: int, scale
         series[m, 3] -= 2.0 * gap
 
 
-def sweeping(watched: bool) -> Callable[..., None]:
-    """Return the loop, with or without events.
+def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
+    """Return the loop, with or without events, and with or without projections.
 
     Parameters of the loop
     ----------------------
@@ -226,7 +226,6 @@ def sweeping(watched: bool) -> Callable[..., None]:
         sampled_of, sampled_before = whole[SAMPLED], whole[SAMPLED_BEFORE]
         reach, direction = settings[0], settings[1]
         n_c, wanted = kept_constants.shape[1], t_eval.size
-        projected = position != 0 or velocity != 0
         largest, budget = limits[0, 0], limits[0, 1]
         held, rows = n + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
@@ -365,20 +364,20 @@ def sweeping(watched: bool) -> Callable[..., None]:
                 continue
             if projected:
                 correct(position, velocity, clock, states, old, constants, room.delta, whole, MARK)
-            for lane in range(lanes):
-                if mark[lane] != FAILED:
-                    continue
-                # Go back to the state before the step, and try a smaller one where the step can.
-                before = before_of[lane]
-                size = REDUCTION_BLIND * abs(time[lane] - before)
-                for m in range(held):
-                    states[old + m, lane] = states[new + m, lane]
-                time[lane], sampled_of[lane] = before, sampled_before[lane]
-                refused[lane] += 1.0
-                status[lane] = _PROJECTION_FAILED
-                if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(end_of[lane] - before):
-                    status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
-                    states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
+                for lane in range(lanes):
+                    if mark[lane] != FAILED:
+                        continue
+                    # Go back to the state before the step, and try a smaller one where the step can.
+                    before = before_of[lane]
+                    size = REDUCTION_BLIND * abs(time[lane] - before)
+                    for m in range(held):
+                        states[old + m, lane] = states[new + m, lane]
+                    time[lane], sampled_of[lane] = before, sampled_before[lane]
+                    refused[lane] += 1.0
+                    status[lane] = _PROJECTION_FAILED
+                    if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(end_of[lane] - before):
+                        status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
+                        states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
             if not watched:
                 continue
             for lane in range(lanes):
@@ -476,4 +475,4 @@ def sweeping(watched: bool) -> Callable[..., None]:
     return bare(loop)
 
 
-LOOP, KINDS = sweeping(watched=False), kinds(watched=False)
+LOOP, KINDS = sweeping(watched=False, projected=False), kinds(watched=False)

@@ -4,4 +4,4 @@ from .lanes import kinds, sweeping
 
 __all__ = ["KINDS", "LOOP"]
 
-LOOP, KINDS = sweeping(watched=True), kinds(watched=True)
+LOOP, KINDS = sweeping(watched=True, projected=True), kinds(watched=True)
