@@ -223,3 +223,8 @@ def test_a_forked_process_can_sweep(model):
         time.sleep(0.01)
     os.kill(child, signal.SIGKILL)
     pytest.fail("the forked process hangs")
+
+
+def test_no_cases_are_no_error(model):
+    sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.empty(0)}, method="taylor")
+    assert len(sweep) == 0 and sweep["x"].shape == (0,)

@@ -245,7 +245,7 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         share = min(_LARGEST_SHARE, max(1, count // (threads * _SHARES_PER_THREAD)))
         run = engine.sweeper(cases.columns(slice(0, count), settings), settings.method, result, np.empty((0, 0)), share)
         if run is not None:
-            _run_whole(run, count, min(threads, -(-count // share)), settings.progress)
+            _run_whole(run, count, max(1, min(threads, -(-count // share))), settings.progress)
             return result
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
