@@ -113,7 +113,7 @@ def interrupted(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sweeping, "_BETWEEN_LOOKS", 0.01)
-    monkeypatch.setattr(sweeping, "_meter", lambda total, wanted: contextlib.nullcontext(press))
+    monkeypatch.setattr(sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -281,7 +281,7 @@ def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> None:
         run.finish()
         return
     shown, pool = 0, _pool(threads)
-    with _meter(count, progress) as advance:
+    with meter(count, progress) as advance:
         workers = [pool.submit(run.work) for _ in range(threads)]
         try:
             while wait(workers, _BETWEEN_LOOKS if progress else None).not_done:
