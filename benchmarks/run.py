@@ -56,12 +56,14 @@ class Extent:
     sweep_tolerances: tuple[float, ...]
     sweep_rounds: int
     sweep_slowest: float
+    coverage_cases: int
+    imports: int
 
 
 QUICK = Extent(
     tolerances=(1e-6, 1e-9),
     formulations=("minimal",),
-    methods={"numpy": 1, "jax": 1},
+    methods={"numba": 3, "numpy": 1, "jax": 1},
     rounds=5,
     seconds_each=0.1,
     slowest=0.05,
@@ -77,6 +79,8 @@ QUICK = Extent(
     sweep_tolerances=(1e-6,),
     sweep_rounds=5,
     sweep_slowest=0.2,
+    coverage_cases=40,
+    imports=2,
 )
 FULL = Extent(
     tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
@@ -97,6 +101,8 @@ FULL = Extent(
     sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
     sweep_rounds=9,
     sweep_slowest=0.6,
+    coverage_cases=200,
+    imports=5,
 )
 MODES = {"quick": QUICK, "full": FULL}
 
@@ -170,12 +176,12 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         "sweeps": sweeps,
         "contacts": contacts,
         "unequal": unequal_cases(extent.sweep_cases),
-        "coverage": coverage(),
+        "coverage": coverage(extent.coverage_cases),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
         "jax": jax_table,
         "memory": {name: sweep_memory(extent.memory_cases, options) for name, options in SWEEPS.items()},
         "startup": startup,
-        "imports": import_seconds(),
+        "imports": import_seconds(extent.imports),
         "seconds": round(time.perf_counter() - begin, 1),
     }
 

@@ -28,9 +28,22 @@ print("numba" in sys.modules, *run(y, model.parameter_vector(p)).tolist())
 """
 
 
-def run_in_a_process(folder, method):
+SWEEP = """
+import sys
+import dalembert as da
+formulation = "minimal" if sys.argv[1] == "minimal" else "projected"
+model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation=formulation)
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+more = {"events": ["theta_dot"], "reduce": {"far": da.maximum("x")}} if sys.argv[1] == "watched" else {}
+more = {"t_eval": [0.3, 1.0]} if sys.argv[1] == "sampled" else more
+sweep = model.sweep((0, 1), start, {"m": 1, "b": [0.2, 0.3, 0.4], "I_C": 0.5}, **more)
+print("numba" in sys.modules, *sweep["x"].ravel().tolist())
+"""
+
+
+def run_in_a_process(folder, method, program=RUN):
     environment = {**os.environ, ENVIRONMENT_VARIABLE: str(folder)}
-    code = [sys.executable, "-W", "error::dalembert.errors.CacheWarning", "-c", RUN, method]
+    code = [sys.executable, "-W", "error::dalembert.errors.CacheWarning", "-c", program, method]
     return subprocess.run(code, capture_output=True, text=True, check=True, env=environment).stdout.split()
 
 
@@ -40,6 +53,20 @@ def test_a_second_process_does_without_numba(tmp_path, method):
     second = run_in_a_process(tmp_path, method)
     assert first[0] == "True"
     assert second[0] == "False"
+    assert first[1:] == second[1:]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.mark.parametrize(
+    "what", ["plain", "sampled", "watched"]
+)  # each makes a loop that those before it have not made
+def test_a_sweep_in_a_second_process_does_without_numba(folder, what):
+    first, second = (run_in_a_process(folder, what, SWEEP) for _ in range(2))
+    assert (first[0], second[0]) == ("True", "False")
     assert first[1:] == second[1:]
 
 

@@ -1,11 +1,17 @@
 """Sweeps, grids, prepared runs and error estimates through the public API."""
 
+import contextlib
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.integrators.status import Status
+from dalembert.runtime import sweeping
 from oracles.sleigh_exact import sleigh_state
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -99,23 +105,31 @@ def test_progress_shows_a_bar(model, capsys):
     assert "41/41" in capsys.readouterr().err.replace(".0", "")
 
 
-def test_an_interrupt_keeps_what_is_finished(model, monkeypatch):
-    from dalembert.runtime import sweeping
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Progress at which someone presses Ctrl-C."""
 
-    held = sweeping._run_block
-    calls = []
+    def press(finished):
+        raise KeyboardInterrupt
 
-    def interrupted(*args):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        held(*args)
+    monkeypatch.setattr(sweeping, "_BETWEEN_LOOKS", 0.01)
+    monkeypatch.setattr(sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
 
-    monkeypatch.setattr(sweeping, "_run_block", interrupted)
-    sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.linspace(0.1, 0.5, 640)}, threads=1)
-    statuses = {Status(s) for s in sweep.status}
-    assert statuses == {Status.SUCCESS, Status.INTERRUPTED}
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_keeps_what_is_finished(model, interrupted, threads):
+    lengths = np.linspace(0.1, 0.5, 200_000)
+    sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=threads, progress=True)
+    assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
     assert np.all(sweep.success[: int(sweep.success.sum())])
+    assert np.all(sweep.t[sweep.success] == 10)
+
+
+def test_an_interrupt_keeps_blocks_that_are_finished(model, interrupted):
+    lengths = np.linspace(0.1, 0.5, 640)
+    sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=1, t_eval=[5.0])
+    assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
+    assert np.all(np.isfinite(sweep.samples[sweep.success]))
 
 
 @pytest.mark.parametrize("formulation", ["minimal", "projected"])
@@ -156,3 +170,63 @@ def test_error_estimate_is_near_the_true_error(model, rtol):
     assert single.error_estimate["x"].shape == single.t.shape
     with pytest.raises(OptionError, match="error_estimate=True"):
         _ = model.simulate((0, 1), START, PARAMETERS).error_estimate
+
+
+def test_a_case_starts_from_the_bits_of_a_single_run(model):
+    lengths, angles = np.linspace(0.1, 0.5, 9), np.linspace(-3.0, 3.0, 9)
+    parameters = {**PARAMETERS, "b": lengths}
+    sweep = model.sweep((1.0, 1.0), {**START, "theta": angles}, parameters)
+    for i in range(9):
+        given = {**START, "theta": angles[i]}, {**PARAMETERS, "b": lengths[i]}
+        assert np.array_equal(sweep.y[i], model.state(*given))
+        assert np.array_equal(sweep.y[i], model.simulate((1.0, 1.0), *given).y[0])
+
+
+def test_columns_of_any_layout(model):
+    pairs = np.stack([np.linspace(0.1, 0.5, 70), np.linspace(-3.0, 3.0, 70)], axis=1)
+    apart, together = pairs[:, 0], np.ascontiguousarray(pairs[:, 0])
+    ends = np.linspace(0.5, 2.0, 140)[::2]
+    sweeps = [model.sweep((0.0, ends), START, {**PARAMETERS, "b": b}) for b in (apart, together, apart.astype(">f8"))]
+    for sweep in sweeps[1:]:
+        assert np.array_equal(sweep.y, sweeps[0].y)
+    assert np.array_equal(sweeps[0].t, ends)
+
+
+def test_cases_that_cannot_start(model):
+    speeds = np.array([0.0, 0.5, np.nan, 0.0])  # a slip of the blade, and a number that is none
+    sweep = model.sweep((0.5, 3.0), {**START, "theta": 0.0, "y_dot": speeds}, PARAMETERS)
+    assert [Status(s) for s in sweep.status] == [
+        Status.SUCCESS,
+        Status.INITIAL_STATE,
+        Status.NON_FINITE,
+        Status.SUCCESS,
+    ]
+    assert np.all(np.isnan(sweep.y[1:3])) and np.all(sweep.t[1:3] == 0.5) and np.all(sweep.steps[1:3] == 0)
+    assert np.array_equal(sweep.y[0], sweep.y[3])
+
+
+FORK = """
+import os
+import numpy as np
+import dalembert as da
+
+model = da.compile_model(da.scenes.chaplygin_sleigh())
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+p = {"m": 1, "b": np.linspace(0.1, 0.5, 300), "I_C": 0.5}
+here = model.sweep((0, 1), start, p, threads=2)
+child = os.fork()
+if child == 0:
+    there = model.sweep((0, 1), start, p, threads=2)
+    os._exit(0 if np.array_equal(there.y, here.y) else 1)
+raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this platform does not fork")
+def test_a_forked_process_can_sweep():
+    subprocess.run([sys.executable, "-c", FORK], check=True, timeout=60)
+
+
+def test_no_cases_are_no_error(model):
+    sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.empty(0)}, method="taylor")
+    assert len(sweep) == 0 and sweep["x"].shape == (0,)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..reduction.starting import Start
     from ..runtime.events import EventCode
 
-__all__ = ["Backend", "BlockResult", "CaseBlock", "Engine", "FloatArray", "RenderedModule"]
+__all__ = ["Backend", "BlockResult", "CaseBlock", "CaseColumns", "CaseRun", "Engine", "FloatArray", "RenderedModule"]
 
 FloatArray = NDArray[np.float64]
 Final = tuple[FloatArray, Status]
@@ -66,6 +66,54 @@ class CaseBlock:
     max_step: float
     max_steps: int
     watch: EventCode | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CaseColumns:
+    """Cases as they are given, and common settings: columns of one value for all cases, or one each.
+
+    Attributes
+    ----------
+    count : int
+        Number of cases, k.
+    spans, parameters, given : tuple of ndarray (1,) or (k,)
+        Start and end; parameters in the order of the layout; initial values in the order of ``start.given``.
+    start : Start
+        From given values to states.
+    """
+
+    count: int
+    spans: tuple[FloatArray, FloatArray]
+    parameters: tuple[FloatArray, ...]
+    given: tuple[FloatArray, ...]
+    start: Start
+    t_eval: FloatArray
+    rtol: float
+    atol: float
+    max_step: float
+    max_steps: int
+    watch: EventCode | None = None
+
+
+@final
+@dataclass(frozen=True)
+class CaseRun:
+    """Cases about to run.
+
+    Attributes
+    ----------
+    work : function without arguments
+        Runs cases until none is left; for as many threads as there are to call it.
+    turn : ndarray (1,) of int
+        How many cases have been begun, at most; writing the number of all stops the work.
+    finish : function without arguments
+        To be called when all is done.
+    """
+
+    work: Callable[[], None]
+    turn: NDArray[np.int64]
+    finish: Callable[[], None]
 
 
 @final
@@ -171,6 +219,16 @@ class Engine(ABC):
 
     whole_blocks: ClassVar[bool] = False
     """Whether cases are best handed to `integrate_block` as many at a time as there may be."""
+
+    def sweeper(
+        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+    ) -> CaseRun | None:
+        """Return the run of cases that the engine makes itself from what was given, None where that is not its way.
+
+        Cases that cannot start get NaN and their status. ``constants`` (k, n_c) are filled in, unless they are (0, 0).
+        A thread takes `share` cases at a time.
+        """
+        return None
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""

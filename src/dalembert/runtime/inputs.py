@@ -10,7 +10,7 @@ import numpy as np
 
 from ..codegen.base import FloatArray
 from ..errors import InitialStateError, PrecisionWarning, UnknownNameError, ValueInputError, list_names, unknown_name
-from ..ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
+from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
 from .assembly import nearest
@@ -140,7 +140,7 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     ValueInputError
         When an expression of the parameters is not finite at these values.
     """
-    c = prepare_rows(program, p.reshape(1, -1))[0]
+    c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
     if not np.all(np.isfinite(c)):
         given = ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=True))
         raise ValueInputError(
@@ -159,8 +159,8 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
         When a constraint is contradicted, with the nearest consistent state, or the state is not finite there.
     """
     state = program.layout.state
-    given = np.array([[values[name] for name in start.given]])
-    out = interpret_rows(start.kernel, np.array([t]), given, c)[0]
+    given = [float(values[name]) for name in start.given]
+    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": c.tolist()}), dtype=float)
     y, checks = out[: len(state)], out[len(state) :].reshape(-1, 2)
     for what in ("coordinates", "rates"):
         rows = zip(start.labels, checks, strict=True)

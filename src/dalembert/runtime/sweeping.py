@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
+from ..codegen.base import BlockResult, CaseBlock, CaseColumns, CaseRun, Engine, FloatArray
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..integrators.status import Status
@@ -26,6 +27,8 @@ __all__ = ["Cases", "Settings", "available_threads", "fitted", "meter", "run_cas
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
+_LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
+_BETWEEN_LOOKS = 0.1
 
 
 def available_threads() -> int:
@@ -74,7 +77,7 @@ class Cases:
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
             )
         try:
-            first, last = (np.atleast_1d(np.asarray(t, dtype=float)) for t in t_span)
+            first, last = (np.ascontiguousarray(np.atleast_1d(np.asarray(t, dtype=float))) for t in t_span)
         except (TypeError, ValueError):
             raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
         self.span = {"start": first, "end": last}
@@ -101,6 +104,23 @@ class Cases:
         for i, name in enumerate(names):
             p[:, i] = _part(self.parameters[name], block)
         return inputs.prepare_rows(self.program, p)
+
+    def columns(self, block: slice, settings: Settings) -> CaseColumns:
+        """Return a block of cases as they were given."""
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        return CaseColumns(
+            len(range(*block.indices(self.count))),
+            (_part(self.span["start"], block), _part(self.span["end"], block)),
+            tuple(_part(self.parameters[name], block) for name in self.program.layout.parameters),
+            tuple(_part(self.initial[name], block) for name in self.start.given),
+            self.start,
+            t_eval,
+            settings.rtol,
+            settings.atol,
+            settings.max_step,
+            settings.max_steps,
+            settings.watch,
+        )
 
     def block(self, block: slice, settings: Settings) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others."""
@@ -142,7 +162,7 @@ def _columns(
         if name in columns:
             unknown.append(f"{kind} {name!r} is given twice")
         try:
-            columns[name] = np.atleast_1d(np.asarray(value, dtype=float))
+            columns[name] = np.ascontiguousarray(np.atleast_1d(np.asarray(value, dtype=float)))
         except (TypeError, ValueError):
             wrong.append(f"{name} = {value!r} is no array of numbers")
             continue
@@ -221,21 +241,59 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
+    if watch is None and not wanted:
+        share = min(_LARGEST_SHARE, max(1, count // (threads * _SHARES_PER_THREAD)))
+        run = engine.sweeper(cases.columns(slice(0, count), settings), settings.method, result, np.empty((0, 0)), share)
+        if run is not None:
+            _run_whole(run, count, max(1, min(threads, -(-count // share))), settings.progress)
+            return result
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
-    def run(block: slice) -> int:
+    def run_block(block: slice) -> int:
         _run_block(engine, cases, settings, block, result[block])
         return block.stop - block.start
 
     with meter(count, settings.progress) as advance, _workers(threads) as each:
         try:
-            for finished in each(run, blocks):
+            for finished in each(run_block, blocks):
                 advance(finished)
         except KeyboardInterrupt:
             pass
     return result
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return threads that are kept: starting them takes longer than a hundred cases."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="dalembert")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
+
+
+def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> None:
+    """Let threads do the work, while this one waits, so that it can be interrupted; few cases need no thread."""
+    if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
+        run.work()
+        run.finish()
+        return
+    shown, pool = 0, _pool(threads)
+    with meter(count, progress) as advance:
+        workers = [pool.submit(run.work) for _ in range(threads)]
+        try:
+            while wait(workers, _BETWEEN_LOOKS if progress else None).not_done:
+                begun = min(int(run.turn[0]), count)
+                advance(begun - shown)
+                shown = begun
+            advance(count - shown)
+        except KeyboardInterrupt:
+            run.turn[0] = count
+    for worker in workers:
+        worker.result()
+    run.finish()
 
 
 def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
@@ -243,6 +301,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
 
     The totals of the results are the reductions.
     """
+    if _swept(engine, cases, settings, block, here):
+        return
     ready, status = cases.block(block, settings)
     watch, good = settings.watch, status < 0
     if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
@@ -265,6 +325,26 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
+
+
+def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:
+    """Run one block of cases where the engine makes them itself; return whether that is so."""
+    columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
+    constants, done = np.empty((count, cases.program.layout.constants)), here
+    if watch is not None:
+        happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
+        done = replace(here, happened=happened, totals=totals)
+    run = engine.sweeper(columns, settings.method, done, constants, count)
+    if run is None:
+        return False
+    run.work()
+    run.finish()
+    if watch is not None:
+        spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+        first = done.happened[:, 1::3]
+        here.happened[:] = done.happened[:, : 3 * watch.reported]
+        here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, first)
+    return True
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

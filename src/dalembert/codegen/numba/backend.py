@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...integrators.choosing import runge_kutta_pays
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
+from ...integrators.numba.workspace import POINT_LANES, Watch, unwatched
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.reductions import KINDS
 from ...integrators.status import Status
@@ -31,17 +32,18 @@ from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
 from ...ir.watch import StepShape, quiet_kernel, running_kernel
 from ...runtime.cache import keep, load, rebuilding
-from ..base import Backend, BlockResult, CaseBlock, Engine, Final, FloatArray, RenderedModule
+from ..base import Backend, BlockResult, CaseColumns, CaseRun, Engine, Final, FloatArray, RenderedModule
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
 from .llvm import native_lanes
 from .loops import loop_named, toolchain
+from .pace import pace
 from .prepared import prepared_run
 from .steps import LARGEST_UNROLLED, StepLibrary
+from .sweeps import SweepShape, case_run
 
 if TYPE_CHECKING:
     from ...integrators.numba.implicit import ImplicitCode
-    from ...integrators.numba.scan import Watch
     from ...integrators.numba.series import StepCode
     from ...runtime.events import EventCode
 
@@ -192,29 +194,31 @@ class NumbaEngine(Engine):
 
     parallel: ClassVar[bool] = True
 
-    def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: explicit steps run in lanes, refilled as cases end."""
-        if method == "radau":
-            super().integrate_block(block, method, result)
-            return
-        from ...integrators.numba.lanes import sample_projection, sweeping_loop
-
-        if not block.y.shape[1]:
-            return super().integrate_block(block, method, result)
-        watched = None if block.watch is None or not block.watch.along else block.watch
-        (k, n), wanted, lanes = block.y.shape, len(block.t_eval), native_lanes()
+    def sweeper(
+        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+    ) -> CaseRun | None:
+        """See `Engine.sweeper`: explicit steps run in lanes, refilled as cases end."""
+        n = self._sizes["rhs"]
+        if method == "radau" or not n:
+            return None
+        watched = None if cases.watch is None or not cases.watch.along else cases.watch
+        wanted, lanes = len(cases.t_eval), native_lanes()
         dense = wanted > 0 or watched is not None
-        codes, memory, degree, settings = self._stepping(method, block.rtol, block.atol, lanes, dense=dense)
-        limits, shape = [block.max_step, float(block.max_steps), *settings], (degree, memory)
-        projections = [self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity")]
-        samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
-        inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
-        arrays, results = (block.y, block.c, block.spans, block.t_eval), (result.y, result.ends, samples, inside)
-        loop, watch = sweeping_loop(watched is not None), self._watch(watched, method, shape, lanes)
-        kept = result.happened, result.totals
-        loop((*codes, *projections), np.array(limits), *arrays, shape, *results, lanes, watch, *kept)
-        if np.any(inside):
-            sample_projection()(*projections, block.c, block.t_eval, inside, samples, lanes)
+        codes, memory, degree, settings = self._stepping(method, cases.rtol, cases.atol, lanes, dense=dense)
+        position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
+        paced = pace(lanes) if watched is None and not (position or velocity) else 0
+        prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
+        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense)
+        return case_run(
+            (*codes, position, velocity, prepare, start, paced),
+            shape,
+            settings,
+            cases,
+            result,
+            constants,
+            self._watch(watched, method, (degree, memory), lanes),
+            watched is not None,
+        )
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
@@ -242,11 +246,8 @@ class NumbaEngine(Engine):
 
     def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int) -> Watch:
         """Return compiled events, for steps of a method with polynomials and a memory of that shape."""
-        from ...integrators.numba.scan import POINT_LANES, Watch
-
         if code is None:
-            nothing = np.zeros(0, np.int64)
-            return Watch(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
+            return unwatched()
         key = (code, method, shape, lanes)
         if key not in self._watches:
             if len(self._watches) >= _MOST_WATCHES:

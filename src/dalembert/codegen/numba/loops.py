@@ -10,6 +10,7 @@ import ctypes
 import importlib
 import sys
 import threading
+from collections.abc import Callable
 from functools import cache, cached_property
 from importlib.metadata import version
 from typing import Any, final
@@ -24,7 +25,7 @@ from ..rendering import digest_of
 from .llvm import Compiled, load_object
 from .objects import object_code
 
-__all__ = ["Loop", "loop_named", "toolchain"]
+__all__ = ["Loop", "library_code", "loop_named", "packed", "toolchain"]
 
 _LOCK = threading.Lock()
 
@@ -34,6 +35,13 @@ def toolchain() -> str:
     """Return the versions that compiled code depends on."""
     python = ".".join(map(str, sys.version_info[:3]))
     return f"{__version__} {python} {version('numba')} {version('llvmlite')}"
+
+
+def library_code(name: str, text: Callable[[], str]) -> Compiled:
+    """Return code that belongs to no scene, made of a module of assembly once per installation."""
+    folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
+    with _LOCK:
+        return load_object(object_code(folder, name, text))
 
 
 @final
@@ -51,9 +59,7 @@ class Loop:
             module = importlib.import_module(f"dalembert.integrators.numba.{self._name}")
             return loop_assembly(module.LOOP, module.KINDS)
 
-        folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
-        with _LOCK:
-            return load_object(object_code(folder, self._name, text))
+        return library_code(self._name, text)
 
     @cached_property
     def call(self) -> Any:
@@ -67,17 +73,22 @@ class Loop:
 
 
 def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
-    """Return arguments as words: integers as they are, an array as its address and its shape."""
+    """Return arguments as words: integers as they are, an array as its address and its shape, tuples in their order."""
     words: list[int] = []
+    _append(words, arguments)
+    return np.array(words, dtype=np.int64)
+
+
+def _append(words: list[int], arguments: tuple[Any, ...]) -> None:
     for argument in arguments:
         if isinstance(argument, np.ndarray):
             assert argument.flags.c_contiguous
-            words += [argument.__array_interface__["data"][0], *argument.shape]
+            words.append(argument.__array_interface__["data"][0])
+            words += argument.shape
         elif isinstance(argument, tuple):
-            words += argument
+            _append(words, argument)
         else:
             words.append(argument)
-    return np.array(words, dtype=np.int64)
 
 
 @cache

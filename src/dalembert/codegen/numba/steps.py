@@ -14,6 +14,7 @@ from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
+from ...reduction.starting import Start
 from .attempts import attempt_assembly
 from .llvm import Compiled, assembly, load_object
 from .objects import object_code
@@ -91,10 +92,16 @@ class StepLibrary:
         kernel = self._program.kernel(name)
         return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
 
-    def prepare(self) -> int:
+    def prepare(self, lanes: int = 1) -> int:
         """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
         kernel = replace(self._program.kernel("prepare"), arguments=("p", "y", "c", "s"))
-        return self._address("prepare", 1, lambda: kernel)
+        return self._entry("prepare", lanes, lambda: assembly([("prepare", kernel)], lanes, exact=True), "prepare")
+
+    def start(self, start: Start, lanes: int) -> int:
+        """Return the address of the kernel that makes states, with their checks, from given values."""
+        name = f"start_{hashlib.sha256(' '.join(start.given).encode()).hexdigest()[:16]}"
+        kernel = replace(start.kernel, arguments=STEP_ARGUMENTS)
+        return self._entry(name, lanes, lambda: assembly([("start", kernel)], lanes, exact=True), "start")
 
     def further(self, kernel: Kernel, lanes: int) -> int:
         """Return the address of a kernel of (t, y, c) that is not the program's own."""

@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["call_code", "row"]
+__all__ = ["call_code", "call_test", "element", "row", "take"]
 
 
 @intrinsic
@@ -36,5 +36,42 @@ def call_code(typingctx: Any, address: Any, t: Any, y: Any, c: Any, s: Any, out:
         function = ir.FunctionType(ir.VoidType(), [integer] * 5)
         builder.call(builder.inttoptr(values[0], function.as_pointer()), list(values[1:]))
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def call_test(typingctx: Any, address: Any, t: Any, y: Any, c: Any, s: Any, out: Any) -> Any:
+    """Call the code at ``address`` with five addresses of doubles; return the whole number that it returns."""
+    signature = types.intp(*(types.intp,) * 6)
+
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        integer = ir.IntType(64)
+        function = ir.FunctionType(integer, [integer] * 5)
+        return builder.call(builder.inttoptr(values[0], function.as_pointer()), list(values[1:]))
+
+    return signature, generate
+
+
+@intrinsic
+def element(typingctx: Any, address: Any, index: Any) -> Any:
+    """Return the double at an index from an address."""
+    signature = types.float64(types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        pointer = builder.inttoptr(values[0], ir.DoubleType().as_pointer())
+        return builder.load(builder.gep(pointer, [values[1]]))
+
+    return signature, generate
+
+
+@intrinsic
+def take(typingctx: Any, array: Any, amount: Any) -> Any:
+    """Add to the first element of an array of whole numbers, which threads share; return what it was."""
+    signature = types.intp(array, types.intp)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.atomic_rmw("add", data, values[1], "monotonic")
 
     return signature, generate

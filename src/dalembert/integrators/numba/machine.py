@@ -6,15 +6,10 @@ calls it. The loops allocate nothing, so that they need no run-time library.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import Any
 
-import numba
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 __all__ = ["ENTRY", "loop_assembly"]
 
@@ -22,48 +17,46 @@ ENTRY = "entry"
 """Name of the function that a module of assembly defines: ``void entry(ptr words)``."""
 
 
-def _unpacker(kinds: tuple[Any, ...]) -> Any:
-    """Return an intrinsic that reads arguments of some types from words; arrays stay the property of the caller."""
+class _Arguments:
+    """Prints how arguments are read from words, and how numba passes them: arrays as seven or nine values."""
 
-    @intrinsic
-    def unpack(typingctx: Any, pointer: Any) -> Any:
-        signature = types.Tuple(kinds)(pointer)
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.values: list[str] = []
+        self._words = self._names = 0
 
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            integer = ir.IntType(64)
-            base = builder.bitcast(values[0], integer.as_pointer())
-            place = 0
+    def add(self, kind: Any) -> None:
+        """Read the next argument, which has a type of numba."""
+        if isinstance(kind, types.Array):
+            self._array(kind)
+        elif isinstance(kind, types.BaseTuple):
+            for part in kind:
+                self.add(part)
+        else:
+            self.values.append(f"i64 {self._word()}")
 
-            def word() -> Any:
-                nonlocal place
-                place += 1
-                return builder.load(builder.gep(base, [ir.Constant(integer, place - 1)]))
+    def _set(self, expression: str) -> str:
+        self._names += 1
+        self.lines.append(f"%v{self._names} = {expression}")
+        return f"%v{self._names}"
 
-            def argument(kind: Any) -> Any:
-                if isinstance(kind, types.Array):
-                    return _array(context, builder, kind, word(), [word() for _ in range(kind.ndim)])
-                if isinstance(kind, types.UniTuple):
-                    return cgutils.pack_array(builder, [word() for _ in range(kind.count)])
-                return word()
+    def _word(self) -> str:
+        self._words += 1
+        return self._set(f"load i64, ptr {self._set(f'getelementptr i64, ptr %words, i64 {self._words - 1}')}")
 
-            return context.make_tuple(builder, signature.return_type, [argument(kind) for kind in kinds])
-
-        return signature, generate
-
-    return unpack
-
-
-def _array(context: Any, builder: Any, kind: Any, address: Any, shape: list[Any]) -> Any:
-    """Return a C-contiguous array over borrowed memory."""
-    item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    strides = [ir.Constant(ir.IntType(64), item)]
-    for length in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], length))
-    array = context.make_array(kind)(context, builder)
-    data = builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer())
-    size = context.get_constant(types.intp, item)
-    context.populate_array(array, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
-    return array._getvalue()
+    def _array(self, kind: Any) -> None:
+        """Read a C-contiguous array over borrowed memory."""
+        item = kind.dtype.bitwidth // 8 if kind.dtype is not types.boolean else 1
+        data = self._set(f"inttoptr i64 {self._word()} to ptr")
+        shape = [self._word() for _ in range(kind.ndim)]
+        strides = [str(item)]
+        for length in reversed(shape[1:]):
+            strides.insert(0, self._set(f"mul i64 {strides[0]}, {length}"))
+        count = shape[0]
+        for length in shape[1:]:
+            count = self._set(f"mul i64 {count}, {length}")
+        self.values += ["ptr null", "ptr null", f"i64 {count}", f"i64 {item}", f"ptr {data}"]
+        self.values += [f"i64 {number}" for number in (*shape, *strides)]
 
 
 def loop_assembly(loop: Callable[..., Any], kinds: tuple[Any, ...]) -> str:
@@ -74,25 +67,21 @@ def loop_assembly(loop: Callable[..., Any], kinds: tuple[Any, ...]) -> str:
     loop : callable
         Compiled by numba; it returns nothing and writes its results to its arguments.
     kinds : tuple of numba types
-        Its arguments: ``intp``, tuples of them, or C-contiguous arrays. An integer is one word; an array is its
-        address and its shape.
+        Its arguments: ``intp``, C-contiguous arrays, or tuples, named ones too. An integer is one word; an array is
+        its address and its shape.
     """
-    unpack = _unpacker(kinds)
-
-    def entry(pointer: Any) -> None:
-        loop(*unpack(pointer))
-
-    compiled = numba.cfunc(types.void(types.voidptr), error_model="numpy", fastmath={"contract"})(entry)
-    text = compiled.inspect_llvm()
-    wrapper = compiled.native_name
-    inner = re.search(r"define [^@\n]*i32 @([^(\n]+)\(", text)
-    assert inner is not None, "numba compiled no function"
-    # numba's own entry point reports exceptions to Python; nothing is raised here, so it is left out.
-    text = re.sub(rf"define [^\n]*@{re.escape(wrapper)}\(.*?\n}}\n", "", text, flags=re.DOTALL)
-    return f"""{text}
+    compiled: Any = loop
+    result = compiled.get_compile_result(types.void(*kinds))
+    arguments = _Arguments()
+    for kind in kinds:
+        arguments.add(kind)
+    body = "\n".join(f"  {line}" for line in arguments.lines)
+    values = ", ".join(["ptr %result", "ptr null", *arguments.values])
+    return f"""{result.library.get_llvm_str()}
 define void @{ENTRY}(ptr %words) nounwind {{
   %result = alloca ptr
-  %status = call i32 @{inner.group(1)}(ptr %result, ptr null, ptr %words)
+{body}
+  %status = call i32 @{result.fndesc.llvm_func_name}({values})
   ret void
 }}
 """

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
-from .jit import MATRIX, VECTOR, compiled
+from .jit import MATRIX, VECTOR, bare
 from .series import RUNNING
 
 __all__ = ["KINDS", "LOOP"]
@@ -33,7 +33,7 @@ _QUADRATIC = 1e-8
 KINDS = (types.UniTuple(types.intp, 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, types.int64[::1])
 
 
-@compiled
+@bare
 def _sum(a: float, b: float) -> tuple[float, float]:
     """Return a + b as rounded, and what rounding took (Knuth's two-sum)."""
     total = a + b
@@ -41,7 +41,7 @@ def _sum(a: float, b: float) -> tuple[float, float]:
     return total, (a - (total - part)) + (b - part)
 
 
-@compiled
+@bare
 def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float, low: FloatArray) -> None:
     """Write to ``rows[here, :n]`` the state ``old[before, :n]`` moved by the series in that row, with compensation."""
     n = low.size - 1
@@ -54,7 +54,7 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
         rows[here, i], low[i] = _sum(old[before, i], move + low[i])
 
 
-@compiled
+@bare
 def _march(
     codes: tuple[int, int, int, int],
     span: FloatArray,
@@ -116,7 +116,7 @@ def _march(
     return RUNNING, limit
 
 
-@compiled
+@bare
 def LOOP(
     codes: tuple[int, int, int, int],
     span: FloatArray,

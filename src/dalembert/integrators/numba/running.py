@@ -10,20 +10,18 @@ from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
 from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
 from .code import call_code, row
-from .jit import compiled
-from .scan import SERIES, SLOPE_SERIES, Scratch, Watch, sample, transformed
+from .jit import bare
+from .scan import SERIES, SLOPE_SERIES, sample, transformed
+from .workspace import QUICK, Scratch, Watch
 
-__all__ = ["QUICK", "accumulate", "advance"]
+__all__ = ["accumulate", "advance"]
 
 MINIMUM, MAXIMUM, MEAN = 0, 1, 2
-QUICK = 7
-"""Outputs of the quick test for each expression, see `dalembert.ir.watch.running_kernel`."""
-
 _BENDS = np.ascontiguousarray(BENDS.T)
 _INTEGRAL = INTEGRAL.copy()
 
 
-@compiled
+@bare
 def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
     """Return whether the quick test decides what a step adds to a minimum, maximum or integral, and the new one."""
     first = QUICK * e
@@ -35,31 +33,31 @@ def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: fl
     return quick[first + 6, lane] != 0.0 or bound <= best, sign * best
 
 
-@compiled
+@bare
 def accumulate(
     watch: Watch, room: Scratch, many: int, one: int, t: float, h: float, till: float, e: int, kind: int, total: float
 ) -> float:
     """Return a minimum, maximum or integral with a step up to a fraction of it, whose series are in place."""
     sign = 1.0 if kind == MAXIMUM else -1.0
     best = sign * total
-    series, slopes, bends = room.work[0], room.work[1], room.work[2]
+    work = room.work
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, till, 0.0
     height = 1
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
         sample(watch.running, watch.read, room, many, t, h, low, high - low)
-        transformed(SERIES, room.values, e, series)
-        varies, tail = 0.0, abs(series[6]) + abs(series[7])
+        transformed(SERIES, room, e, 0)
+        varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
         for k in range(1, 8):
-            varies += abs(series[k])
+            varies += abs(work[0, k])
         if kind == MEAN:
-            size, before = varies + abs(series[0]), abs(series[4]) + abs(series[5])
+            size, before = varies + abs(work[0, 0]), abs(work[0, 4]) + abs(work[0, 5])
             smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
             if smooth or depth >= SHALLOW or not math.isfinite(tail):
                 mean = 0.0
                 for k in range(8):
-                    mean += _INTEGRAL[k] * series[k]
+                    mean += _INTEGRAL[k] * work[0, k]
                 total += (high - low) * h * mean
                 continue
         else:
@@ -67,19 +65,19 @@ def accumulate(
                 if not math.isfinite(room.values[e, j]):
                     return math.nan
                 best = max(best, sign * room.values[e, j])
-            if sign * series[0] + varies + TAIL * tail <= best or depth >= DEEPEST:
+            if sign * work[0, 0] + varies + TAIL * tail <= best or depth >= DEEPEST:
                 continue
-            transformed(SLOPE_SERIES, room.values, e, slopes)
-            transformed(_BENDS, room.values, e, bends)
+            transformed(SLOPE_SERIES, room, e, 1)
+            transformed(_BENDS, room, e, 2)
             falls, turns = 0.0, 0.0
             for k in range(1, 8):
-                falls += abs(slopes[k])
-                turns += abs(bends[k])
-            if abs(slopes[0]) > falls + SLOPE_TAIL * tail:
+                falls += abs(work[1, k])
+                turns += abs(work[2, k])
+            if abs(work[1, 0]) > falls + SLOPE_TAIL * tail:
                 continue
-            if tail <= CLOSE * varies and abs(bends[0]) > turns + BEND_TAIL * tail:
-                if sign * bends[0] < 0.0:
-                    theta = low + (high - low) * _turning(slopes, sign)
+            if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
+                if sign * work[2, 0] < 0.0:
+                    theta = low + (high - low) * _turning(work, sign)
                     best = max(best, sign * _value(watch, room, one, t, h, theta, e))
                 continue
             if varies + TAIL * tail <= 4e-16 * abs(best):
@@ -91,23 +89,23 @@ def accumulate(
     return total if kind == MEAN else sign * best
 
 
-@compiled
-def _turning(slopes: FloatArray, sign: float) -> float:
+@bare
+def _turning(work: FloatArray, sign: float) -> float:
     """Return where sign times a slope, which falls, changes its sign, as a fraction of the piece."""
     low, high = -1.0, 1.0
     for _ in range(50):
         middle = 0.5 * (low + high)
         a = b = 0.0
         for k in range(7, 0, -1):
-            a, b = slopes[k] + 2.0 * middle * a - b, a
-        if sign * (slopes[0] + middle * a - b) > 0.0:
+            a, b = work[1, k] + 2.0 * middle * a - b, a
+        if sign * (work[1, 0] + middle * a - b) > 0.0:
             low = middle
         else:
             high = middle
     return 0.25 * (low + high) + 0.5
 
 
-@compiled
+@bare
 def _value(watch: Watch, room: Scratch, one: int, t: float, h: float, theta: float, e: int) -> float:
     degree = room.series.shape[1] - 1
     for u in range(watch.read.size):

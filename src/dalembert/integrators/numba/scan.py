@@ -7,7 +7,6 @@ watched by itself, whatever its neighbours do.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -18,30 +17,27 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import call_code, row
-from .jit import compiled
+from .jit import MATRIX, bare
+from .workspace import Scratch, Watch
 
 __all__ = [
     "BROKEN",
     "NOTHING",
-    "POINT_LANES",
+    "SCRATCH",
     "SERIES",
     "SLOPE_SERIES",
     "STOPPED",
     "WATCH",
-    "Scratch",
-    "Watch",
     "begin_signs",
     "resolve",
     "sample",
     "scan",
-    "scratch",
     "starts",
     "state_at",
     "transformed",
     "zeros_at_end",
 ]
 
-POINT_LANES = 8
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 
 _POINTS = POINTS.copy()
@@ -57,96 +53,12 @@ _BUDGET, _TRIES = 8192, 200
 _INTEGERS = types.Array(types.int64, 1, "C")
 
 
-class Watch(NamedTuple):
-    """Addresses of compiled code, and the rules of the events.
-
-    ``quiet`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are the
-    watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same
-    expressions, ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0,
-    ``start`` the state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are
-    the components of the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
-
-    Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
-    points and ``at`` one; ``quick`` tests them over a step of every lane, and ``read`` is what they read of the state.
-    """
-
-    quiet: int
-    values: int
-    value: int
-    begins: int
-    start: int
-    refill: int
-    given: int
-    checks: int
-    jumps: NDArray[np.int64]
-    directions: NDArray[np.int64]
-    last: NDArray[np.int64]
-    used: NDArray[np.int64]
-    quick: int
-    running: int
-    at: int
-    kinds: NDArray[np.int64]
-    read: NDArray[np.int64]
-
-
 WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4, *(types.intp,) * 3, *(_INTEGERS,) * 2), Watch)
+SCRATCH = types.NamedTuple((MATRIX,) * len(Scratch._fields), Scratch)
+_THETA, _TOTAL = 3, 4
 
 
-class Scratch(NamedTuple):
-    """Arrays to work in, and what each lane remembers: signs, what was seen of them, and zeros at the start."""
-
-    constants: FloatArray
-    clock: FloatArray
-    point: FloatArray
-    out: FloatArray
-    series: FloatArray
-    values: FloatArray
-    ends: FloatArray
-    noise: FloatArray
-    one_clock: FloatArray
-    one_point: FloatArray
-    one_out: FloatArray
-    signs: FloatArray
-    seen: FloatArray
-    zero: FloatArray
-    found: FloatArray
-    happens: FloatArray
-    residual: FloatArray
-    jumped: FloatArray
-    work: FloatArray
-    stack: FloatArray
-
-
-@compiled
-def scratch(watch: Watch, n: int, degree: int, n_c: int, lanes: int) -> Scratch:
-    """Return room to work in for states of n components, polynomials of a degree, and a number of lanes."""
-    k = max(watch.directions.size, watch.kinds.size)
-    size = max(3 * k, watch.given, n + watch.checks, 2 * n + 8)
-    return Scratch(
-        np.zeros((lanes * n_c, POINT_LANES)),
-        np.zeros((1, POINT_LANES)),
-        np.zeros((n, POINT_LANES)),
-        np.zeros((max(k, 1), POINT_LANES)),
-        np.zeros((n, degree + 1)),
-        np.zeros((max(k, 1), POINT_LANES)),
-        np.zeros((2, max(k, 1))),
-        np.zeros((1, max(k, 1))),
-        np.zeros((1, 1)),
-        np.zeros((2, max(n, watch.given))),
-        np.zeros((1, size)),
-        np.zeros((lanes, max(k, 1))),
-        np.zeros((lanes, max(k, 1))),
-        np.zeros((lanes, max(k, 1))),
-        np.zeros((max(k, 1), 2)),
-        np.zeros((1, max(k, 1))),
-        np.zeros((1, max(k, 1))),
-        np.zeros((lanes, 2)),
-        np.zeros((3, 8)),
-        np.zeros((2 * DEEPEST + 4, 3)),
-    )
-
-
-@compiled
+@bare
 def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: float, c: int) -> None:
     """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
     room.one_clock[0, 0] = t
@@ -163,7 +75,7 @@ def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: flo
         room.seen[lane, e] = 0.0
 
 
-@compiled
+@bare
 def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
     """Write the state at a fraction of the step, all of whose series are in place, to a row of ``one_point``."""
     degree = room.series.shape[1] - 1
@@ -174,7 +86,7 @@ def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
         room.one_point[target, m] = value
 
 
-@compiled
+@bare
 def _value(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
     """Return one expression at a fraction of the step."""
     degree = room.series.shape[1] - 1
@@ -189,58 +101,58 @@ def _value(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float
     return float(room.one_out[0, event])
 
 
-@compiled
+@bare
 def sample(
     values: int, used: NDArray[np.int64], room: Scratch, c: int, t: float, h: float, low: float, width: float
 ) -> None:
     """Evaluate all expressions at the eight points of a piece of the step, into ``values``."""
-    degree = room.series.shape[1] - 1
-    theta, total = np.empty(8), np.empty(8)
+    degree, work = room.series.shape[1] - 1, room.work
     for j in range(8):
-        theta[j] = low + width * _POINTS[j]
-        room.clock[0, j] = t + theta[j] * h
+        work[_THETA, j] = low + width * _POINTS[j]
+        room.clock[0, j] = t + work[_THETA, j] * h
     for u in range(used.size):
         m = used[u]
         top = room.series[m, degree]
         for j in range(8):
-            total[j] = top
+            work[_TOTAL, j] = top
         for k in range(degree - 1, -1, -1):
             a = room.series[m, k]
             for j in range(8):
-                total[j] = total[j] * theta[j] + a
+                work[_TOTAL, j] = work[_TOTAL, j] * work[_THETA, j] + a
         for j in range(8):
-            room.point[m, j] = total[j]
+            room.point[m, j] = work[_TOTAL, j]
     call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
 
 
-@compiled
-def transformed(matrix: FloatArray, values: FloatArray, e: int, out: FloatArray) -> None:
-    """Write the product of a matrix, given transposed, and the values of an expression."""
+@bare
+def transformed(matrix: FloatArray, room: Scratch, e: int, to: int) -> None:
+    """Write the product of a matrix, given transposed, and the values of an expression to a row of ``work``."""
+    work = room.work
     for k in range(8):
-        out[k] = 0.0
+        work[to, k] = 0.0
     for j in range(8):
-        value = values[e, j]
+        value = room.values[e, j]
         for k in range(8):
-            out[k] += matrix[j, k] * value
+            work[to, k] += matrix[j, k] * value
 
 
-@compiled
-def _one_sign(series: FloatArray) -> bool:
+@bare
+def _one_sign(work: FloatArray, i: int) -> bool:
     rest = 0.0
     for k in range(1, 8):
-        rest += abs(series[k])
-    return abs(series[0]) > rest + TAIL * (abs(series[6]) + abs(series[7]))
+        rest += abs(work[i, k])
+    return abs(work[i, 0]) > rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7]))
 
 
-@compiled
-def _monotone(series: FloatArray, slopes: FloatArray) -> bool:
+@bare
+def _monotone(work: FloatArray) -> bool:
     rest = 0.0
     for k in range(1, 8):
-        rest += abs(slopes[k])
-    return abs(slopes[0]) > rest + SLOPE_TAIL * (abs(series[6]) + abs(series[7]))
+        rest += abs(work[1, k])
+    return abs(work[1, 0]) > rest + SLOPE_TAIL * (abs(work[0, 6]) + abs(work[0, 7]))
 
 
-@compiled
+@bare
 def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> tuple[bool, bool]:
     """Return whether a piece need not be cut for any expression, and whether all values are finite.
 
@@ -248,7 +160,6 @@ def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> t
     ``high`` of the step, begins; ``zero`` then holds their slopes over the step.
     """
     simple = finite = True
-    series, slopes = np.empty(8), np.empty(8)
     for e in range(count):
         lost, largest = True, 0.0
         for j in range(8):
@@ -261,35 +172,35 @@ def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> t
                 largest = math.inf
         if lost or largest <= room.noise[0, e]:
             continue
-        transformed(SERIES, room.values, e, series)
-        if _one_sign(series):
+        transformed(SERIES, room, e, 0)
+        if _one_sign(room.work, 0):
             continue
         if fresh and room.zero[lane, e] != 0.0:
-            transformed(_ONCE, room.values, e, slopes)
-            if _one_sign(slopes):
+            transformed(_ONCE, room, e, 1)
+            if _one_sign(room.work, 1):
                 continue
             if room.zero[lane, e] * high <= FLAT * largest:
-                transformed(_TWICE, room.values, e, slopes)
-                if _one_sign(slopes):
+                transformed(_TWICE, room, e, 1)
+                if _one_sign(room.work, 1):
                     continue
                 bend = 0.0
                 for j in range(1, 8):
                     bend += _BEND[j] * room.values[e, j]
-                transformed(_THRICE, room.values, e, slopes)
-                if abs(bend) <= BENT * largest and _one_sign(slopes):
+                transformed(_THRICE, room, e, 1)
+                if abs(bend) <= BENT * largest and _one_sign(room.work, 1):
                     continue
-        transformed(SLOPE_SERIES, room.values, e, slopes)
-        if not _monotone(series, slopes):
+        transformed(SLOPE_SERIES, room, e, 1)
+        if not _monotone(room.work):
             simple = False
     return simple, finite
 
 
-@compiled
+@bare
 def _sign(value: float, noise: float) -> float:
     return 0.0 if not abs(value) > noise else (1.0 if value > 0.0 else -1.0)
 
 
-@compiled
+@bare
 def _zero(
     watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, a: float, b: float, fa: float, fb: float
 ) -> float:
@@ -317,7 +228,7 @@ def _zero(
     return best if abs(f_best) <= largest else math.nan
 
 
-@compiled
+@bare
 def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, low: float, high: float) -> int:
     """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
     count = 0
@@ -344,7 +255,7 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
     return count
 
 
-@compiled
+@bare
 def _occur(
     watch: Watch, room: Scratch, lane: int, count: int, t: float, h: float, happened: FloatArray, case: int
 ) -> float:
@@ -366,7 +277,7 @@ def _occur(
     return stop
 
 
-@compiled
+@bare
 def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray, case: int) -> None:
     """Take down an occurrence; it is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5."""
     if happened[case, 3 * e] == 0.0:
@@ -377,7 +288,7 @@ def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray
     room.happens[0, e] = 2.0 if ends else 1.0 if watch.jumps[e] != 0 else 0.5
 
 
-@compiled
+@bare
 def scan(
     watch: Watch,
     room: Scratch,
@@ -439,7 +350,7 @@ def scan(
     return NOTHING, 1.0
 
 
-@compiled
+@bare
 def starts(watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int) -> None:
     """Begin a case in a lane, its state being in the first row of ``one_point``."""
     room.jumped[lane, 0], room.jumped[lane, 1] = math.nan, 0.0
@@ -448,7 +359,7 @@ def starts(watch: Watch, room: Scratch, lane: int, t: float, direction: float, o
     begin_signs(watch, room, lane, t, direction, one)
 
 
-@compiled
+@bare
 def zeros_at_end(
     watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int, happened: FloatArray, case: int
 ) -> bool:
@@ -466,7 +377,7 @@ def zeros_at_end(
     return _occur(watch, room, lane, count, t, 0.0, happened, case) >= 0.0
 
 
-@compiled
+@bare
 def resolve(
     watch: Watch,
     room: Scratch,

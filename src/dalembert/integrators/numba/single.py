@@ -14,7 +14,7 @@ from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
-from .jit import MATRIX, VECTOR, compiled
+from .jit import MATRIX, VECTOR, bare
 
 __all__ = ["KINDS", "LOOP"]
 
@@ -34,7 +34,7 @@ KINDS = (
 )
 
 
-@compiled
+@bare
 def _projected(
     kernel: int, tries: int, clock: FloatArray, states: FloatArray, new: int, c: FloatArray, delta: FloatArray
 ) -> bool:
@@ -54,7 +54,7 @@ def _projected(
     return change <= _LINEAR
 
 
-@compiled
+@bare
 def LOOP(
     codes: tuple[int, int, int, int, int],
     shape: tuple[int, int, int],

@@ -1,0 +1,64 @@
+"""Projection of many states onto the constraints, each until it holds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..problem import FloatArray
+from .code import call_code, row
+from .jit import bare
+
+__all__ = ["FAILED", "NONE", "WANTED", "correct"]
+
+NONE, WANTED, FAILED = 0, 1, 3
+_SETTLED = 2
+_MAX_CORRECTIONS = 10
+_QUADRATIC = 1e-8
+_LINEAR = 1e-4
+
+
+@bare
+def correct(
+    position: int,
+    velocity: int,
+    clock: FloatArray,
+    states: FloatArray,
+    first: int,
+    constants: FloatArray,
+    delta: FloatArray,
+    whole: NDArray[np.int64],
+    marks: int,
+) -> None:
+    """Project the states of the lanes that a row of ``whole`` marks as wanted; those where that fails are marked so.
+
+    ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is room.
+    """
+    lanes = clock.shape[1]
+    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+        left = 0
+        for lane in range(lanes):
+            left += 1 if whole[marks, lane] == WANTED else 0
+        if kernel == 0:
+            left = 0
+        for attempt in range(tries):
+            if left == 0:
+                break
+            call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
+            for lane in range(lanes):
+                if whole[marks, lane] != WANTED:
+                    continue
+                change = finite = 0.0
+                for m in range(delta.shape[0]):
+                    states[first + m, lane] += delta[m, lane]
+                    change = max(change, abs(delta[m, lane]) / (1e-3 + abs(states[first + m, lane])))
+                    finite += 0.0 * delta[m, lane]
+                if finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
+                    whole[marks, lane] = FAILED
+                    left -= 1
+                elif not change > _QUADRATIC:
+                    whole[marks, lane] = _SETTLED
+                    left -= 1
+        for lane in range(lanes):
+            if whole[marks, lane] == _SETTLED:
+                whole[marks, lane] = WANTED

@@ -1,0 +1,52 @@
+"""What most steps of a sweep need, in vector instructions: against the same in plain Python, lane by lane."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from dalembert.codegen.numba.llvm import compile_object, load_object, native_lanes
+from dalembert.codegen.numba.pace import pace_assembly
+
+LARGEST, BUDGET = 2.0, 10.0
+# time, end, next time to record, size of the step, its check, attempts, direction, and whether there is nothing else
+STEPS = {
+    "on": (0.0, 5.0, 5.0, 1.0, 0.0, 3.0, 1.0, True),
+    "back": (0.0, -5.0, -5.0, 1.0, 0.0, 3.0, -1.0, True),
+    "the end": (4.0, 5.0, 5.0, 1.0, 0.0, 3.0, 1.0, False),
+    "past a time to record": (0.0, 5.0, 0.5, 1.0, 0.0, 3.0, 1.0, False),
+    "at a time to record": (0.0, 5.0, 1.0, 1.0, 0.0, 3.0, 1.0, False),
+    "past one on the way back": (0.0, -5.0, -0.5, 1.0, 0.0, 3.0, -1.0, False),
+    "not finite": (0.0, 5.0, 5.0, 1.0, np.nan, 3.0, 1.0, False),
+    "a size that is not a number": (0.0, 5.0, 5.0, np.nan, 0.0, 3.0, 1.0, False),
+    "too small": (1.0, 5.0, 5.0, 1e-17, 0.0, 3.0, 1.0, False),
+    "rejected": (1.0, 5.0, 5.0, 0.0, 0.0, 3.0, 1.0, False),
+    "the last attempt": (1.0, 5.0, 5.0, 1.0, 0.0, 9.0, 1.0, False),
+    "idle": (5.0, 5.0, 5.0, 0.0, 0.0, 3.0, 1.0, False),
+}
+
+
+def run(lanes, rows):
+    """Return the mask, and clock, tally and settings afterwards, of steps side by side."""
+    now, end, ahead, size, check, attempts, direction, _ = np.array([STEPS[name] for name in rows], dtype=float).T
+    clock, step, tally = np.array([now, end, ahead]), np.array([size, check]), np.array([attempts])
+    settings, limits = np.array([np.full(lanes, 7.0), direction]), np.array([LARGEST, BUDGET])
+    code = load_object(compile_object(pace_assembly(lanes)))
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 5)(code.address("pace"))
+    mask = function(*(array.ctypes.data for array in (clock, step, tally, settings, limits)))
+    return mask, clock, tally, settings
+
+
+@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("lanes", sorted({1, 2, native_lanes()}))
+def test_lanes_move_on_or_are_left_as_they_are(lanes, name):
+    rows = [name, *list(STEPS)[: lanes - 1]]
+    mask, clock, tally, settings = run(lanes, rows)
+    for lane, row in enumerate(rows):
+        now, end, ahead, size, _, attempts, direction, moves = STEPS[row]
+        assert bool(mask >> lane & 1) is not moves
+        then = now + direction * size if moves else now
+        assert tuple(clock[:, lane]) == (then, end, ahead)
+        assert tally[0, lane] == attempts + moves
+        assert tuple(settings[:, lane]) == (min(LARGEST, abs(end - then)) if moves else 7.0, direction)
+    assert mask >> lanes == 0
