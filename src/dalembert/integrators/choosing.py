@@ -12,8 +12,11 @@ from ..ir.program import Kernel
 
 __all__ = ["runge_kutta_pays"]
 
-_STEPS, _DIGITS = 0.63, 0.109
+_STEPS, _DIGITS = 1.0, 0.113
 """Steps of DOP853 for one Taylor step at rtol 1e-6, and the power of 1/rtol with which they grow."""
+
+_SHORT = 1000
+"""Lines up to which a Taylor step is straight-line code."""
 
 _MARGIN = 0.78
 """Predicted ratio of times up to which the Runge-Kutta pair is taken: near 1 the prediction is a guess."""
@@ -38,13 +41,13 @@ def runge_kutta_pays(rhs: Kernel, series_lines: int, tolerance: float) -> bool:
     -----
     Costs are in lines of Taylor steps, fitted to measurements of the sleigh, the rolling spheres and the stiff sleigh,
     `minimal` and `projected`, for tolerances from 1e-4 to 1e-12: the pair needs some 57 lines a component and 340 in
-    all besides its evaluations, a sine with its cosine counts as 12, and long Taylor steps outgrow the cache of
-    instructions. The predicted ratio of times was within a factor 1.4 of the measured one.
+    all besides its evaluations, a sine with its cosine counts as 12, and what a Taylor step has beyond straight-line
+    code counts less. The predicted ratio of times was within a factor 1.4 of the measured one for most, and 2 for all.
     """
     if tolerance < _TIGHTEST:
         return False
     pairs = sum(line.op in ("sin", "cos") for line in rhs.body) / 2
-    taylor = (280 + 1.1 * series_lines) * (1 + series_lines / 20_000)
+    taylor = 280 + 1.1 * min(series_lines, _SHORT) + 0.8 * max(series_lines - _SHORT, 0)
     attempt = 12 * (len(rhs.body) + 12 * pairs) + 57 * len(rhs.outputs) + 340
     steps = _STEPS * math.exp(-_DIGITS * math.log(1e6 * tolerance))
     return steps * attempt < _MARGIN * taylor

@@ -90,7 +90,7 @@ STEP_OPERATIONS: dict[str, Operation] = {
     )
 }
 """What steps of integrators need besides. ``fma(a, b, c)`` is a*b + c, rounded once where the target can; the rough
-functions hold four digits, enough to choose a step."""
+functions are good to 0.005 and to a share of 1e-4, enough to choose a step."""
 
 ALL_OPERATIONS: dict[str, Operation] = OPERATIONS | STEP_OPERATIONS
 """Everything that a kernel may contain."""

@@ -229,7 +229,8 @@ class NumbaEngine(Engine):
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return prepared_run((self.steps.prepare(), *codes, position, velocity), sizes, memory, settings, problem)
+        addresses = (self.steps.prepare(), *codes, position, velocity)
+        return prepared_run(addresses, sizes, memory, settings, problem, self.steps)
 
     def _stepping(
         self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool

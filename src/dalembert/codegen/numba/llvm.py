@@ -71,7 +71,8 @@ class LanePrinter:
         self.flag = functions.vector(lanes, "i1")
         self.fma = fma_name(lanes)
         self.lines: list[str] = []
-        self._pairs: dict[Operand, str] = {}
+        self._pairs: dict[Operand, tuple[str, str, int]] = {}
+        self._ahead: list[Assignment] = []
 
     def operand(self, operand: Operand) -> str:
         """Return a value or an exact literal."""
@@ -128,26 +129,60 @@ class LanePrinter:
         self._set(f"{target}.test", f"fcmp {test} {self.v} {a}, {b}")
         self._set(target, f"select {self.flag} %{target}.test, {self.v} {yes}, {self.v} {no}")
 
+    def body(self, lines: Sequence[Assignment]) -> None:
+        """Print operations in their order."""
+        self._ahead = list(reversed(lines))
+        while self._ahead:
+            self.line(self._ahead.pop())
+
     def _sincos(self, line: Assignment) -> None:
-        """Compute sine and cosine of one argument together."""
-        argument = line.args[0]
-        pair = self._pairs.get(argument)
-        if pair is None:
-            pair = self._pairs[argument] = f"{line.target}.pair"
-            self._set(pair, f"call {{{self.v}, {self.v}}} @sincos({self.v} {self.operand(argument)})")
-        self._set(line.target, f"extractvalue {{{self.v}, {self.v}}} %{pair}, {0 if line.op == 'sin' else 1}")
+        """Compute sine and cosine of an argument together; on one lane also of others that are known by now."""
+        if line.args[0] not in self._pairs:
+            self._angles(line)
+        pair, kind, slot = self._pairs[line.args[0]]
+        half = f"extractvalue {{{kind}, {kind}}} %{pair}, {0 if line.op == 'sin' else 1}"
+        if self.lanes > 1:
+            self._set(line.target, half)
+            return
+        self._set(f"{line.target}.pack", half)
+        self._set(line.target, f"extractelement {kind} %{line.target}.pack, i32 {slot}")
+
+    def _angles(self, line: Assignment) -> None:
+        """Call the function of sine and cosine for the argument of a line.
+
+        On one lane it is that of a pack: beside others an argument costs nothing, and a pack chooses between sine and
+        cosine without a branch.
+        """
+        pair = f"{line.target}.pair"
+        if self.lanes > 1:
+            self._pairs[line.args[0]] = pair, self.v, 0
+            self._set(pair, f"call {{{self.v}, {self.v}}} @sincos{self.lanes}({self.v} {self.operand(line.args[0])})")
+            return
+        later = {other.target for other in self._ahead} | {line.target}
+        wanted = [other.args[0] for other in reversed(self._ahead) if other.op in ("sin", "cos")]
+        angles = list(dict.fromkeys(a for a in (line.args[0], *wanted) if a not in later and a not in self._pairs))[:4]
+        lanes = 2 if len(angles) <= 2 else 4
+        kind, pack = functions.vector(lanes), "undef"
+        for slot in range(lanes):
+            angle = angles[min(slot, len(angles) - 1)]
+            self._pairs.setdefault(angle, (pair, kind, slot))
+            self._set(f"{pair}.{slot}", f"insertelement {kind} {pack}, double {self.operand(angle)}, i32 {slot}")
+            pack = f"%{pair}.{slot}"
+        self._set(pair, f"call {{{kind}, {kind}}} @sincos{lanes}({kind} {pack})")
 
 
 def prelude(lanes: int) -> str:
     """Return declarations and definitions that every module needs."""
-    fma = fma_name(lanes)
-    v, suffix = functions.vector(lanes), "f64" if lanes == 1 else f"v{lanes}f64"
     doubles = {name: ", ".join(["double"] * (2 if name in ("atan2", "pow") else 1)) for name in _LIBRARY}
     parts = [f"declare double @{name}({arguments})" for name, arguments in doubles.items()]
-    parts += [f"declare {v} @llvm.{name}.{suffix}({v})" for name in ("fabs", "sqrt", "floor")]
-    parts.append(f"declare {v} @{fma}({v}, {v}, {v})")
-    parts += [functions.sincos(lanes, fma), functions.rough_log2(lanes, fma), functions.rough_exp2(lanes, fma)]
-    return "\n\n".join(parts)
+    for n in (1, 2, 4, 8) if lanes == 1 else (lanes,):
+        v, suffix, fma = functions.vector(n), "f64" if n == 1 else f"v{n}f64", fma_name(n)
+        parts += [f"declare {v} @llvm.{name}.{suffix}({v})" for name in ("fabs", "sqrt", "floor")]
+        parts.append(f"declare {v} @{fma}({v}, {v}, {v})")
+        if n in (2, 4) or lanes > 1:
+            parts.append(functions.sincos(n, fma))
+    fma = fma_name(lanes)
+    return "\n\n".join([*parts, functions.rough_log2(lanes, fma), functions.rough_exp2(lanes, fma)])
 
 
 def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool = True, exact: bool = False) -> str:
@@ -162,8 +197,7 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool 
         printer = LanePrinter(lanes, exact=exact)
         for load in kernel.loads:
             printer.load(load.target, load.array, load.index or 0)
-        for line in kernel.body:
-            printer.line(line)
+        printer.body(kernel.body)
         for index, operand in enumerate(kernel.outputs):
             printer.store(operand, index)
         arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*kernel.arguments, "out"))

@@ -64,12 +64,12 @@ class Loop:
     @cached_property
     def call(self) -> Any:
         """The function of one pointer to words; it releases the interpreter while it runs."""
-        return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._code.address("entry"))
+        return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
 
-    def __call__(self, *arguments: Any) -> None:
-        """Run the loop on integers, tuples of integers and C-contiguous arrays."""
+    def __call__(self, *arguments: Any) -> int:
+        """Return what the loop makes of integers, tuples of integers and C-contiguous arrays."""
         words = packed(arguments)
-        self.call(words.ctypes.data)
+        return int(self.call(words.ctypes.data))
 
 
 def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:

@@ -20,6 +20,7 @@ def prepared_run(
     memory: int,
     settings: Sequence[float],
     problem: IntegrationProblem,
+    steps: object,
 ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
     """Return a function from a state (n_y,) and parameters (n_p,) to the final state (n_y,) and the status.
 
@@ -35,11 +36,13 @@ def prepared_run(
         What the step reads behind the largest step and the direction of time.
     problem : IntegrationProblem
         Span, largest step and number of steps.
+    steps : object
+        What keeps the code at these addresses.
     """
     n, n_p, n_c = sizes
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
-    outcome = np.zeros(3, np.int64)
+    outcome = np.zeros(1, np.int64)
     arguments = (
         codes,
         (n, memory, problem.max_steps),
@@ -54,15 +57,14 @@ def prepared_run(
     )
     words = packed(arguments)
     code, pointer = loop_named("single").call, ctypes.c_void_p(words.ctypes.data)
-    start, given, ends = states[0, :n], p[0], (states[0, :n], states[1, :n])
+    start, given = states[0, :n], p[0]
     statuses = tuple(Status)
 
     def run(state: FloatArray, parameters: FloatArray) -> tuple[FloatArray, Status]:
-        start[:] = state
-        given[:] = parameters
-        code(pointer)
-        status, which, _ = outcome.tolist()
-        return ends[which].copy(), statuses[status]
+        start[...] = state
+        given[...] = parameters
+        status = statuses[code(pointer)]
+        return start.copy(), status
 
-    run.held = words, arguments  # type: ignore[attr-defined]  # what the code points to stays alive with `run`
+    run.held = words, arguments, steps  # type: ignore[attr-defined]  # what the code points to lives as long as `run`
     return run

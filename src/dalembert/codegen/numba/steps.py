@@ -16,8 +16,9 @@ from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
 from ...reduction.starting import Start
 from .attempts import attempt_assembly
-from .llvm import Compiled, assembly, load_object
+from .llvm import Compiled, assembly, load_object, native_lanes
 from .objects import object_code
+from .order_loops import LEAST_ORDER, order_loop_assembly
 from .series_loops import loop_assembly
 
 __all__ = ["LARGEST_UNROLLED", "StepLibrary"]
@@ -27,9 +28,14 @@ _LOCK = threading.Lock()
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
-LARGEST_UNROLLED = 10_000
-"""Lines of straight-line code up to which a step is unrolled: it is some 1.5 to 3 times faster than loops, and takes
-a second to compile from there on (measured on chains of pendulums)."""
+LARGEST_UNROLLED = 15_000
+"""Lines of the recurrences, written out, up to which Taylor steps are worth their compilation."""
+_LARGEST_STRAIGHT = 1000
+"""Lines up to which a step is unrolled. Longer code outgrows the cache of instructions: the loop over the orders is up
+to twice as fast, and is compiled in a third of the time or less (measured on spheres and sleighs)."""
+_LARGEST_PASS = 500
+"""Values up to which one pass of the loop over the orders is straight-line code: it takes a second to compile there,
+and ever more beyond, and is twice as fast as loops throughout (measured on chains of pendulums)."""
 
 
 @final
@@ -60,11 +66,13 @@ class StepLibrary:
         return self._known_recurrences().unrolled_lines(order)
 
     def _taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
-        """Return a Taylor step: unrolled where that is affordable, else with its recurrences as loops."""
-        known = self._known_recurrences()
-        if self.series_lines(order) > LARGEST_UNROLLED:
-            return loop_assembly(name, known, order, lanes, dense=dense)
-        return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
+        """Return a Taylor step: unrolled where it is short, else with loops, and the longest with few lines besides."""
+        known, lines = self._known_recurrences(), self.series_lines(order)
+        if lines <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
+            return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
+        if len(known.items) <= _LARGEST_PASS:
+            return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
+        return loop_assembly(name, known, order, lanes, dense=dense)
 
     def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""

@@ -60,7 +60,7 @@ def _polynomial(name: str, x: str, coefficients: Sequence[float], lanes: int, fm
 
 
 def sincos(lanes: int, fma: str) -> str:
-    """Return the definition of ``@sincos``: fdlibm's polynomials after reduction by pi/2 in three parts.
+    """Return the definition of ``@sincosN`` for N lanes: fdlibm's polynomials after reduction by pi/2 in three parts.
 
     Below 1e6 in magnitude it is accurate to 2 units in the last place; beyond, the C library takes over.
     """
@@ -78,7 +78,7 @@ def sincos(lanes: int, fma: str) -> str:
         ]
     slow_sin, slow_cos = lanewise("sin", lanes, "slow.s"), lanewise("cos", lanes, "slow.c")
     lines = [
-        f"define internal {{{v}, {v}}} @sincos({v} %x) alwaysinline nounwind {{",
+        f"define internal {{{v}, {v}}} @sincos{lanes}({v} %x) alwaysinline nounwind {{",
         "entry:",
         f"%size = call {v} @llvm.fabs.{_suffix(lanes)}({v} %x)",
         f"%large = fcmp ugt {v} %size, {c(_LARGEST)}",
@@ -160,26 +160,31 @@ def _suffix(lanes: int) -> str:
 
 
 def rough_log2(lanes: int, fma: str) -> str:
-    """Return the definition of ``@rough_log2`` for positive normal numbers, good to 2e-5."""
+    """Return the definition of ``@rough_log2`` for positive normal numbers, good to 0.005.
+
+    The bits of a number, read as an integer, are its logarithm with straight lines between the powers of two; a
+    parabola takes off most of what that is wrong by.
+    """
     v, w = vector(lanes), vector(lanes, "i64")
 
     def i(value: int) -> str:
         return _integer(value, lanes)
 
-    coefficients = (1.4425449, -0.7181452, 0.4575485, -0.2779042, 0.1217970, -0.0258414)
+    def c(value: float) -> str:
+        return constant(value, lanes)
+
     lines = [
         f"define internal {v} @rough_log2({v} %x) alwaysinline nounwind {{",
         f"%i = bitcast {v} %x to {w}",
-        f"%e.raw = lshr {w} %i, {i(52)}",
-        f"%e.magic = or {w} %e.raw, {i(0x4330000000000000)}",
-        f"%e.float = bitcast {w} %e.magic to {v}",
-        f"%e = fsub {v} %e.float, {constant(2.0**52 + 1023.0, lanes)}",
+        f"%high = lshr {w} %i, {i(12)}",
+        f"%magic = or {w} %high, {i(0x4330000000000000)}",
+        f"%float = bitcast {w} %magic to {v}",
         f"%m.raw = and {w} %i, {i(0x000FFFFFFFFFFFFF)}",
         f"%m.one = or {w} %m.raw, {i(0x3FF0000000000000)}",
-        f"%m.float = bitcast {w} %m.one to {v}",
-        f"%m = fsub {v} %m.float, {constant(1.0, lanes)}",
-        *_polynomial("%p", "%m", coefficients, lanes, fma),
-        f"%log = call {v} @{fma}({v} %m, {v} %p, {v} %e)",
+        f"%m = bitcast {w} %m.one to {v}",
+        f"%line = call {v} @{fma}({v} %float, {v} {c(2.0**-40)}, {v} {c(-(2.0**12) - 1023.0 - 0.67487762)})",
+        f"%slope = call {v} @{fma}({v} {c(-0.34484829)}, {v} %m, {v} {c(1.02466557)})",
+        f"%log = call {v} @{fma}({v} %slope, {v} %m, {v} %line)",
         f"ret {v} %log",
         "}",
     ]
@@ -187,25 +192,26 @@ def rough_log2(lanes: int, fma: str) -> str:
 
 
 def rough_exp2(lanes: int, fma: str) -> str:
-    """Return the definition of ``@rough_exp2``, good to 2e-6 relative; the argument is held within +-1000."""
+    """Return the definition of ``@rough_exp2``, good to 1e-4 relative; the argument is held within +-1000."""
     v, w = vector(lanes), vector(lanes, "i64")
     flag = vector(lanes, "i1")
-    low, high = constant(-1000.0, lanes), constant(1000.0, lanes)
-    coefficients = (1.0, 0.6931530, 0.2401536, 0.0558263, 0.0089893, 0.0018775)
+    low, high, rounding = constant(-1000.0, lanes), constant(1000.0, lanes), constant(_ROUNDING, lanes)
+    coefficients = (0.99992807, 0.69326099, 0.24261114, 0.05517167)
     lines = [
         f"define internal {v} @rough_exp2({v} %x) alwaysinline nounwind {{",
         f"%above = fcmp ogt {v} %x, {low}",
         f"%x.low = select {flag} %above, {v} %x, {v} {low}",
         f"%below = fcmp olt {v} %x.low, {high}",
         f"%x.held = select {flag} %below, {v} %x.low, {v} {high}",
-        f"%floor = call {v} @llvm.floor.{_suffix(lanes)}({v} %x.held)",
-        f"%r = fsub {v} %x.held, %floor",
-        f"%biased = fadd {v} %floor, {constant(2.0**52 + 1023.0, lanes)}",
-        f"%bits = bitcast {v} %biased to {w}",
-        f"%exponent = shl {w} %bits, {_integer(52, lanes)}",
-        f"%scale = bitcast {w} %exponent to {v}",
+        f"%shifted = fadd {v} %x.held, {rounding}",
+        f"%whole = fsub {v} %shifted, {rounding}",
+        f"%r = fsub {v} %x.held, %whole",
+        f"%i = bitcast {v} %shifted to {w}",
+        f"%exponent = shl {w} %i, {_integer(52, lanes)}",
         *_polynomial("%p", "%r", coefficients, lanes, fma),
-        f"%power = fmul {v} %p, %scale",
+        f"%p.bits = bitcast {v} %p to {w}",
+        f"%bits = add {w} %p.bits, %exponent",
+        f"%power = bitcast {w} %bits to {v}",
         f"ret {v} %power",
         "}",
     ]

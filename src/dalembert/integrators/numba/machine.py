@@ -14,7 +14,7 @@ from numba import types
 __all__ = ["ENTRY", "loop_assembly"]
 
 ENTRY = "entry"
-"""Name of the function that a module of assembly defines: ``void entry(ptr words)``."""
+"""Name of the function that a module of assembly defines: ``i64 entry(ptr words)``."""
 
 
 class _Arguments:
@@ -65,23 +65,25 @@ def loop_assembly(loop: Callable[..., Any], kinds: tuple[Any, ...]) -> str:
     Parameters
     ----------
     loop : callable
-        Compiled by numba; it returns nothing and writes its results to its arguments.
+        Compiled by numba; it returns an integer or nothing, and writes other results to its arguments.
     kinds : tuple of numba types
         Its arguments: ``intp``, C-contiguous arrays, or tuples, named ones too. An integer is one word; an array is
         its address and its shape.
     """
     compiled: Any = loop
-    result = compiled.get_compile_result(types.void(*kinds))
+    compiled.compile(tuple(kinds))
+    result = compiled.overloads[tuple(kinds)]
     arguments = _Arguments()
     for kind in kinds:
         arguments.add(kind)
     body = "\n".join(f"  {line}" for line in arguments.lines)
     values = ", ".join(["ptr %result", "ptr null", *arguments.values])
     return f"""{result.library.get_llvm_str()}
-define void @{ENTRY}(ptr %words) nounwind {{
-  %result = alloca ptr
+define i64 @{ENTRY}(ptr %words) nounwind {{
+  %result = alloca i64
 {body}
-  %status = call i32 @{result.fndesc.llvm_func_name}({values})
-  ret void
+  %raised = call i32 @{result.fndesc.llvm_func_name}({values})
+  %value = load i64, ptr %result
+  ret i64 %value
 }}
 """

@@ -129,8 +129,8 @@ def LOOP(
     clock: FloatArray,
     delta: FloatArray,
     outcome: NDArray[np.int64],
-) -> None:
-    """March from the state y (1, n_y), at most so many steps.
+) -> int:
+    """March from the state y (1, n_y), at most so many steps. Return the status.
 
     Parameters
     ----------
@@ -148,7 +148,13 @@ def LOOP(
         What rounding took from the state and from the time so far.
     clock, delta : (1, 1), (1, n_y)
         Room.
-    outcome : (2,) int64
-        Gets the status, `RUNNING` where the number of steps was reached before the end, and the number of steps.
+    outcome : (1,) int64
+        Gets the number of steps.
+
+    Returns
+    -------
+    int
+        The status; `RUNNING` where the number of steps was reached before the end.
     """
-    outcome[0], outcome[1] = _march(codes, span, settings, y, c, rows, times, low, clock, delta)
+    status, outcome[0] = _march(codes, span, settings, y, c, rows, times, low, clock, delta)
+    return status

@@ -28,7 +28,7 @@ class StepCode:
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
     """
 
-    loop: Callable[..., None]
+    loop: Callable[..., int]
     order: int
     step: int
     position: int = 0
@@ -60,7 +60,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         run was stopped.
     """
     n = len(problem.y0)
-    clock, delta, outcome = np.empty((1, 1)), np.empty((1, n)), np.zeros(2, np.int64)
+    clock, delta, outcome = np.empty((1, 1)), np.empty((1, n)), np.zeros(1, np.int64)
     tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     span = np.array([problem.t0, problem.t1, problem.max_step])
@@ -80,8 +80,8 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
         codes = code.step, code.position, code.velocity, limit
-        code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, outcome)
-        status, count = outcome.tolist()
+        status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, outcome)
+        count = int(outcome[0])
         record.add(start, times[:count], y[0], rows[:count])
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)

@@ -66,8 +66,8 @@ def LOOP(
     states: FloatArray,
     delta: FloatArray,
     outcome: NDArray[np.int64],
-) -> None:
-    """Run from the state in row 0 of ``states`` (2, rows).
+) -> int:
+    """Run from the state in row 0 of ``states`` (2, rows); the last state is left there. Return the status.
 
     Parameters
     ----------
@@ -80,8 +80,8 @@ def LOOP(
         Start, end and largest step [s].
     p, c, settings, clock, delta : (1, n_p), (1, n_c), (1, ...), (1, 1), (1, n_y)
         Parameters, and room for what is computed; ``settings`` holds the direction and what a step reads behind it.
-    outcome : (3,) int64
-        Gets the status, the row that holds the last state, and the number of steps.
+    outcome : (1,) int64
+        Gets the number of steps.
     """
     prepare, step, start, position, velocity = codes
     n, memory, budget = shape
@@ -130,4 +130,8 @@ def LOOP(
             if last:
                 status = _SUCCESS
         old = new
-    outcome[0], outcome[1], outcome[2] = status, old, steps
+    if old == 1:
+        for m in range(n):
+            states[0, m] = states[1, m]
+    outcome[0] = steps
+    return status
