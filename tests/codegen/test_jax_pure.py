@@ -66,8 +66,9 @@ def test_derivatives_are_those_of_complex_steps(scene, formulation, mode):
 def test_solve_gives_what_simulate_gives(method):
     parameters, initial, _ = SLEIGH
     model = compiled("chaplygin_sleigh")
-    motion = model.solve_fn(initial, method=method)(T, initial, parameters)
-    run = model.simulate((0.0, 0.5), initial, parameters, t_eval=T, method=method)
+    options = {"method": method, "rtol": 1e-11, "atol": 1e-12}
+    motion = model.solve_fn(initial, **options)(T, initial, parameters)
+    run = model.simulate((0.0, 0.5), initial, parameters, t_eval=T, **options)
     assert int(motion.status) == Status.SUCCESS
     np.testing.assert_allclose(motion.y, run.y, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(motion.outputs[:, 0], run["X"], rtol=1e-7, atol=1e-9)

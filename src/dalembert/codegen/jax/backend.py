@@ -11,7 +11,6 @@ from ... import __version__
 from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
-from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
@@ -42,6 +41,7 @@ from ...integrators.jax.series import TaylorIntegrator, clipped_tolerance
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import CORRECTIONS, Kernels, compile_kernel
+from .pieces import PAIRS
 from .pure import Solve, register_models
 
 __all__ = ["JaxBackend", "JaxEngine"]
@@ -49,11 +49,6 @@ __all__ = ["JaxBackend", "JaxEngine"]
 _SMALLEST_BATCH = 16
 _LOOSE = 1e-10
 """Tolerance down to which the pair of order 5 sweeps faster than that of order 8 (measured on unequal spheres)."""
-
-_BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
-PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
-"""The pairs by which sweeps run many cases at once."""
-
 
 def _padded(rows: FloatArray) -> FloatArray:
     """Return `rows` with the last one repeated until their number is a power of two."""
@@ -174,7 +169,8 @@ class JaxEngine(Engine):
             attempts, operations = TaylorAttempts(compile_kernel(step)), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
-            attempts, operations = PairAttempts(compile_kernel(rhs), PAIRS[method]), LARGEST_FUSED + 1
+            attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
+            operations = LARGEST_FUSED + 1
         return run_batch(attempts, projections, operations + self._projecting)
 
     def _diffrax_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
