@@ -19,7 +19,7 @@ from ...integrators.tableau import Tableau
 from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.recurrences import recurrences
-from ...ir.taylor import order_for, series_kernel, step_kernel
+from ...ir.taylor import series_kernel, step_kernel
 from ..printers import JAX
 from .blocks import Conditional, blocked
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
@@ -35,8 +35,8 @@ SERVED = (*METHODS, "taylor")
 
 
 @cache
-def pieces_of(program: Program, kernels: Kernels, method: str, tolerance: float) -> Pieces:
-    """Return the pieces of a method for a program; the order of Taylor steps follows the tolerance."""
+def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pieces:
+    """Return the pieces of a method for a program; `order` is that of Taylor steps."""
     corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
     on_rows = tuple((compile_kernel(program.kernel(name), JAX), count) for name, count in corrections.items())
     in_blocks = [(blocked(program.kernel(name)), count) for name, count in corrections.items()]
@@ -45,7 +45,7 @@ def pieces_of(program: Program, kernels: Kernels, method: str, tolerance: float)
         return tuple((correct(go), count) for correct, count in in_blocks)
 
     if method == "taylor":
-        known, order = recurrences(program.kernel("rhs")), order_for(tolerance)
+        known = recurrences(program.kernel("rhs"))
         attempts = TaylorAttempts(compile_kernel(step_kernel(known, order, dense=False)))
         series = compile_kernel(series_kernel(known, order))
         return Pieces(attempts, on_rows, False, attempts, on_rows, _SeriesSteps(series, order, projections))
@@ -90,8 +90,7 @@ class _PairSteps:
     def _stages(self, steps: Steps) -> tuple[Rows, Rows]:
         """Return the slopes (stages, k) and the ends of steps before they are projected."""
         t, h, y, c, go = steps
-        rhs = self._rhs(go)
-        slopes = weighted(rhs, self._tableau, self._count, (t, y), h, c, slopes_of(rhs, t, y, c))
+        slopes = weighted(self._rhs(go), self._tableau, self._count, (t, y), h, c, ())
         return slopes, tuple(a + h * jnp.tensordot(self._weights, k, 1) for a, k in zip(y, slopes, strict=True))
 
     def along(self, steps: Steps) -> tuple[Any, Any]:

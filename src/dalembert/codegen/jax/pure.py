@@ -16,6 +16,7 @@ from ...integrators.jax.motion import Limits, Motion
 from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
+from ...ir.taylor import order_for
 from ..printers import JAX
 from .kernels import Kernels, compile_kernel, stacked
 from .pieces import SERVED, pieces_of
@@ -134,7 +135,9 @@ class Solve:
         rtol, atol = options["rtol"], options["atol"]
         tolerance = clipped_tolerance(rtol, atol)
         limits = Limits(rtol, max(atol, SMALLEST_SCALE), max(atol / tolerance, 1e-300), options["max_steps"])
-        pieces = pieces_of(self._program, self._kernels, self._method, tolerance)
+        pieces = pieces_of(
+            self._program, self._kernels, self._method, order_for(tolerance) if self._method == "taylor" else 0
+        )
         return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c)
 
 

@@ -184,9 +184,7 @@ def begun(attempts: Attempts, batch: Batch) -> State:
     )
 
 
-def advanced(
-    attempts: Attempts, projections: Projections, batch: Batch, goal: Any, state: State
-) -> tuple[State, Any]:
+def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: Any, state: State) -> tuple[State, Any]:
     """Return cases after one attempt towards the times `goal`, and by how much the time of each moved."""
     direction = direction_of(batch)
     running = state.status == RUNNING

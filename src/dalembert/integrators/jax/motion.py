@@ -1,8 +1,8 @@
 """A traced run whose derivatives are taken over its steps at once: forward and reverse, alone and in batches.
 
 The run itself is a plain loop, which takes down where each attempt began and how far it went. Derivatives are those of
-the accepted steps at these sizes (see `dalembert.integrators.jax.derivatives`). States at wanted times are ends of shorter
-steps of the same method, from the beginning of the step that passes over them.
+the accepted steps at these sizes (see `dalembert.integrators.jax.derivatives`). States at wanted times are ends of
+shorter steps of the same method, from the beginning of the step that passes over them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from jax import lax
 from .derivatives import CHUNK, Linear, Record, Steps, pulled, pulled_over, pushed, pushed_over
 from .lanes import RUNNING, Attempts, Batch, Projections, Rows, advanced, begun
 
-__all__ = ["Limits", "Motion", "Pieces"]
+__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended"]
+
 
 class Stepping(Linear, Protocol):
     """Steps of given sizes, and their derivatives."""
@@ -83,6 +84,21 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
     return jnp.asarray(count), t, h, y, end.y, end.t, end.status.astype(float)
 
 
+def _single(pieces: Pieces, room: int, batch: Batch) -> Record:
+    """Return how one case went, whose state and constants are arrays."""
+    y, c = batch.y, batch.c
+    batch = batch._replace(y=(y,), c=(c,)) if pieces.whole else batch._replace(y=tuple(y), c=tuple(c))
+    count, t, h, rows, end, reached, status = _record(pieces.one, pieces.one_projections, room, batch)
+    if pieces.whole:
+        return Record(count, t, h, rows[0], end[0], reached, status)
+    return Record(count, t, h, _side(rows, room), jnp.stack(end), reached, status)
+
+
+def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
+    """Return the last state (n_y,) of one case, whose state and constants are arrays, its time, and the status."""
+    return _single(pieces, 0, batch)[4:]
+
+
 @final
 class Motion:
     """Runs of one method for one program, as functions that JAX differentiates and vectorises.
@@ -113,7 +129,7 @@ class Motion:
 
     # -- the run --------------------------------------------------------------------------
 
-    def _batch(self, t0: Any, t1: Any, y: Rows, c: Rows) -> Batch:
+    def _batch(self, t0: Any, t1: Any, y: Any, c: Any) -> Batch:
         limits = self._limits
         return Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, jnp.inf, limits.max_steps)
 
@@ -123,10 +139,7 @@ class Motion:
 
         @jax.custom_batching.custom_vmap
         def one(t0: Any, t1: Any, y: Any, c: Any) -> Record:
-            rows = ((y,), (c,)) if pieces.whole else (tuple(y), tuple(c))
-            out = _record(pieces.one, pieces.one_projections, room, self._batch(t0, t1, *rows))
-            taken, end = ((out[3][0], out[4][0]) if pieces.whole else (_side(out[3], room), jnp.stack(out[4])))
-            return Record(out[0], out[1], out[2], taken, end, out[5], out[6])
+            return _single(pieces, room, self._batch(t0, t1, y, c))
 
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
@@ -193,12 +206,12 @@ class Motion:
             return 0.0 * t, first, share + extra
 
         if self._forward:
-            passing = jax.custom_jvp(primal)
-            passing.defjvp(push)
-            return passing
-        passing = jax.custom_vjp(primal)
-        passing.defvjp(ahead, back)
-        return passing
+            forward = jax.custom_jvp(primal)
+            forward.defjvp(push)
+            return forward
+        reverse = jax.custom_vjp(primal)
+        reverse.defvjp(ahead, back)
+        return reverse
 
     def _run(self, t: Any, y0: Any, c: Any, room: int) -> tuple[Any, Record, Any]:
         """Return what `_passing` does, the record, and for more than two times which steps pass over them.

@@ -31,16 +31,21 @@ def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
 
 
 def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows) -> Rows:
-    """Return the slopes of `count` stages, each row (count, ...), of a step h from `start` = (t, y)."""
+    """Return the slopes of `count` stages, each row (count, ...), of a step h from `start` = (t, y).
+
+    `first` are the slopes at the start where they are known; else they are computed in the loop, with the others.
+    """
     (t, y), matrix, nodes = start, jnp.asarray(tableau.A[:count, :count]), jnp.asarray(tableau.c[:count])
-    begin = tuple(jnp.zeros((count, *jnp.shape(rate))).at[0].set(rate) for rate in first)
+    begin = tuple(jnp.zeros((count, *jnp.broadcast_shapes(jnp.shape(row), jnp.shape(h)))) for row in y)
+    if first:
+        begin = tuple(slopes.at[0].set(rate) for slopes, rate in zip(begin, first, strict=True))
 
     def stage(i: Any, slopes: Rows) -> Rows:
         point = tuple(a + h * jnp.tensordot(matrix[i], k, 1) for a, k in zip(y, slopes, strict=True))
         rates = slopes_of(rhs, t + nodes[i] * h, point, c)
         return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
 
-    slopes: Rows = lax.fori_loop(1, count, stage, begin)
+    slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, begin)
     return slopes
 
 
@@ -97,7 +102,6 @@ class PairAttempts:
         proposed = jnp.maximum(proposal, _SMALLEST * jnp.abs(t))
         size = jnp.where(largest <= proposed * gains.STRETCH, largest, proposed)
         h = direction * size
-        first = first or slopes_of(self._rhs, t, y, batch.c)
         slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
         weights = jnp.asarray(self._tableau.b[: self._stages])
         new = tuple(a + h * jnp.tensordot(weights, k, 1) for a, k in zip(y, slopes, strict=True))
