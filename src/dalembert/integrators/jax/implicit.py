@@ -28,8 +28,8 @@ def implicit_motion(
     settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, jnp.inf)
     still = jax.lax.stop_gradient
     fixed = still(settings)
-    term, controller = equation(kernels, fixed)
     solver = solver_for(kernels, method)
+    term, controller = equation(kernels, fixed, solver)
     order = solver.error_order(term)
     start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
     ends = len(t) <= 2  # then nothing is interpolated, which costs as much as a step does
