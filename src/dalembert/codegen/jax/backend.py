@@ -33,7 +33,7 @@ except ImportError as missing:
         f'the jax backend needs JAX and diffrax ({missing}): pip install "dalembert[jax]"'
     ) from missing
 
-from ...integrators.jax.compiling import LARGEST_FUSED
+from ...integrators.jax.compiling import LARGEST_FUSED, compiled
 from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
@@ -82,7 +82,10 @@ class JaxEngine(Engine):
         self._program = program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self.kernels = Kernels(program, namespace)
-        self._batched = {name: jax.jit(jax.vmap(self.kernels[name], (0, 0, None))) for name in self.kernels.names}
+        self._batched = {
+            name: compiled(jax.vmap(self.kernels[name], (0, 0, None)), len(program.kernel(name).body))
+            for name in self.kernels.names
+        }
         self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
         self._batches: dict[tuple[str, int], Callable[..., Any]] = {}
         self._finals: dict[tuple[str, int], Final] = {}
@@ -132,9 +135,8 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0
         if key not in self._finals:
-            operations = self._projecting
-            if method == "taylor":
-                operations += self._known_recurrences().unrolled_lines(key[1])
+            long = self._known_recurrences().unrolled_lines(key[1]) if method == "taylor" else 0
+            operations = (long or len(self._program.kernel("rhs").body)) + self._projecting
             pieces = pieces_of(self._program, self.kernels, *key)
             self._finals[key] = final_function(pieces, self.kernels, operations)
         return prepared_run(self._finals[key], problem)

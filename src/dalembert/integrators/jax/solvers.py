@@ -20,6 +20,7 @@ import numpy as np
 from ...ir.interpret import interpret_rows
 from ..problem import FloatArray, IntegrationProblem, Solution
 from ..status import Status
+from .compiling import compiled
 from .control import Control, Controller
 from .precision import double_precision
 from .projected import projecting
@@ -243,8 +244,9 @@ class Integrator:
     def __init__(self, kernels: Kernels, method: str) -> None:
         solver = solver_for(kernels, method)
         self._kernels, self._method = kernels, method
-        self._begin = jax.jit(partial(_begin, kernels, solver))
-        self._advance = jax.jit(partial(_advance, kernels, solver))
+        operations = len(kernels.program.kernel("rhs").body)
+        self._begin = compiled(partial(_begin, kernels, solver), operations)
+        self._advance = compiled(partial(_advance, kernels, solver), operations)
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
