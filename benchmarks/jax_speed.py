@@ -112,7 +112,7 @@ def measure(quick: bool, say: Callable[[str], None] = print) -> dict[str, Any]:
             "device": jax.devices()[0].platform,
             "single": {name: single(name, (1e-6, 1e-9), say) for name in NAMES},
             "gradient": gradients(say),
-            "compile": compile_times((4, 10) if quick else (4, 10, 20, 40), say),
+            "compile": compile_times((4, 10) if quick else (4, 10, 20), say),
         }
 
 

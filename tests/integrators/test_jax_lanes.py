@@ -2,6 +2,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sympy import symbols
 
 import dalembert as da
 from dalembert.integrators.status import Status
@@ -83,3 +84,38 @@ def test_taylor_trajectories(sign):
 def test_methods_that_sweeps_take():
     assert sweep(compiled()).stats.method == "taylor"
     assert compiled().simulate((0.0, 0.1), SLEIGH, {**CASES, "b": 0.3}).stats.method == "dopri8"
+
+
+@pytest.mark.parametrize(
+    ("method", "formulation"), [*((m, "minimal") for m in METHODS), ("dopri8", "projected"), ("taylor", "projected")]
+)
+def test_prepared_runs(method, formulation):
+    model, parameters = compiled("jax", formulation), {**CASES, "b": 0.3}
+    run = model.prepare((0.0, 2.0), method=method, rtol=1e-10, atol=1e-12)
+    y, p = model.state(SLEIGH, parameters), model.parameter_vector(parameters)
+    exact = compiled("numba", formulation).simulate((0.0, 2.0), SLEIGH, parameters, rtol=1e-13, atol=1e-14).y[-1]
+    np.testing.assert_allclose(run(y, p), exact, rtol=0, atol=2e-8)
+    assert run.status is Status.SUCCESS
+    short = model.prepare((0.0, 50.0), method=method, max_steps=3)
+    short(y, p)
+    assert short.status is Status.MAX_STEPS
+
+
+def test_stiff_sleigh():
+    """A spring and a damper hold the angle so strongly that it creeps to zero; numba's radau is what it is held to."""
+    scene = da.scenes.chaplygin_sleigh()
+    stiffness, damping = symbols("K C", positive=True)
+    theta = scene.coordinates[2]
+    moment = -(stiffness * theta + damping * theta.diff())
+    scene.add_loads((scene.bodies[0].frame, moment * scene.frame.z))
+    start = {**SLEIGH, "theta_dot": 0.0}
+    parameters = {"m": 1.0, "b": 0.3, "I_C": 0.5, "K": 1e6, "C": 1e6}
+    exact = da.compile_model(scene).simulate((0.0, 3.0), start, parameters, method="radau", rtol=1e-10, atol=1e-12)
+    model = da.compile_model(scene, backend="jax")
+    times, errors = np.linspace(0.0, 3.0, 61), []
+    for tolerance in (1e-5, 1e-7):
+        run = model.simulate((0.0, 3.0), start, parameters, method="kvaerno5", rtol=tolerance, atol=1e-2 * tolerance)
+        assert run.success and run.stats.steps < 600
+        np.testing.assert_allclose(run(times).y, exact(times).y, rtol=0, atol=tolerance)
+        errors.append(np.abs(run.y[-1] - exact.y[-1]).max())
+    assert errors[1] < 0.1 * errors[0] < 1e-7

@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from ..reduction.starting import Start
     from ..runtime.events import EventCode
 
-__all__ = ["Backend", "BlockResult", "CaseBlock", "CaseColumns", "CaseRun", "Engine", "FloatArray", "RenderedModule"]
+__all__ = [
+    "Backend",
+    "BlockResult",
+    "CaseBlock",
+    "CaseColumns",
+    "CaseRun",
+    "Engine",
+    "FloatArray",
+    "RenderedModule",
+    "growing_stretches",
+]
 
 FloatArray = NDArray[np.float64]
 Final = tuple[FloatArray, Status]
@@ -253,6 +263,27 @@ class Engine(ABC):
             result.ends[i] = end, solution.status, solution.steps
             count = min(len(solution.y), len(block.t_eval))
             result.samples[i, :count] = solution.y[:count]
+
+
+LONGEST_STRETCH = 256
+"""Attempts in the longest stretch of a run that may end early."""
+
+
+def growing_stretches(
+    integrate: Callable[[IntegrationProblem], Solution], problem: IntegrationProblem, size: int
+) -> Iterator[Solution]:
+    """Yield a solution in stretches: one of `size` attempts at first, ever longer ones later."""
+    left = problem.max_steps
+    while True:
+        solution = integrate(replace(problem, max_steps=min(size, left)))
+        left -= solution.steps + solution.rejected
+        yield solution
+        if solution.status is not Status.MAX_STEPS or left <= 0:
+            return
+        size = min(2 * size, LONGEST_STRETCH)
+        if solution.steps:
+            step = abs(float(solution.t[-1] - solution.t[-2]))
+            problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
 
 
 def watched_case(

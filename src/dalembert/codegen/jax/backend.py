@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -11,12 +11,12 @@ from ... import __version__
 from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
-from ...integrators.tableaus import TABLEAUS
+from ...integrators.status import Status
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
 from ...runtime.cache import load_in_memory
-from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, RenderedModule
+from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, RenderedModule, growing_stretches
 from ..printers import JAX
 from ..rendering import digest_of, render_source
 
@@ -33,7 +33,7 @@ except ImportError as missing:
         f'the jax backend needs JAX and diffrax ({missing}): pip install "dalembert[jax]"'
     ) from missing
 
-from ...integrators.jax.compiling import LARGEST_FUSED
+from ...integrators.jax.compiling import LARGEST_FUSED, compiled
 from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
@@ -42,17 +42,17 @@ from ...integrators.jax.series import TaylorIntegrator, clipped_tolerance
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import CORRECTIONS, Kernels, compile_kernel
+from .pieces import PAIRS, pieces_of
+from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_models
 
 __all__ = ["JaxBackend", "JaxEngine"]
 
 _SMALLEST_BATCH = 16
+_FIRST_STRETCH = 8
+"""Attempts in the first stretch of a run with events: a call costs as much as many steps."""
 _LOOSE = 1e-10
 """Tolerance down to which the pair of order 5 sweeps faster than that of order 8 (measured on unequal spheres)."""
-
-_BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
-PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
-"""The pairs by which sweeps run many cases at once."""
 
 
 def _padded(rows: FloatArray) -> FloatArray:
@@ -82,9 +82,13 @@ class JaxEngine(Engine):
         self._program = program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self.kernels = Kernels(program, namespace)
-        self._batched = {name: jax.jit(jax.vmap(self.kernels[name], (0, 0, None))) for name in self.kernels.names}
+        self._batched = {
+            name: compiled(jax.vmap(self.kernels[name], (0, 0, None)), len(program.kernel(name).body))
+            for name in self.kernels.names
+        }
         self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
         self._batches: dict[tuple[str, int], Callable[..., Any]] = {}
+        self._finals: dict[tuple[str, int], Final] = {}
         self._recurrences: Recurrences | None = None
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -117,6 +121,25 @@ class JaxEngine(Engine):
             else:
                 self._integrators[key] = Integrator(self.kernels, method)
         return self._integrators[key](problem)
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`: not much more is integrated than what is wanted."""
+        yield from growing_stretches(lambda part: self.integrate(part, method), problem, _FIRST_STRETCH)
+
+    def prepared(
+        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+    ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
+        """See `Engine.prepared`: one compiled function, constants included; other problems compile nothing anew."""
+        if method in METHODS and METHODS[method].ends:
+            return super().prepared(problem, method, constants)
+        tolerance = clipped_tolerance(problem.rtol, problem.atol)
+        key = method, order_for(tolerance) if method == "taylor" else 0
+        if key not in self._finals:
+            long = self._known_recurrences().unrolled_lines(key[1]) if method == "taylor" else 0
+            operations = (long or len(self._program.kernel("rhs").body)) + self._projecting
+            pieces = pieces_of(self._program, self.kernels, *key)
+            self._finals[key] = final_function(pieces, self.kernels, operations)
+        return prepared_run(self._finals[key], problem)
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """See `Engine.vector_field`; args are the parameters p (n_p,)."""
@@ -174,7 +197,8 @@ class JaxEngine(Engine):
             attempts, operations = TaylorAttempts(compile_kernel(step)), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
-            attempts, operations = PairAttempts(compile_kernel(rhs), PAIRS[method]), LARGEST_FUSED + 1
+            attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
+            operations = LARGEST_FUSED + 1
         return run_batch(attempts, projections, operations + self._projecting)
 
     def _diffrax_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:

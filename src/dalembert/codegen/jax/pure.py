@@ -6,16 +6,20 @@ from collections.abc import Mapping
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
-import diffrax
 import jax
 import jax.numpy as jnp
 
 from ...errors import OptionError, UnknownNameError, list_names, unknown_name
-from ...integrators.jax.solvers import METHODS, Settings, equation, solver_for
-from ...integrators.status import Status
+from ...integrators.gains import SMALLEST_SCALE
+from ...integrators.jax.implicit import implicit_motion
+from ...integrators.jax.motion import Limits, Motion
+from ...integrators.jax.series import clipped_tolerance
+from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
+from ...ir.taylor import order_for
 from ..printers import JAX
 from .kernels import Kernels, compile_kernel, stacked
+from .pieces import SERVED, pieces_of
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
@@ -23,8 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["Solve", "Solved", "register_models"]
 
 MODES = ("reverse", "forward")
-_CHECKPOINTS = 16
-"""States that a reverse run keeps: with diffrax's default, many more, gradients of short runs take longer."""
 
 
 @final
@@ -88,8 +90,8 @@ class Solve:
     ) -> None:
         if mode not in MODES:
             raise OptionError(unknown_name("mode", str(mode), MODES))
-        if method not in METHODS:
-            raise OptionError(f"solve_fn integrates by {list_names(METHODS)}, not by {method!r}")
+        if method not in SERVED:
+            raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {method!r}")
         self._options: dict[str, Any] = {
             "mode": mode,
             "rtol": float(rtol),
@@ -127,44 +129,16 @@ class Solve:
         return jax.vmap(self._kernels[kernel], (0, 0, None))(t, y, c)
 
     def _integrate(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
-        options, kernels = self._options, self._kernels
-        direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
-        limits = options["rtol"], options["atol"], 0.0, jnp.inf
-        settings = Settings(direction, direction * t[0], direction * t[-1], c, *limits)
-        still = jax.lax.stop_gradient
-        fixed = still(settings)
-        term, controller = equation(kernels, fixed)
-        solver = solver_for(kernels, self._method)
-        order = solver.error_order(term)
-        start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
-        forward = options["mode"] == "forward"
-        ends = len(t) <= 2  # then nothing is interpolated, which costs as much as a step does
-        wanted = {"t1": True} if ends else {"ts": direction * t}
-        solution = diffrax.diffeqsolve(
-            term,
-            solver,
-            settings.t0,
-            settings.t1,
-            start.size,
-            y0,
-            settings,
-            saveat=diffrax.SaveAt(**wanted, controller_state=True),
-            stepsize_controller=controller,
-            adjoint=diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint(checkpoints=_CHECKPOINTS),
-            max_steps=options["max_steps"],
-            throw=False,
-            controller_state=still(start._replace(attempts=jnp.array(options["max_steps"]))),
+        options = self._options
+        if METHODS.get(self._method, METHODS["tsit5"]).ends:
+            return implicit_motion(self._kernels, self._method, t, y0, c, **options)
+        rtol, atol = options["rtol"], options["atol"]
+        tolerance = clipped_tolerance(rtol, atol)
+        limits = Limits(rtol, max(atol, SMALLEST_SCALE), max(atol / tolerance, 1e-300), options["max_steps"])
+        pieces = pieces_of(
+            self._program, self._kernels, self._method, order_for(tolerance) if self._method == "taylor" else 0
         )
-        y = jnp.concatenate([y0[None], solution.ys])[: len(t)] if ends else solution.ys
-        if kernels.projected:
-            y = jax.vmap(lambda at, state: kernels.project(at, state, c, options["atol"]))(t, y)
-        failed = jnp.where(still(solution.controller_state.finite), int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
-        results = diffrax.RESULTS
-        status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)
-        status = jnp.where(solution.result == results.successful, int(Status.SUCCESS), status)
-        if ends:
-            y = jnp.where((jnp.arange(len(t)) == 0)[:, None] | (status == int(Status.SUCCESS)), y, jnp.nan)
-        return jnp.where(jnp.isfinite(y), y, jnp.nan), status
+        return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c)
 
 
 def _vector(kind: str, values: Any, names: tuple[str, ...]) -> Any:

@@ -8,7 +8,6 @@ integrators call many times is printed from the same program as LLVM assembly in
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +22,6 @@ from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.numba.workspace import POINT_LANES, Watch, unwatched
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.reductions import KINDS
-from ...integrators.status import Status
 from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
 from ...integrators.tableaus import DOP853, TABLEAUS
 from ...ir.interpret import interpret_rows
@@ -32,7 +30,17 @@ from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
 from ...ir.watch import StepShape, quiet_kernel, running_kernel
 from ...runtime.cache import keep, load, rebuilding
-from ..base import Backend, BlockResult, CaseColumns, CaseRun, Engine, Final, FloatArray, RenderedModule
+from ..base import (
+    Backend,
+    BlockResult,
+    CaseColumns,
+    CaseRun,
+    Engine,
+    Final,
+    FloatArray,
+    RenderedModule,
+    growing_stretches,
+)
 from ..printers import PYTHON
 from ..rendering import digest_of, render_source
 from .llvm import native_lanes
@@ -49,7 +57,6 @@ if TYPE_CHECKING:
 
 __all__ = ["NumbaBackend"]
 
-_FIRST_STRETCH, _LARGEST_STRETCH = 1, 256
 _MOST_WATCHES = 64
 OPTIONS = 'nogil=True, error_model="numpy", fastmath={"contract"}'
 
@@ -180,17 +187,7 @@ class NumbaEngine(Engine):
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: a few steps at first, ever more later."""
         self.prepare(problem, method)
-        left, size = problem.max_steps, _FIRST_STRETCH
-        while True:
-            solution = self.integrate(replace(problem, max_steps=min(size, left)), method)
-            left -= solution.steps + solution.rejected
-            yield solution
-            if solution.status is not Status.MAX_STEPS or left <= 0:
-                return
-            size = min(2 * size, _LARGEST_STRETCH)
-            if solution.steps:
-                step = abs(float(solution.t[-1] - solution.t[-2]))
-                problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
+        yield from growing_stretches(lambda part: self.integrate(part, method), problem, 1)
 
     parallel: ClassVar[bool] = True
 

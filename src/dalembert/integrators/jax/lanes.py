@@ -18,15 +18,32 @@ from jax import lax
 from ..status import Status
 from .compiling import compiled
 
-__all__ = ["Attempted", "Attempts", "Batch", "Outcome", "Rows", "TaylorAttempts", "run_batch"]
+__all__ = [
+    "RUNNING",
+    "Attempted",
+    "Attempts",
+    "Batch",
+    "Outcome",
+    "Projections",
+    "Rows",
+    "State",
+    "TaylorAttempts",
+    "advanced",
+    "begun",
+    "direction_of",
+    "project",
+    "run_batch",
+]
 
-_RUNNING = -1
+RUNNING = -1
 _QUADRATIC = 1e-8
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
 
 Rows = tuple[Any, ...]
 Function = Callable[..., Rows]
+Projections = Sequence[tuple[Function, int]]
+"""Functions (t, y, c) -> correction of the state, and how often each is applied after a step."""
 
 
 @final
@@ -101,25 +118,26 @@ class TaylorAttempts:
 
 
 @final
-class _Carry(NamedTuple):
+class State(NamedTuple):
+    """Where cases are: y (n_y rows (k,)), and (k,) time, status, steps, attempts, what the method remembers."""
+
     y: Rows
     t: Any
     status: Any
     steps: Any
     attempts: Any
-    sampled: Any
-    samples: Any
     memory: Any
 
 
-def run_batch(
-    attempts: Attempts, projections: Sequence[tuple[Function, int]], operations: int
-) -> Callable[[Batch], Outcome]:
-    """Return the compiled loop of a method.
+@final
+class _Carry(NamedTuple):
+    state: State
+    sampled: Any
+    samples: Any
 
-    `projections` are functions (t, y, c) -> correction of the state, and how often each is applied after a step;
-    `operations` is the length of all code that runs between two loops.
-    """
+
+def run_batch(attempts: Attempts, projections: Projections, operations: int) -> Callable[[Batch], Outcome]:
+    """Return the compiled loop of a method; `operations` is the length of all code that runs between two loops."""
     run: Callable[[Batch], Outcome] = compiled(partial(_run, attempts, tuple(projections)), operations)
     return run
 
@@ -129,34 +147,85 @@ def _least(t: Any, t1: Any) -> Any:
     return _SMALLEST * jnp.abs(t) + 1e-30 * jnp.abs(t1 - t)
 
 
-def _project(projections: Sequence[tuple[Function, int]], t: Any, y: Rows, c: Rows) -> tuple[Rows, Any]:
+def direction_of(batch: Batch) -> Any:
+    """Return 1 where time runs forward, -1 where it runs backward."""
+    return jnp.where(batch.t1 >= batch.t0, 1.0, -1.0)
+
+
+def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, Any]:
     """Return states on the constraints, and where that converged."""
-    held = jnp.ones(t.shape, dtype=bool)
+    held = jnp.ones(jnp.shape(t), dtype=bool)
     for correct, count in projections:
-        change = jnp.zeros(t.shape)
+        change = jnp.zeros(jnp.shape(t))
         for _ in range(count):
             corrections = correct(t, y, c)
             y = tuple(a + b for a, b in zip(y, corrections, strict=True))
         for value, correction in zip(y, corrections, strict=True):
-            change = jnp.maximum(change, jnp.abs(correction) / (1e-3 + jnp.abs(value)))
+            share = jnp.abs(correction) / (1e-3 + jnp.abs(value))
+            change = jnp.maximum(change, share if share.ndim <= change.ndim else jnp.max(share))
         held &= change <= _QUADRATIC
     return y, held
 
 
-def _run(attempts: Attempts, projections: Sequence[tuple[Function, int]], batch: Batch) -> Outcome:
+def begun(attempts: Attempts, batch: Batch) -> State:
+    """Return cases at their start; those that hold no numbers have failed, those without a span are done."""
+    finite = jnp.ones(jnp.shape(batch.t0), dtype=bool)
+    for row in (*batch.y, *batch.c):
+        finite &= jnp.isfinite(row) if jnp.ndim(row) <= finite.ndim else jnp.all(jnp.isfinite(row))
+    status = jnp.where(batch.t0 == batch.t1, int(Status.SUCCESS), RUNNING)
+    none = jnp.zeros(jnp.shape(batch.t0))
+    return State(
+        y=batch.y,
+        t=batch.t0,
+        status=jnp.where(finite, status, int(Status.NON_FINITE)),
+        steps=none,
+        attempts=none,
+        memory=attempts.start(batch, direction_of(batch)),
+    )
+
+
+def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: Any, state: State) -> tuple[State, Any]:
+    """Return cases after one attempt towards the times `goal`, and by how much the time of each moved."""
+    direction = direction_of(batch)
+    running = state.status == RUNNING
+    rest = jnp.abs(goal - state.t)
+    largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
+    found = attempts.attempt(batch, state.t, state.y, largest, direction, state.memory)
+    after = jnp.where(found.size == rest, goal, state.t + direction * found.size)
+    new, held = project(projections, after, found.y, batch.c)
+    moved = running & found.accepted & held
+    t = jnp.where(moved, after, state.t)
+    tried = state.attempts + running
+    stuck = ~found.accepted & (found.following < _least(state.t, batch.t1))
+    failed = jnp.where(found.finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
+    status = jnp.where(tried >= batch.max_steps, int(Status.MAX_STEPS), RUNNING)
+    status = jnp.where(stuck, failed, status)
+    status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
+    status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
+    following = State(
+        y=tuple(jnp.where(moved, b, a) for a, b in zip(state.y, new, strict=True)),
+        t=t,
+        status=jnp.where(running, status, state.status),
+        steps=state.steps + moved,
+        attempts=tried,
+        memory=found.memory,
+    )
+    return following, jnp.where(moved, direction * found.size, 0.0)
+
+
+def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:
     n, wanted = len(batch.y), len(batch.t_eval)
-    direction = jnp.where(batch.t1 >= batch.t0, 1.0, -1.0)
     times = jnp.append(batch.t_eval, jnp.inf)
     places = jnp.arange(len(batch.t0))
 
     def due_now(carry: _Carry) -> Any:
-        return (times[carry.sampled] == carry.t) & (carry.status != int(Status.NON_FINITE))
+        return (times[carry.sampled] == carry.state.t) & (carry.state.status != int(Status.NON_FINITE))
 
     def sample(carry: _Carry) -> _Carry:
         """Record the cases that are at the time of their next sample, repeated times included."""
         due = due_now(carry)
         row = jnp.where(due, carry.sampled, wanted)
-        samples = carry.samples.at[row, :, places].set(jnp.stack(carry.y, axis=1), mode="drop")
+        samples = carry.samples.at[row, :, places].set(jnp.stack(carry.state.y, axis=1), mode="drop")
         return carry._replace(samples=samples, sampled=carry.sampled + due)
 
     def sample_all(carry: _Carry) -> _Carry:
@@ -165,48 +234,13 @@ def _run(attempts: Attempts, projections: Sequence[tuple[Function, int]], batch:
         return lax.while_loop(lambda now: jnp.any(due_now(now)), sample, carry)
 
     def body(carry: _Carry) -> _Carry:
-        running = carry.status == _RUNNING
         goal = batch.t1
         if wanted:
             ahead = times[carry.sampled]
             goal = jnp.where(jnp.isfinite(ahead), ahead, batch.t1)
-        largest = jnp.where(running, jnp.minimum(batch.max_step, jnp.abs(goal - carry.t)), 0.0)
-        found = attempts.attempt(batch, carry.t, carry.y, largest, direction, carry.memory)
-        arrived = found.size == jnp.abs(goal - carry.t)
-        after = jnp.where(arrived, goal, carry.t + direction * found.size)
-        new, held = _project(projections, after, found.y, batch.c)
-        moved = running & found.accepted & held
-        t = jnp.where(moved, after, carry.t)
-        y = tuple(jnp.where(moved, b, a) for a, b in zip(carry.y, new, strict=True))
-        tried = carry.attempts + running
-        stuck = ~found.accepted & (found.following < _least(carry.t, batch.t1))
-        failed = jnp.where(found.finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
-        status = jnp.where(tried >= batch.max_steps, int(Status.MAX_STEPS), _RUNNING)
-        status = jnp.where(stuck, failed, status)
-        status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
-        status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
-        return sample_all(
-            carry._replace(
-                y=y,
-                t=t,
-                steps=carry.steps + moved,
-                attempts=tried,
-                status=jnp.where(running, status, carry.status),
-                memory=found.memory,
-            )
-        )
+        return sample_all(carry._replace(state=advanced(attempts, projections, batch, goal, carry.state)[0]))
 
-    finite = jnp.isfinite(sum(batch.y) + sum(batch.c)) if batch.c else jnp.isfinite(sum(batch.y))
-    status = jnp.where(batch.t0 == batch.t1, int(Status.SUCCESS), _RUNNING)
-    start = _Carry(
-        y=batch.y,
-        t=batch.t0,
-        status=jnp.where(finite, status, int(Status.NON_FINITE)),
-        steps=jnp.zeros(len(batch.t0)),
-        attempts=jnp.zeros(len(batch.t0)),
-        sampled=jnp.zeros(len(batch.t0), dtype=int),
-        samples=jnp.full((wanted, n, len(batch.t0)), jnp.nan),
-        memory=attempts.start(batch, direction),
-    )
-    end = lax.while_loop(lambda carry: jnp.any(carry.status == _RUNNING), body, sample_all(start))
-    return Outcome(end.y, end.t, end.status, end.steps, end.samples)
+    samples = jnp.full((wanted, n, len(batch.t0)), jnp.nan)
+    start = _Carry(begun(attempts, batch), jnp.zeros(len(batch.t0), dtype=int), samples)
+    end = lax.while_loop(lambda carry: jnp.any(carry.state.status == RUNNING), body, sample_all(start))
+    return Outcome(end.state.y, end.state.t, end.state.status, end.state.steps, end.samples)

@@ -32,7 +32,7 @@ def diffrax_batch(kernels: Kernels, method: str) -> Callable[..., Any]:
 
 
 def _one(kernels: Kernels, solver: Any, settings: Settings, y0: Any, t_eval: Any, max_steps: Any) -> Any:
-    term, controller = equation(kernels, settings)
+    term, controller = equation(kernels, settings, solver)
     order = solver.error_order(term)
     _, control = controller.init(term, settings.t0, settings.t1, y0, settings.first_step, settings, solver.func, order)
     wanted = len(t_eval)

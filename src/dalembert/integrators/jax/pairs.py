@@ -1,8 +1,9 @@
-"""Attempts of explicit Runge-Kutta pairs for many cases at once (see `dalembert.integrators.jax.lanes`).
+"""Attempts of explicit Runge-Kutta pairs, for many cases at once or for one (see `dalembert.integrators.jax.lanes`).
 
-The stages are a loop, so that the right-hand side is compiled once whatever the tableau. Every component has arrays of
-its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all components,
-as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches. Control of the step as in
+The stages are a loop, so that the right-hand side is compiled once whatever the tableau. Of many cases every component
+has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all
+components, as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches. One case is a
+single row that holds all components (n_y,), which takes fewer and longer operations. Control of the step as in
 `dalembert.integrators.gains`.
 """
 
@@ -19,14 +20,45 @@ from .. import gains
 from ..tableau import Tableau
 from .lanes import Attempted, Batch, Rows
 
-__all__ = ["PairAttempts"]
+__all__ = ["PairAttempts", "slopes_of", "weighted"]
 
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
 
+def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
+    """Return the rates of a state, shaped like it."""
+    return tuple(jnp.broadcast_to(rate, jnp.shape(row)) for rate, row in zip(rhs(t, y, c), y, strict=True))
+
+
+def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows) -> Rows:
+    """Return the slopes of `count` stages, each row (count, ...), of a step h from `start` = (t, y).
+
+    `first` are the slopes at the start where they are known; else they are computed in the loop, with the others.
+    """
+    (t, y), matrix, nodes = start, jnp.asarray(tableau.A[:count, :count]), jnp.asarray(tableau.c[:count])
+    begin = tuple(jnp.zeros((count, *jnp.broadcast_shapes(jnp.shape(row), jnp.shape(h)))) for row in y)
+    if first:
+        begin = tuple(slopes.at[0].set(rate) for slopes, rate in zip(begin, first, strict=True))
+
+    def stage(i: Any, slopes: Rows) -> Rows:
+        point = tuple(a + h * jnp.tensordot(matrix[i], k, 1) for a, k in zip(y, slopes, strict=True))
+        rates = slopes_of(rhs, t + nodes[i] * h, point, c)
+        return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
+
+    slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, begin)
+    return slopes
+
+
+def _mean(values: Rows, t: Any) -> Any:
+    """Return the mean over the components: the rows, or what the one row of a single case holds."""
+    if jnp.ndim(values[0]) > jnp.ndim(t):
+        return jnp.mean(values[0])
+    return sum(values[1:], start=values[0]) / len(values)
+
+
 @final
 class PairAttempts:
-    """Attempts by a tableau; what they remember is the size proposed and the previous error.
+    """Attempts by a tableau; what they remember is the size proposed, the previous error and the next slope.
 
     Parameters
     ----------
@@ -34,44 +66,45 @@ class PairAttempts:
         (t, y, c) -> rates, on rows.
     tableau : Tableau
         The pair.
+    moved : bool
+        Whether states are moved between steps, so that the slope at the end of one is not that of the next.
     """
 
-    def __init__(self, rhs: Callable[..., Rows], tableau: Tableau) -> None:
+    def __init__(self, rhs: Callable[..., Rows], tableau: Tableau, *, moved: bool) -> None:
         self._rhs, self._tableau = rhs, tableau
         self._stages = tableau.end + (1 if tableau.fsal else 0)
-
-    def _slopes(self, t: Any, y: Rows, c: Rows) -> Rows:
-        return tuple(jnp.broadcast_to(rate, t.shape) for rate in self._rhs(t, y, c))
+        self._goes_on = tableau.fsal and not moved
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the memory before the first step, whose size is that of Hairer, Norsett, Wanner, section II.4."""
         t, y = batch.t0, batch.y
-        first = self._slopes(t, y, batch.c)
+        first = slopes_of(self._rhs, t, y, batch.c)
         scales = [1.0 / (batch.rtol * jnp.abs(a) + batch.atol) for a in y]
 
         def norm(values: Rows) -> Any:
-            return jnp.sqrt(sum((v * s) ** 2 for v, s in zip(values, scales, strict=True)) / len(y))
+            return jnp.sqrt(_mean(tuple((v * s) ** 2 for v, s in zip(values, scales, strict=True)), t))
 
         size, slope = norm(y), norm(first)
         h = jnp.where(jnp.minimum(size, slope) < 1e-5, 1e-6, 0.01 * size / jnp.maximum(slope, 1e-5))
         h = jnp.minimum(h, jnp.minimum(batch.max_step, jnp.abs(batch.t1 - t)))
         moved = tuple(a + direction * h * rate for a, rate in zip(y, first, strict=True))
-        second = self._slopes(t + direction * h, moved, batch.c)
+        second = slopes_of(self._rhs, t + direction * h, moved, batch.c)
         change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(h, 1e-300)
         largest = jnp.maximum(jnp.maximum(slope, change), 1e-15)
         improved = jnp.minimum(100.0 * h, (0.01 / largest) ** (1.0 / (self._tableau.error_order + 1)))
         h = jnp.where(jnp.isfinite(change), improved, h)
-        return jnp.where(jnp.isfinite(slope), h, 0.0), jnp.full(t.shape, gains.SMALLEST_PREVIOUS)
+        previous = jnp.full(jnp.shape(t), gains.SMALLEST_PREVIOUS)
+        return jnp.where(jnp.isfinite(slope), h, 0.0), previous, first if self._goes_on else ()
 
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Attempt a step of at most `largest`."""
-        proposal, previous = memory
+        proposal, previous, first = memory
         proposed = jnp.maximum(proposal, _SMALLEST * jnp.abs(t))
         size = jnp.where(largest <= proposed * gains.STRETCH, largest, proposed)
         h = direction * size
-        slopes = self._all_slopes(t, y, batch.c, h)
+        slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
         weights = jnp.asarray(self._tableau.b[: self._stages])
-        new = tuple(a + h * (weights @ k) for a, k in zip(y, slopes, strict=True))
+        new = tuple(a + h * jnp.tensordot(weights, k, 1) for a, k in zip(y, slopes, strict=True))
         error = self._error(batch, y, new, slopes, size)
         finite, accepted = jnp.isfinite(error), error <= 1.0
         exponent = 1.0 / (self._tableau.error_order + 1)
@@ -82,31 +115,24 @@ class PairAttempts:
         following = size * jnp.where(finite, factor, gains.REDUCTION_BLIND)
         following = jnp.where(accepted, jnp.maximum(following, jnp.where(size < proposed, proposed, 0.0)), following)
         previous = jnp.where(accepted, jnp.maximum(safe, gains.SMALLEST_PREVIOUS), previous)
-        return Attempted(new, size, finite, accepted, following, (following, previous))
-
-    def _all_slopes(self, t: Any, y: Rows, c: Rows, h: Any) -> Rows:
-        count = self._stages
-        matrix = jnp.asarray(self._tableau.A[:count, :count])
-        nodes = jnp.asarray(self._tableau.c[:count])
-        first = tuple(jnp.zeros((count, *t.shape)).at[0].set(rate) for rate in self._slopes(t, y, c))
-
-        def stage(i: Any, slopes: Rows) -> Rows:
-            point = tuple(a + h * (matrix[i] @ k) for a, k in zip(y, slopes, strict=True))
-            rates = self._slopes(t + nodes[i] * h, point, c)
-            return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
-
-        slopes: Rows = lax.fori_loop(1, count, stage, first)
-        return slopes
+        kept: Rows = ()
+        if self._goes_on:
+            kept = tuple(jnp.where(accepted, k[-1], rate) for k, rate in zip(slopes, first, strict=True))
+        return Attempted(new, size, finite, accepted, following, (following, previous, kept))
 
     def _error(self, batch: Batch, y: Rows, new: Rows, slopes: Rows, size: Any) -> Any:
         """Return the RMS norm of the error over the tolerances (see `Tableau.error`)."""
-        totals = [jnp.zeros(size.shape) for _ in self._tableau.error]
-        for a, b, k in zip(y, new, slopes, strict=True):
-            scale = 1.0 / (batch.atol + batch.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))
-            for place, row in enumerate(self._tableau.error):
-                estimate = jnp.asarray(np.ascontiguousarray(row[: self._stages])) @ k
-                totals[place] = totals[place] + (estimate * scale) ** 2
-        if len(totals) == 1:
-            return size * jnp.sqrt(totals[0] / len(y))
-        below = totals[0] + gains.SECOND_ERROR_WEIGHT * totals[1]
-        return size * totals[0] / jnp.sqrt(jnp.maximum(below, 1e-300) * len(y))
+        scales = [
+            1.0 / (batch.atol + batch.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))) for a, b in zip(y, new, strict=True)
+        ]
+
+        def norm(row: Any) -> Any:
+            part = jnp.asarray(np.ascontiguousarray(row[: self._stages]))
+            estimates = (jnp.tensordot(part, k, 1) * scale for k, scale in zip(slopes, scales, strict=True))
+            return _mean(tuple(estimate**2 for estimate in estimates), size)
+
+        squares = [norm(row) for row in self._tableau.error]
+        if len(squares) == 1:
+            return size * jnp.sqrt(squares[0])
+        below = squares[0] + gains.SECOND_ERROR_WEIGHT * squares[1]
+        return size * squares[0] / jnp.sqrt(jnp.maximum(below, 1e-300))

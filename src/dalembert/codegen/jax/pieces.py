@@ -1,0 +1,204 @@
+"""[Program] -> [Pieces]: a method for a program, in the forms in which traced runs take it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...integrators.jax.derivatives import Steps, jacobians
+from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
+from ...integrators.jax.motion import Pieces
+from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
+from ...integrators.jax.solvers import METHODS
+from ...integrators.tableau import Tableau
+from ...integrators.tableaus import TABLEAUS
+from ...ir.program import Program
+from ...ir.recurrences import recurrences
+from ...ir.taylor import series_kernel, step_kernel
+from ..printers import JAX
+from .blocks import Conditional, blocked
+from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
+
+__all__ = ["PAIRS", "SERVED", "pieces_of"]
+
+_BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
+PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
+"""The pairs by which our own loops run."""
+
+SERVED = (*METHODS, "taylor")
+"""Methods of traced runs."""
+
+
+@cache
+def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pieces:
+    """Return the pieces of a method for a program; `order` is that of Taylor steps."""
+    corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
+    on_rows = tuple((compile_kernel(program.kernel(name), JAX), count) for name, count in corrections.items())
+    in_blocks = [(blocked(program.kernel(name)), count) for name, count in corrections.items()]
+
+    def projections(go: Any) -> Projections:
+        return tuple((correct(go), count) for correct, count in in_blocks)
+
+    if method == "taylor":
+        known = recurrences(program.kernel("rhs"))
+        attempts = TaylorAttempts(compile_kernel(step_kernel(known, order, dense=False)))
+        series = compile_kernel(series_kernel(known, order))
+        return Pieces(attempts, on_rows, False, attempts, on_rows, _SeriesSteps(series, order, projections))
+    whole = tuple((_on_one_row(kernels[name]), count) for name, count in corrections.items())
+    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
+    one = PairAttempts(_on_one_row(kernels["rhs"]), tableau, moved=moved)
+    many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
+    return Pieces(one, whole, True, many, on_rows, _PairSteps(blocked(rhs), tableau, projections))
+
+
+def _on_one_row(kernel: OnArrays) -> Function:
+    """Return a kernel on arrays as a function of rows, of which there is one."""
+    return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+@final
+class _PairSteps:
+    """Steps of a pair and their derivatives, by the derivatives of the right-hand side at the stages.
+
+    Parameters
+    ----------
+    rhs
+        From a condition to (t, y, c) -> rates, on rows.
+    tableau
+        The pair.
+    projections
+        From a condition to what moves the end of a step.
+    """
+
+    def __init__(self, rhs: Conditional, tableau: Tableau, projections: Callable[[Any], Projections]) -> None:
+        count = tableau.end
+        self._rhs, self._tableau, self._projections, self._count = rhs, tableau, projections, count
+        self._matrix, self._weights = tableau.A[:count, :count], tableau.b[:count]
+
+    def __call__(self, steps: Steps) -> Rows:
+        """Return the states at the ends of steps, on the constraints."""
+        return self._projected(steps, self._stages(steps)[1], steps.c)
+
+    def _projected(self, steps: Steps, ends: Rows, c: Rows) -> Rows:
+        return project(self._projections(steps.go), steps.t + steps.h, ends, c)[0]
+
+    def _stages(self, steps: Steps) -> tuple[Rows, Rows]:
+        """Return the slopes (stages, k) and the ends of steps before they are projected."""
+        t, h, y, c, go = steps
+        slopes = weighted(self._rhs(go), self._tableau, self._count, (t, y), h, c, ())
+        return slopes, tuple(a + h * jnp.tensordot(self._weights, k, 1) for a, k in zip(y, slopes, strict=True))
+
+    def along(self, steps: Steps) -> tuple[Any, Any]:
+        """See `Linear`: h, derivatives (stages, n_y, n_y) of the slopes, and (n_y, n_y) of the projection."""
+        t, h, y, c, go = steps
+        slopes, ends = self._stages(steps)
+        points = tuple(a + h * jnp.tensordot(self._matrix, k, 1) for a, k in zip(y, slopes, strict=True))
+        times = t + self._tableau.c[: self._count, np.newaxis] * h
+        matrices = jnp.moveaxis(jacobians(lambda at: slopes_of(self._rhs(go), times, at, c), points), 1, 0)
+        places = times, points, ends
+        if not self._projections(go):
+            return (h, matrices), places
+        return (h, matrices, jacobians(lambda at: self._projected(steps, at, c), ends)), places
+
+    def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
+        """See `Linear`: changes (stages, n_y) of the slopes, and (n_y,) of the projection."""
+        times, points, ends = places
+        rates = jax.jvp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), steps.c, dc)[1]
+        shift = jnp.stack([rate.T for rate in rates], axis=-1)
+        if not self._projections(steps.go):
+            return (shift,)
+        moves = jax.jvp(lambda *c: self._projected(steps, ends, c), steps.c, dc)[1]
+        return shift, jnp.stack(moves, axis=-1)
+
+    def push(self, along: Any, shift: Any, dy: Any) -> Any:
+        """See `Linear`."""
+        h, matrices, *held = along
+        slopes: list[Any] = []
+        for i, row in enumerate(self._matrix):
+            point = sum((h * a * k for a, k in zip(row, slopes, strict=False) if a), start=dy)
+            slopes.append(matrices[i] @ point + shift[0][i])
+        end = sum((h * b * k for b, k in zip(self._weights, slopes, strict=True) if b), start=dy)
+        return held[0] @ end + shift[1] if held else end
+
+    def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
+        """See `Linear`: cotangents (stages, n_y) of the slopes, and (n_y,) of the end."""
+        h, matrices, *held = along
+        end = ahead @ held[0] if held else ahead
+        before = end
+        points: list[Any] = [None] * self._count
+        slopes: list[Any] = [None] * self._count
+        for i in reversed(range(self._count)):
+            later = (h * self._matrix[j, i] * points[j] for j in range(i + 1, self._count) if self._matrix[j, i])
+            slopes[i] = sum(later, start=h * self._weights[i] * end)
+            points[i] = slopes[i] @ matrices[i]
+            before = before + points[i]
+        return before, (jnp.stack(slopes), ahead)
+
+    def share(self, steps: Steps, places: Any, within: Any) -> Rows:
+        """See `Linear`."""
+        (times, points, ends), (slopes, ahead) = places, within
+        rates = tuple(slopes[..., i].T for i in range(len(points)))
+        found: Rows = jax.vjp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), *steps.c)[1](rates)
+        if self._projections(steps.go):
+            moved = jax.vjp(lambda *c: self._projected(steps, ends, c), *steps.c)[1](tuple(ahead.T))
+            found = tuple(a + b for a, b in zip(found, moved, strict=True))
+        return found
+
+
+@final
+class _SeriesSteps:
+    """Steps of a Taylor series and their derivatives.
+
+    Parameters
+    ----------
+    series
+        (t, y, c) -> coefficients of each component in turn, on rows.
+    order
+        Order of the series.
+    projections
+        From a condition to what moves the end of a step.
+    """
+
+    def __init__(self, series: Function, order: int, projections: Callable[[Any], Projections]) -> None:
+        self._series, self._order, self._projections = series, order, projections
+
+    def __call__(self, steps: Steps) -> Rows:
+        """Return the states at the ends of steps, on the constraints."""
+        return self._ends(steps, steps.y, steps.c)
+
+    def _ends(self, steps: Steps, y: Rows, c: Rows) -> Rows:
+        t, h = steps.t, steps.h
+        values, each = self._series(t, y, c), self._order + 1
+        new = []
+        for i, row in enumerate(y):
+            total = jnp.zeros(jnp.shape(row))
+            for value in reversed(values[i * each + 1 : (i + 1) * each]):
+                total = h * (value + total)
+            new.append(row + total)
+        return project(self._projections(steps.go), t + h, tuple(new), c)[0]
+
+    def along(self, steps: Steps) -> tuple[Any, Any]:
+        """See `Linear`: derivatives (n_y, n_y)."""
+        return jacobians(lambda at: self._ends(steps, at, steps.c), steps.y), None
+
+    def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
+        """See `Linear`: changes (n_y,) of the end."""
+        return jnp.stack(jax.jvp(lambda *c: self._ends(steps, steps.y, c), steps.c, dc)[1], axis=-1)
+
+    def push(self, along: Any, shift: Any, dy: Any) -> Any:
+        """See `Linear`."""
+        return along @ dy + shift
+
+    def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
+        """See `Linear`: the cotangent of the end."""
+        return ahead @ along, ahead
+
+    def share(self, steps: Steps, places: Any, within: Any) -> Rows:
+        """See `Linear`."""
+        found: Rows = jax.vjp(lambda *c: self._ends(steps, steps.y, c), *steps.c)[1](tuple(within.T))
+        return found

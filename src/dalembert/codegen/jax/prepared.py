@@ -1,0 +1,61 @@
+"""Prepared runs: one compiled function from a state and parameters to the final state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...integrators.gains import SMALLEST_SCALE
+from ...integrators.jax.compiling import compiled
+from ...integrators.jax.lanes import Batch
+from ...integrators.jax.motion import Pieces, ended
+from ...integrators.jax.precision import double_precision
+from ...integrators.jax.series import clipped_tolerance
+from ...integrators.problem import FloatArray, IntegrationProblem
+from ...integrators.status import Status
+
+if TYPE_CHECKING:
+    from .kernels import Kernels
+
+__all__ = ["final_function", "prepared_run"]
+
+Final = Callable[[Any, Any, tuple[Any, ...]], Any]
+_STATUSES = {int(status): status for status in Status}
+
+
+def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
+    """Return the compiled function (state, p, numbers of the problem) -> the final state and the status, in one array.
+
+    `operations` is the length of the code of a step.
+    """
+
+    def run(y: Any, p: Any, numbers: tuple[Any, ...]) -> Any:
+        c = kernels.constants(p)
+        t0, t1, *limits = numbers
+        end, _, status = ended(pieces, Batch(y, c, t0, t1, (), *limits))
+        return jnp.append(end, status)
+
+    function: Final = compiled(run, operations)
+    return function
+
+
+def prepared_run(
+    function: Final, problem: IntegrationProblem
+) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
+    """Return a function from a state (n_y,) and parameters (n_p,) to the final state (n_y,) and the status."""
+    floor = max(problem.atol / clipped_tolerance(problem.rtol, problem.atol), 1e-300)
+    scale = max(problem.atol, SMALLEST_SCALE)
+    settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
+    with double_precision():
+        numbers = tuple(jax.device_put(np.float64(value)) for value in settings)
+
+    def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
+        with double_precision():
+            out = np.asarray(function(state, p, numbers))
+        return out[:-1].copy(), _STATUSES[int(out[-1])]
+
+    return run

@@ -1,0 +1,182 @@
+"""Derivatives of a recorded run along its steps, at fixed sizes: pushed forward, and pulled back.
+
+Nothing in the derivative of one step waits for another step, so that these are computed for `CHUNK` steps together, on
+rows; one after the other there are but products of small matrices and vectors.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, final
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .lanes import Rows
+
+__all__ = ["CHUNK", "Linear", "Record", "Steps", "jacobians", "pulled", "pulled_over", "pushed", "pushed_over"]
+
+CHUNK = 16
+"""Steps that are differentiated together."""
+
+
+@final
+class Record(NamedTuple):
+    """What a run leaves: attempts (), starts of them t (room,), sizes h (room,) and states y (room, n_y); its end.
+
+    The room is a multiple of `CHUNK`. A rejected attempt, and room that was not used, have size 0 and a state that the
+    run has been in. ``end`` is the last state (n_y,), at the time ``reached``.
+    """
+
+    count: Any
+    t: Any
+    h: Any
+    y: Any
+    end: Any
+    reached: Any
+    status: Any
+
+
+@final
+class Steps(NamedTuple):
+    """Steps to differentiate: starts t (k,), sizes h (k,), states y (n_y rows (k,)), constants c (n_c rows ()).
+
+    `go` is true; what hangs on it is not merged with what surrounds it (see `dalembert.codegen.jax.blocks`).
+    """
+
+    t: Any
+    h: Any
+    y: Rows
+    c: Rows
+    go: Any
+
+
+class Linear(Protocol):
+    """The derivatives of one method's steps.
+
+    ``along`` and ``shifts`` are trees of arrays whose leading axis counts the steps; `push` and `pull` take what they
+    hold for one step.
+    """
+
+    def along(self, steps: Steps) -> tuple[Any, Any]:
+        """Return the derivatives by the states, and where they were taken, for `shifts` and `share`."""
+
+    def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
+        """Return what a change of the constants does within each step."""
+
+    def push(self, along: Any, shift: Any, dy: Any) -> Any:
+        """Return the change of the state (n_y,) at the end of a step, from that at its start."""
+
+    def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
+        """Return the cotangent of the state (n_y,) at the start, from that at the end, and those within the step."""
+
+    def share(self, steps: Steps, places: Any, within: Any) -> Rows:
+        """Return the cotangents of the constants, from the cotangents within all steps."""
+
+
+def jacobians(function: Any, y: Rows) -> Any:
+    """Return the derivatives (*shape, n_out, n_y) of a function from rows to rows of a common shape."""
+
+    def column(direction: Any) -> Rows:
+        tangents = tuple(jnp.broadcast_to(d, row.shape) for d, row in zip(direction, y, strict=True))
+        along: Rows = jax.jvp(lambda *y: function(y), y, tangents)[1]
+        return along
+
+    columns = jnp.stack(jax.vmap(column)(jnp.eye(len(y))))  # (n_out, n_y, *shape)
+    return jnp.moveaxis(columns, (0, 1), (-2, -1))
+
+
+def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bool) -> tuple[Any, Any]:
+    """Return the change of the states at the starts of attempts (room, n_y) and at the end (n_y,).
+
+    Parameters
+    ----------
+    linear
+        The derivatives of the steps.
+    record, c
+        The run, and its constants (n_c,).
+    dy, dc
+        Change of the first state (n_y,), and of the constants.
+    keep
+        Whether the changes at the starts are wanted; else there are none.
+    """
+
+    def chunk(number: Any, carry: Any) -> Any:
+        first = number * CHUNK
+        steps = _steps(record, first, c)
+        along, places = linear.along(steps)
+        shifts = linear.shifts(steps, places, tuple(dc))
+
+        def one(j: Any, inner: Any) -> Any:
+            change, kept = inner
+            if keep:
+                kept = lax.dynamic_update_index_in_dim(kept, change, first + j, 0)
+            after = linear.push(_at(along, j), _at(shifts, j), change)
+            return jnp.where(steps.h[j] != 0.0, after, change), kept
+
+        return lax.fori_loop(0, CHUNK, one, carry)
+
+    kept = jnp.zeros(record.y.shape if keep else (0, len(dy)))
+    end, kept = lax.fori_loop(0, -(-record.count // CHUNK), chunk, (dy, kept))
+    return kept, end
+
+
+def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: Any) -> tuple[Any, Any]:
+    """Return the cotangents of the first state (n_y,) and of the constants (n_c,).
+
+    Parameters
+    ----------
+    linear
+        The derivatives of the steps.
+    record, c
+        The run, and its constants (n_c,).
+    at, starts
+        Numbers of attempts (k,), and cotangents of the states at their starts (k, n_y).
+    end
+        Cotangent of the last state (n_y,).
+    """
+    given = jnp.zeros_like(record.y).at[at].add(starts) if len(at) else None
+    chunks = -(-record.count // CHUNK)
+
+    def chunk(number: Any, carry: Any) -> Any:
+        first = (chunks - 1 - number) * CHUNK
+        steps = _steps(record, first, c)
+        along, places = linear.along(steps)
+        added = None if given is None else lax.dynamic_slice_in_dim(given, first, CHUNK)
+
+        def one(ahead: Any, j: Any) -> Any:
+            before, within = linear.pull(_at(along, j), ahead)
+            moved = steps.h[j] != 0.0
+            before = jnp.where(moved, before, ahead)
+            within = jax.tree.map(lambda value: jnp.where(moved, value, 0.0), within)
+            return before if added is None else before + added[j], within
+
+        ahead, total = carry
+        ahead, within = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
+        return ahead, total + jnp.stack([jnp.asarray(row) for row in linear.share(steps, places, within)])
+
+    found: tuple[Any, Any] = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c)))
+    return found
+
+
+def pushed_over(linear: Linear, steps: Steps, dy: Any, dc: Any) -> Any:
+    """Return the changes at the ends of steps (k, n_y) from those at their starts (k, n_y) and of the constants."""
+    along, places = linear.along(steps)
+    return jax.vmap(linear.push)(along, linear.shifts(steps, places, tuple(dc)), dy)
+
+
+def pulled_over(linear: Linear, steps: Steps, ahead: Any) -> tuple[Any, Any]:
+    """Return the cotangents at the starts of steps (k, n_y), and of the constants, from those at their ends."""
+    along, places = linear.along(steps)
+    before, within = jax.vmap(linear.pull)(along, ahead)
+    return before, jnp.stack([jnp.asarray(row) for row in linear.share(steps, places, within)])
+
+
+def _steps(record: Record, first: Any, c: Any) -> Steps:
+    """Return CHUNK of the attempts of a run."""
+    t, h, y = (lax.dynamic_slice_in_dim(value, first, CHUNK) for value in (record.t, record.h, record.y))
+    return Steps(t, h, tuple(y.T), tuple(c), record.count > 0)
+
+
+def _at(tree: Any, j: Any) -> Any:
+    return jax.tree.map(lambda value: lax.dynamic_index_in_dim(value, j, keepdims=False), tree)

@@ -1,0 +1,62 @@
+"""Traced runs by an implicit solver of diffrax, whose derivatives are diffrax's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+
+from ..status import Status
+from .solvers import Settings, equation, solver_for
+
+if TYPE_CHECKING:
+    from ...codegen.jax.kernels import Kernels
+
+__all__ = ["implicit_motion"]
+
+_CHECKPOINTS = 16
+"""States that a reverse run keeps: with diffrax's default, many more, gradients of short runs take longer."""
+
+
+def implicit_motion(
+    kernels: Kernels, method: str, t: Any, y0: Any, c: Any, *, mode: str, rtol: float, atol: float, max_steps: int
+) -> tuple[Any, Any]:
+    """Return the states (n_t, n_y) at the times t, and the status; see `dalembert.integrators.jax.motion`."""
+    direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+    settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, jnp.inf)
+    still = jax.lax.stop_gradient
+    fixed = still(settings)
+    solver = solver_for(kernels, method)
+    term, controller = equation(kernels, fixed, solver)
+    order = solver.error_order(term)
+    start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
+    ends = len(t) <= 2  # then nothing is interpolated, which costs as much as a step does
+    wanted = {"t1": True} if ends else {"ts": direction * t}
+    adjoint = diffrax.ForwardMode() if mode == "forward" else diffrax.RecursiveCheckpointAdjoint(_CHECKPOINTS)
+    solution = diffrax.diffeqsolve(
+        term,
+        solver,
+        settings.t0,
+        settings.t1,
+        start.size,
+        y0,
+        settings,
+        saveat=diffrax.SaveAt(**wanted, controller_state=True),
+        stepsize_controller=controller,
+        adjoint=adjoint,
+        max_steps=max_steps,
+        throw=False,
+        controller_state=still(start._replace(attempts=jnp.array(max_steps))),
+    )
+    y = jnp.concatenate([y0[None], solution.ys])[: len(t)] if ends else solution.ys
+    if kernels.projected:
+        y = jax.vmap(lambda at, state: kernels.project(at, state, c, atol))(t, y)
+    failed = jnp.where(still(solution.controller_state.finite), int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
+    results = diffrax.RESULTS
+    status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)
+    status = jnp.where(solution.result == results.successful, int(Status.SUCCESS), status)
+    if ends:
+        y = jnp.where((jnp.arange(len(t)) == 0)[:, None] | (status == int(Status.SUCCESS)), y, jnp.nan)
+    return jnp.where(jnp.isfinite(y), y, jnp.nan), status
