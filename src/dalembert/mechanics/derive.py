@@ -10,6 +10,7 @@ from ..scene.model import ConstraintModel, SceneModel
 from .equations import ConstraintRow, EquationsOfMotion
 from .kinematics import Kinematics
 from .quasi_velocities import velocity_groups
+from .quaternions import quaternion_groups
 from .virtual_power import powers
 
 __all__ = ["derive"]
@@ -41,7 +42,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         ),
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.gravity_potential + model.potential,
-        groups=velocity_groups(kinematics),
+        groups=(*quaternion_groups(kinematics), *velocity_groups(kinematics)),
         outputs=model.outputs,
     )
 

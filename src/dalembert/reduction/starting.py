@@ -201,8 +201,8 @@ class _Starting:
         projection = system.projection or system.start_projection
         if projection is None:
             return state
-        inputs = graph.adopt(system.inputs)
+        inputs, places = graph.adopt(list(system.places)), list(system.places.values())
         for correction in (projection.position, projection.velocity):
-            moved = graph.substitute(graph.adopt(correction), dict(zip(inputs, state, strict=True)))
+            moved = graph.substitute(graph.adopt(correction), {node: state[i] for node, i in zip(inputs, places, strict=True)})
             state = [a + b for a, b in zip(state, moved, strict=True)]
         return state
