@@ -83,6 +83,7 @@ def lower(system: ReducedSystem) -> Program:
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
         defaults=dict(system.defaults),
+        entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
     return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
 

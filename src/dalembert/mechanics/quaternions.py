@@ -1,8 +1,6 @@
 """Frames that four coordinates turn as a unit quaternion, with the angular velocities that stand for their rates.
 
-SymPy's ``orient(parent, "Quaternion", e)`` is meant, with e.e = 1 among the holonomic constraints. Then
-e_dot = 1/2 e o omega on the frame and 1/2 omega o e on its parent, which are regular everywhere (R. Featherstone,
-Rigid Body Dynamics Algorithms, section 4.5).
+SymPy's ``orient(parent, "Quaternion", e)`` is meant, with e.e = 1 among the holonomic constraints.
 """
 
 from __future__ import annotations
@@ -11,23 +9,14 @@ from collections.abc import Sequence
 from itertools import permutations
 
 from ..ir.graph import Graph, Node
+from ..ir.quaternions import rotation_entries, spin_matrix
 from ..scene.model import FrameModel, SceneModel
 from .equations import VelocityChoice, VelocityGroup
 from .kinematics import Kinematics
 
-__all__ = ["quaternion_groups", "rotation_entries"]
+__all__ = ["quaternion_groups"]
 
 _AXES = "xyz"
-
-
-def rotation_entries(e: Sequence[Node]) -> list[list[Node]]:
-    """Return the matrix (3, 3) from body to space components of a quaternion, scalar first."""
-    e0, e1, e2, e3 = e
-    return [
-        [e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2 * (e1 * e2 - e0 * e3), 2 * (e0 * e2 + e1 * e3)],
-        [2 * (e0 * e3 + e1 * e2), e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3, 2 * (e2 * e3 - e0 * e1)],
-        [2 * (e1 * e3 - e0 * e2), 2 * (e0 * e1 + e2 * e3), e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3],
-    ]
 
 
 def quaternion_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
@@ -77,12 +66,11 @@ def _norm(model: SceneModel, e: Sequence[Node]) -> str:
 
 def _choices(kinematics: Kinematics, frame: FrameModel, places: Sequence[int]) -> tuple[VelocityChoice, ...]:
     graph: Graph = kinematics.graph
-    e0, e1, e2, e3 = (kinematics.q[i] for i in places)
-    own = [[-e1, -e2, -e3], [e0, -e3, e2], [e3, e0, -e1], [-e2, e1, e0]]
-    above = [[-e1, -e2, -e3], [e0, e3, -e2], [-e3, e0, e1], [e2, -e1, e0]]
+    e = [kinematics.q[i] for i in places]
     assert frame.parent is not None
     choices = []
-    for name, matrix in ((frame.name, own), (kinematics.model.frames[frame.parent].name, above)):
+    for name, body in ((frame.name, True), (kinematics.model.frames[frame.parent].name, False)):
+        matrix = spin_matrix(e, body=body)
         inverse = tuple(tuple(graph.node(0.5) * entry for entry in row) for row in matrix)
         rows = tuple(tuple(2 * matrix[j][i] for j in range(4)) for i in range(3))
         choices.append(VelocityChoice(tuple(f"omega_{name}_{axis}" for axis in _AXES), rows, inverse))

@@ -203,4 +203,4 @@ def given_values(layout: Layout, initial: Mapping[Any, Any]) -> dict[str, float]
     UnknownNameError, ValueInputError
         For unknown names and values that are not finite numbers.
     """
-    return resolve("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
+    return resolve("initial value", initial, layout.initial, layout.aliases)

@@ -64,7 +64,7 @@ class Cases:
     ) -> None:
         layout = program.layout
         self.program = program
-        self.initial = _columns("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
+        self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
         for name, value in layout.defaults.items():
             self.parameters.setdefault(name, np.array([value]))

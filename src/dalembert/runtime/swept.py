@@ -161,8 +161,8 @@ def _with_grid(
     initial, parameters = dict(initial), dict(parameters)
     for name, column in grid.columns().items():
         home = parameters if name in layout.parameters else initial
-        if name not in (*layout.parameters, *layout.coordinates, *layout.rates):
-            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.coordinates, *layout.rates)))
+        if name not in (*layout.parameters, *layout.initial):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.initial)))
         if any(layout.aliases.get(str(key), str(key)) == name for key in home):
             raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
         home[name] = column

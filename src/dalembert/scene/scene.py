@@ -16,6 +16,7 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError
 from . import changes
+from .orientation import FreeOrientation
 
 __all__ = ["Joint", "Scene", "Unknown", "unknowns"]
 
@@ -116,6 +117,7 @@ class Scene:
         self.gravity: Vector | None = None
         self.releases: tuple[changes.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
+        self.orientations: tuple[FreeOrientation, ...] = ()
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""
