@@ -18,6 +18,7 @@ class Status(enum.IntEnum):
     EVENT_STATE = 9
     EVENT_NON_FINITE = 10
     SINGULAR_CONFIGURATION = 11
+    SINGULAR_COORDINATES = 12
 
     @property
     def success(self) -> bool:
@@ -57,6 +58,11 @@ _MESSAGES = {
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "
         'them alone: use formulation="projected", which passes through most of them, end the time span before it, or '
         "choose coordinates that are regular there."
+    ),
+    Status.SINGULAR_COORDINATES: (
+        "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn it "
+        'about the same line there. Compile with orientation="quaternion", declare the attitude with '
+        "dalembert.free_orientation, or choose other angles."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

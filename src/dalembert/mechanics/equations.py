@@ -60,12 +60,15 @@ class VelocityGroup:
     ----------
     coordinates : tuple of int
     choices : tuple of VelocityChoice
+    angles : bool
+        Whether they are three angles that turn a frame.
     norm : str
         For the four coordinates of a quaternion, the label of the constraint that makes its length one; else empty.
     """
 
     coordinates: tuple[int, ...]
     choices: tuple[VelocityChoice, ...]
+    angles: bool = False
     norm: str = ""
 
 

@@ -31,7 +31,7 @@ def quaternion_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
         norm = _norm(model, [kinematics.q[i] for i in places])
         if norm:
             taken |= set(places)
-            groups.append(VelocityGroup(places, _choices(kinematics, frame, places), norm))
+            groups.append(VelocityGroup(places, _choices(kinematics, frame, places), norm=norm))
     return tuple(groups)
 
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol, final
 import jax.numpy as jnp
 from jax import lax
 
+from ..gains import BRANCH, SLOW
 from ..status import Status
 from .compiling import compiled
 
@@ -22,6 +23,7 @@ __all__ = ["Attempted", "Attempts", "Batch", "Outcome", "Rows", "TaylorAttempts"
 
 _RUNNING = -1
 _QUADRATIC = 1e-8
+LINEAR_CORRECTIONS = 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
 
@@ -134,13 +136,24 @@ def _project(projections: Sequence[tuple[Function, int]], t: Any, y: Rows, c: Ro
     held = jnp.ones(t.shape, dtype=bool)
     for correct, count in projections:
         change = jnp.zeros(t.shape)
-        for _ in range(count):
+        for attempt in range(count):
             corrections = correct(t, y, c)
+            if attempt == 0 and count == LINEAR_CORRECTIONS:
+                held &= _on_branch(y, corrections)
             y = tuple(a + b for a, b in zip(y, corrections, strict=True))
         for value, correction in zip(y, corrections, strict=True):
             change = jnp.maximum(change, jnp.abs(correction) / (1e-3 + jnp.abs(value)))
         held &= change <= _QUADRATIC
     return y, held
+
+
+def _on_branch(y: Rows, corrections: Rows) -> Any:
+    """Return where corrections of velocities are small beside them."""
+    size = magnitude = jnp.zeros(y[0].shape)
+    for value, correction in zip(y, corrections, strict=True):
+        size = jnp.maximum(size, jnp.abs(correction))
+        magnitude = jnp.maximum(magnitude, jnp.where(correction != 0.0, jnp.abs(value), 0.0))
+    return size <= BRANCH * (SLOW + magnitude)
 
 
 def _run(attempts: Attempts, projections: Sequence[tuple[Function, int]], batch: Batch) -> Outcome:

@@ -18,7 +18,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from ..digest import integrator_digest
-from ..gains import REDUCTION_BLIND
+from ..gains import BRANCH, REDUCTION_BLIND, SLOW
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
@@ -45,7 +45,7 @@ __all__ = ["sample_projection", "sweeping_loop"]
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
-_MAX_CORRECTIONS = 10
+_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
 _LINEAR = 1e-4
@@ -95,7 +95,7 @@ def _project(
     n: int,
 ) -> None:
     """Project the states of the lanes that are marked to be; those where that fails are marked so."""
-    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
         left = 0
         for lane in range(marks.size):
             left += 1 if marks[lane] == _WANTED else 0
@@ -108,12 +108,15 @@ def _project(
             for lane in range(marks.size):
                 if marks[lane] != _WANTED:
                     continue
-                change = finite = 0.0
+                change = finite = size = magnitude = 0.0
                 for m in range(n):
+                    if delta[m, lane] != 0.0:
+                        size, magnitude = max(size, abs(delta[m, lane])), max(magnitude, abs(states[first + m, lane]))
                     states[first + m, lane] += delta[m, lane]
-                    change = max(change, abs(delta[m, lane]) / (1e-3 + abs(states[first + m, lane])))
+                    change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
                     finite += 0.0 * delta[m, lane]
-                if finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
+                lost = attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
+                if lost or finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
                     marks[lane] = _FAILED
                     left -= 1
                 elif not change > _QUADRATIC:
