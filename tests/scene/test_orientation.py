@@ -1,5 +1,6 @@
 """Bodies that turn freely: declared quaternions, and quaternions in place of angles."""
 
+import functools
 import math
 import pickle
 from itertools import product
@@ -11,6 +12,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsym
 
 import dalembert as da
 from dalembert.errors import InitialStateError, OptionError, SceneError
+from dalembert.integrators.status import Status
 from hard_cases import hard_case
 
 ANGLES = ("psi", "theta", "phi")
@@ -175,6 +177,49 @@ def test_unequal_sphere_through_theta_0():
     expected = regular.simulate((0, 1), other, p, t_eval=np.linspace(0, 1, 5), **tight)
     for name in ("x", "y", "x_dot", "y_dot"):
         np.testing.assert_allclose(through[name][4:], expected[name], atol=1e-13, err_msg=name)
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected", "augmented"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_angles_end_at_theta_0_and_name_the_remedy(formulation, method):
+    """Whether steps fail there or pass it by luck, and whatever is recorded."""
+    model = EULER(formulation)
+    tight = 1e-8 if method == "radau" else 1e-10
+    for options in ({}, {"t_eval": [0, 0.5, 1.5]}, {"t_eval": [0, 0.5, 1.5], "dense": False}):
+        start, p = REFERENCE.initial, REFERENCE.parameters
+        run = model.simulate((0, 1.5), start, p, method=method, rtol=tight, atol=tight, **options)
+        assert run.status is Status.SINGULAR_COORDINATES and not run.success
+        assert "gimbal lock" in run.message and "theta = 0" in run.message and "psi, phi" in run.message
+        assert 'orientation="quaternion"' in run.message
+        assert run.t[-1] < 1.0 + 1e-6
+
+
+@functools.cache
+def EULER(formulation):
+    return da.compile_model(da.scenes.rolling_sphere(), formulation=formulation)
+
+
+@pytest.mark.parametrize("sequence", ["ZXZ", "ZYX"])
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+def test_cases_of_a_sweep_that_meet_it(sequence, backend):
+    lock = 0.0 if sequence == "ZXZ" else math.pi / 2
+    model = da.compile_model(unequal_sphere(sequence), backend=backend)
+    tilts = lock - np.array([0.5, 1.1, 0.2])
+    start = {"x": 0, "y": 0, "psi": 0, "theta": tilts, "phi": 0, "psi_dot": 0, "theta_dot": 1.0, "phi_dot": 0}
+    sweep = model.sweep((0, 0.8), start, {"m": 1.0, "r": 0.5, **INERTIA}, method="dop853")
+    assert [Status(int(s)) for s in sweep.status] == [
+        Status.SINGULAR_COORDINATES,
+        Status.SUCCESS,
+        Status.SINGULAR_COORDINATES,
+    ]
+
+
+def test_what_is_regular_at_theta_0_goes_on():
+    """With psi held at rest, the two angles that are left turn about different lines everywhere."""
+    model = da.compile_model(turning(chain, constraints=lambda N, S: [psi.diff()]), backend="numpy")
+    start = {"psi": 0.3, "theta": 0.5, "phi": 0.0, "theta_dot": -1.0, "phi_dot": 0.0}
+    run = model.simulate((0, 1), start, BODY)
+    assert run.success and run["theta"][-1] < 0
 
 
 # -- declared ---------------------------------------------------------------------------------

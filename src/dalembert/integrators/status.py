@@ -60,8 +60,8 @@ _MESSAGES = {
         "choose coordinates that are regular there."
     ),
     Status.SINGULAR_COORDINATES: (
-        "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn it "
-        'about the same line there. Compile with orientation="quaternion", declare the attitude with '
+        "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn "
+        'it about the same line there. Compile with orientation="quaternion", declare the attitude with '
         "dalembert.free_orientation, or choose other angles."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",

@@ -1,7 +1,7 @@
 """How far three angles that turn a frame are from their singularity.
 
-The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about axes of
-coordinates, and vanishes where two of the angles turn the frame about the same line.
+The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about axes
+of coordinates, and vanishes where two of the angles turn the frame about the same line.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import OptionError, list_names
 from ..integrators.problem import Solution
 from ..integrators.status import Status
@@ -22,7 +22,7 @@ from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
 from .singular import cut
 
-__all__ = ["locked", "locks", "remedy"]
+__all__ = ["locked", "locked_cases", "remedy"]
 
 _NEAR = 0.05
 """Determinant below which a run that failed is taken to have failed for it."""
@@ -43,17 +43,53 @@ def locked(
     failed = steps.status in _FAILED
     values = interpret_rows(found.kernel, steps.t, steps.y, c)
     place, group = _first(values, failed=failed)
-    if place < 0 or not _singular(program, steps.t[place], steps.y[place], c, float(values[place, group])):
+    if place < 0:
         return solution, ""
-    note = _where(program, found, group, float(steps.t[place]), steps.y[place], c)
+    where = (float(steps.t[place]), steps.y[place])
+    if not _singular(program, found, group, where, c, float(values[place, group])):
+        return solution, ""
+    value = float(values[place, group])
     if failed and place == len(steps.t) - 1:
+        note = _where(program, found, group, where, c, value)
         return replace(solution, status=Status.SINGULAR_COORDINATES), note
-    return cut(solution, float(steps.t[place]), Status.SINGULAR_COORDINATES), note
+    t = _located(found, group, steps, place, values, c)
+    note = _where(program, found, group, (t, steps.y[place]), c, value)
+    return cut(solution, t, Status.SINGULAR_COORDINATES), note
 
 
-def locks(values: FloatArray, *, failed: bool) -> bool:
-    """Return whether determinants along one run (k, n_group) change their sign, or a failed run ends near zero."""
-    return _first(values, failed=failed)[0] >= 0
+def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: FloatArray) -> float:
+    """Return when a determinant vanishes before a step's end: by continuous output, else on a straight line."""
+    low, high = float(steps.t[place - 1]), float(steps.t[place])
+    before, after = abs(float(values[place - 1, group])), abs(float(values[place, group]))
+    if steps.dense is None or before == 0.0 or after == 0.0:
+        return low + (high - low) * (before / (before + after) if before + after else 0.0)
+    sign = np.sign(values[place - 1, group])
+    for _ in range(50):
+        t = np.array([0.5 * (low + high)])
+        if interpret_rows(found.kernel, t, steps.dense(t), c)[0, group] * sign > 0.0:
+            low = float(t[0])
+        else:
+            high = float(t[0])
+    return high
+
+
+def locked_cases(program: Program, found: Gimbals, block: CaseBlock, done: BlockResult) -> None:
+    """Give cases of a sweep whose angles locked the status that says so: a sign that changed, or an end near zero."""
+    status = done.ends[:, 1]
+    first = interpret_rows(found.kernel, block.spans[:, 0], block.y, block.c)
+    last = interpret_rows(found.kernel, done.ends[:, 0], done.y, block.c)
+    ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
+    with np.errstate(invalid="ignore"):
+        turned = np.any(first * last < 0.0, axis=1) & ran
+        stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
+    met = np.flatnonzero(turned | stopped)
+    if not len(met):
+        return
+    i = int(met[0])  # what is singular in one case is so in all
+    group = int(np.argmin(first[i] * last[i])) if turned[i] else int(np.nanargmin(np.abs(last[i])))
+    c = block.c[i if len(block.c) > 1 else 0]
+    if _singular(program, found, group, (float(done.ends[i, 0]), done.y[i]), c, float(last[i, group])):
+        status[met] = float(Status.SINGULAR_COORDINATES)
 
 
 def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
@@ -72,12 +108,18 @@ def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
     return -1, 0
 
 
-def _singular(program: Program, t: float, y: FloatArray, c: FloatArray, value: float) -> bool:
-    """Return whether the mass matrix on the free directions is about as small as the square of a determinant."""
-    layout, times = program.layout, np.array([t])
+def _singular(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+) -> bool:
+    """Return whether the mass matrix on the free directions is singular where the angle next to a state locks."""
+    layout, times = program.layout, np.array([where[0]])
     n = len(layout.coordinates)
-    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)
+    x = interpret_rows(program.kernel("expand"), times, where[1][np.newaxis], c)
     x[:, n:] = 0.0
+    if found.decisive[group]:
+        place = layout.coordinates.index(found.decisive[group])
+        x[0, place] = _lock(float(x[0, place]), value)
+        value = 0.0
     mass = interpret_rows(program.kernel("mass_matrix"), times, x, c).reshape(n, n)
     free = np.eye(n)
     if layout.constraints:
@@ -94,12 +136,23 @@ def _singular(program: Program, t: float, y: FloatArray, c: FloatArray, value: f
     return bool(np.linalg.eigvalsh(inner)[0] <= 4.0 * value * value + 1e-10)
 
 
-def _where(program: Program, found: Gimbals, group: int, t: float, y: FloatArray, c: FloatArray) -> str:
+def _lock(angle: float, value: float) -> float:
+    """Return the angle next to one at which its determinant, the sine or cosine of it up to its sign, vanishes."""
+    half = 0.0 if abs(abs(math.sin(angle)) - abs(value)) < abs(abs(math.cos(angle)) - abs(value)) else 0.5
+    return math.pi * (round(angle / math.pi - half) + half)
+
+
+def _where(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+) -> str:
     """Return which angle has which value, and when."""
-    layout = program.layout
+    layout, (t, y) = program.layout, where
     x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)[0]
     listed = [found.decisive[group]] if found.decisive[group] else list(found.angles[group])
-    places = ", ".join(f"{name} = {_angle(float(x[layout.coordinates.index(name)]))}" for name in listed)
+    angles = {name: float(x[layout.coordinates.index(name)]) for name in listed}
+    if found.decisive[group]:
+        angles = {name: _lock(angle, value) for name, angle in angles.items()}
+    places = ", ".join(f"{name} = {_angle(angle)}" for name, angle in angles.items())
     others = [name for name in found.angles[group] if name not in listed]
     turned = f", where {list_names(others)} turn the body about the same line" if others else ""
     return f"gimbal lock at t = {t:.6g}: {places}{turned}"

@@ -19,7 +19,7 @@ from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["cut", "indeterminate", "judged", "redundant", "searched", "singular_start", "still_redundant"]
+__all__ = ["CROSSED", "cut", "indeterminate", "judged", "redundant", "searched", "singular_start", "still_redundant"]
 
 _LOST = 1e-7
 """Share below which rank is lost."""
@@ -27,7 +27,9 @@ _LOST = 1e-7
 _NEAR = 0.05
 """Share below which a run that failed is taken to have failed for it."""
 
-_CROSSED = 1e-5
+CROSSED = 1e-5
+"""Share below which a minimum along a motion is one where rank is lost."""
+
 _NEARBY = 1e-3
 _PER_STEP = 3
 
@@ -206,7 +208,7 @@ def _crossing(
                 k = int(np.argmin(np.nan_to_num(fine, nan=np.inf)))
                 place, state, share = float(times[k]), states[k], float(fine[k])
                 first, last = float(times[max(k - 1, 0)]), float(times[min(k + 1, 16)])
-        if share < _CROSSED:
+        if share < CROSSED:
             return place, state
     return None
 

@@ -47,6 +47,7 @@ class Settings:
     threads: int
     progress: bool
     watch: EventCode | None = None
+    judge: Callable[[CaseBlock, BlockResult], None] | None = None
     note: str = ""
 
 
@@ -264,6 +265,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
+    if settings.judge is not None:
+        settings.judge(ready, here)
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..ir.program import Layout
@@ -18,8 +18,11 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from . import inputs
 from .gains import give_gains
+from .gimbal import locked_cases
 from .held import NO_ESTIMATE
+from .rank import RANK, lost_rank
 from .simulation import Simulated
+from .singular import searched
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 __all__ = ["Swept"]
@@ -110,10 +113,11 @@ class Swept(Simulated):
             max_step=max_step,
             max_steps=max_steps,
         )
-        watch = self._events(events, reduce)
-        if watch is not None and error_estimate:
+        asked = self._events(events, reduce)
+        if asked is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
+        watch = self._events(events, reduce, RANK) if self._enforced and searched(self._program) else asked
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch, self._judge)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
@@ -127,7 +131,7 @@ class Swept(Simulated):
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
-            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
+            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER, watch=None)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
             if method == "auto":
                 finer = fitted(self._engine, cases, finer)
@@ -151,7 +155,17 @@ class Swept(Simulated):
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
         watch = settings.watch
-        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+        plan = [] if watch is None else [name for name in watch.plan if name not in RANK]
+        if watch is None or not (watch.labels or plan):
+            return run
+        return run.with_events(watch.labels, done.happened, plan, done.totals[:, : len(plan)])
+
+    def _judge(self, block: CaseBlock, done: BlockResult) -> None:
+        """Give cases that lost the rank of their constraints, or whose angles locked, the status that says so."""
+        if block.watch is not None and not RANK.keys().isdisjoint(block.watch.plan):
+            lost_rank(done)
+        if self._gimbals is not None:
+            locked_cases(self._program, self._gimbals, block, done)
 
 
 def _with_grid(
