@@ -63,7 +63,9 @@ class Simulated(Held):
             if where:
                 return solution, f"{where}; {remedy(self.stages.scene)}"
         if self._enforced:
-            solution, where = judged(self._program, solution, c, self._enforced, steps)
+            where = ""
+            if solution.status is not Status.SINGULAR_CONFIGURATION:
+                solution, where = judged(self._program, solution, c, self._enforced, steps)
             loose = indeterminate(self._program, problem.t0, problem.y0, c)
             return solution, "; ".join(text for text in (where, loose) if text)
         return solution, ""
@@ -235,7 +237,8 @@ class Simulated(Held):
         elif self._enforced and searched(self._program) and not problem.dense:
             if automatic:
                 method, note = self._engine.fit(problem, method)
-            solution = self._searched(problem, method)
+            solution, crossed = self._searched(problem, method)
+            note = "; ".join(text for text in (note, crossed) if text)
         elif automatic:
             solution, method, note = self._engine.integrate_automatic(problem, method)
         else:
@@ -262,15 +265,15 @@ class Simulated(Held):
         run.with_monitors(self._monitors)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
-    def _searched(self, problem: IntegrationProblem, method: str) -> Solution:
-        """Integrate one problem without continuous output, ended where a stretch of it crosses a lost rank."""
-        record = Record(self._program, problem)
+    def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
+        """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
+        record, where = Record(self._program, problem), ""
         for part in self._engine.stretches(replace(problem, t_eval=None, dense=True), method):
-            found, _ = judged(self._program, part, problem.constants, self._enforced, part)
+            found, where = judged(self._program, part, problem.constants, self._enforced, part)
             record.add(found)
             if found.status is Status.SINGULAR_CONFIGURATION:
                 break
-        return record.solution()
+        return record.solution(), where
 
     def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
         """Integrate one problem with events."""
