@@ -262,7 +262,7 @@ class Simulated(Held):
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
-        run.with_monitors(self._monitors)
+        run.with_monitors(self._monitors).with_near(solution.near)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
     def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:

@@ -222,7 +222,8 @@ def cut(solution: Solution, t: float, status: Status = Status.SINGULAR_CONFIGURA
     if isinstance(dense, PiecewisePolynomial):
         steps = max(1, int(np.sum(dense.knots < t if forward else dense.knots > t)) - 1)
         dense = PiecewisePolynomial(dense.knots[: steps + 1], dense.coefficients[:steps])
-    return replace(solution, status=status, t=solution.t[kept], y=solution.y[kept], dense=dense)
+    near = None if solution.near is None else solution.near[kept]
+    return replace(solution, status=status, t=solution.t[kept], y=solution.y[kept], dense=dense, near=near)
 
 
 def still_redundant(
