@@ -148,7 +148,7 @@ class Simulated(Held):
         t0, t1 = span_of(t_span)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
-        inputs.warn_below_floor(rtol, atol)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
@@ -347,9 +347,9 @@ class Simulated(Held):
         t_span, method, rtol, atol, max_step, max_steps
             As for `simulate`.
         """
-        inputs.warn_below_floor(rtol, atol)
         t0, t1 = span_of(t_span)
         chosen = self._method(method, rtol, atol)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,

@@ -90,7 +90,8 @@ class Swept(Simulated):
             For input that is wrong for all cases.
         """
         begin = time.perf_counter()
-        inputs.warn_below_floor(rtol, atol)
+        chosen = self._method(method, rtol, atol, many=True)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         given = (t_span, initial, parameters)
         if grid is not None:
@@ -101,7 +102,6 @@ class Swept(Simulated):
         count = available_threads() if threads is None else int(threads)
         if count < 1:
             raise OptionError(f"threads must be at least 1, not {threads!r}")
-        chosen = self._method(method, rtol, atol, many=True)
         IntegrationProblem(
             t0=float(cases.span["start"][0]),
             t1=float(cases.span["end"][0]),
