@@ -11,7 +11,7 @@ from sympy import Rational, cos, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import InitialStateError, OptionError, SceneError
+from dalembert.errors import InitialStateError, OptionError, SceneError, UnknownNameError
 from dalembert.integrators.status import Status
 from hard_cases import hard_case
 
@@ -297,6 +297,26 @@ def test_faults_of_a_start(sphere, change, words):
     start = {"x": 0, "y": 0, **START} | change
     with pytest.raises(InitialStateError, match=words):
         sphere.simulate((0, 1), {key: value for key, value in start.items() if value is not None}, SPHERE)
+
+
+def test_missing_rates_are_named_with_what_may_be_given_instead(sphere):
+    start = {"x": 0, "y": 0, **{name: START[name] for name in ANGLES}}
+    with pytest.raises(InitialStateError, match="psi_dot, theta_dot, phi_dot or omega_S_x, omega_S_y, omega_S_z"):
+        sphere.simulate((0, 1), start, SPHERE)
+    with pytest.raises(UnknownNameError, match="unknown initial value 'psi'"):
+        sphere.assemble(start, SPHERE)
+
+
+def test_linearised_motion_has_no_direction_that_changes_the_length():
+    """A body that spins about an axis of its own: the frequencies of its wobble, in one component less."""
+    scene, e, _ = free_body()
+    found = da.compile_model(scene, backend="numpy").linearize(
+        0.0, {e[0]: 1, e[1]: 0, e[2]: 0, e[3]: 0, "omega_S_x": 0, "omega_S_y": 0, "omega_S_z": 2.0}, BODY
+    )
+    assert len(found.states) == 6 and len(set(found.states) & {q.func.__name__ for q in e}) == 3
+    wobble = 2.0 * math.sqrt((2.1 - 1.0) * (2.1 - 1.4) / (1.0 * 1.4))
+    speeds = found.block("omega_S_x", "omega_S_y", "omega_S_z")
+    np.testing.assert_allclose(np.sort(np.linalg.eigvals(speeds).imag), [-wobble, 0, wobble], atol=1e-12)
 
 
 def test_sweeps_start_from_angles(sphere):

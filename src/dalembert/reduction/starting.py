@@ -212,8 +212,11 @@ class _Starting:
         self.values |= dict(zip(missing, found, strict=True))
 
     def _refuse(self, what: str, names: Sequence[str], why: str) -> None:
+        others = [list_names(entry.names) for entry in self.symbols.entries if set(entry.targets) & set(names)]
+        instead = f". In place of {what} of a quaternion, {' or '.join(others)} may be given" if others else ""
         raise InitialStateError(
             f"initial values are missing for the {what} {list_names(names)}: {why}, and nothing defaults to zero"
+            f"{instead}"
         )
 
     def _limit(self, row: Sequence[Node], around: Sequence[Node], scale: float) -> Node:

@@ -208,12 +208,13 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
     return y
 
 
-def given_values(layout: Layout, initial: Mapping[Any, Any]) -> dict[str, float]:
-    """Return initial values by name.
+def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:
+    """Return initial values by name; `plain` ones are coordinates and rates alone.
 
     Raises
     ------
     UnknownNameError, ValueInputError
         For unknown names and values that are not finite numbers.
     """
-    return resolve("initial value", initial, layout.initial, layout.aliases)
+    known = (*layout.coordinates, *layout.rates) if plain else layout.initial
+    return resolve("initial value", initial, known, layout.aliases)

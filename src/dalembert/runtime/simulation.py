@@ -326,7 +326,7 @@ class Simulated(Held):
             For input that is wrong.
         """
         c = inputs.constants(self._program, self.parameter_vector(parameters))
-        values = inputs.given_values(self.layout, guess)
+        values = inputs.given_values(self.layout, guess, plain=True)
         held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
         return assembled(self._program, c, float(t), values, held)
 
