@@ -153,6 +153,7 @@ def markdown(result: Record) -> str:
             "Microseconds of a case, median [quartiles] of the whole call (peers: of their loop), and (largest error of"
             " a sample at the end).",
             *_sweeps(result),
+            *_contacts(result),
             "## Derivation, chains of rods",
             *_derivation(result),
             *_jax(result),
@@ -215,6 +216,18 @@ def _sweeps(result: Record) -> list[str]:
                 for name, r in result["memory"].items()
             ],
         ),
+    ]
+
+
+def _contacts(result: Record) -> list[str]:
+    """Return the section on friction and contacts, where it was measured."""
+    if not result.get("contacts"):
+        return []
+    from contacts import HEAD, contacts_rows
+
+    return [
+        "## Friction and contacts: modes against the same scene without",
+        _markdown_table(HEAD, contacts_rows(result["contacts"])),
     ]
 
 

@@ -23,6 +23,7 @@ import figures
 import jax_speed
 import report
 from cases import PROBLEMS
+from contacts import measure_contacts
 from contenders import available_backends
 from derivation import kane_scaling, scaling
 from exact import ROOT
@@ -50,6 +51,7 @@ class Extent:
     startup_backends: tuple[str, ...]
     names: tuple[str, ...]
     sweep_cases: int
+    contact_cases: int
     memory_cases: int
     sweep_tolerances: tuple[float, ...]
     sweep_rounds: int
@@ -70,6 +72,7 @@ QUICK = Extent(
     startup_backends=("numba",),
     names=("sleigh", "unequal sphere"),
     sweep_cases=2048,
+    contact_cases=2000,
     memory_cases=100_000,
     sweep_tolerances=(1e-6,),
     sweep_rounds=5,
@@ -89,6 +92,7 @@ FULL = Extent(
     startup_backends=("numba", "jax", "numpy"),
     names=tuple(PROBLEMS),
     sweep_cases=CASES,
+    contact_cases=10_000,
     memory_cases=1_000_000,
     sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
     sweep_rounds=9,
@@ -144,6 +148,8 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         say=say,
         count=extent.sweep_cases,
     )
+    say("friction and contacts")
+    contacts = measure_contacts(extent.contact_cases, extent.sweep_rounds)
     say("derivation")
     chains = scaling(extent.sizes, extent.derivation_limit, say)
     kane = kane_scaling(extent.kane_sizes, say)
@@ -162,6 +168,7 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         "missing": missing,
         "precision": precision,
         "sweeps": sweeps,
+        "contacts": contacts,
         "unequal": unequal_cases(extent.sweep_cases),
         "coverage": coverage(),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},

@@ -8,7 +8,7 @@ from .results.grid import grid
 from .runtime.events import Event
 from .runtime.reductions import final_value as final
 from .runtime.reductions import first_crossing, maximum, mean, minimum
-from .scene import Joint, Scene, free_orientation, unknowns
+from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, unknowns
 
 if TYPE_CHECKING:
     from .textbook import LagrangeView, Screw, lagrange
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "CoulombFriction",
     "Event",
     "Joint",
     "LagrangeView",
     "Scene",
     "Screw",
+    "UnilateralContact",
     "__version__",
     "compile_model",
     "errors",

@@ -19,6 +19,7 @@ from .mechanics.equations import EquationsOfMotion
 from .naming import rate_name
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
+from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.orientation import with_quaternions
@@ -26,6 +27,7 @@ from .scene.reading import read
 
 if TYPE_CHECKING:
     from .codegen.base import RenderedModule
+    from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
 
 __all__ = ["Stages", "compile_model"]
@@ -44,6 +46,7 @@ class Stages:
     rendered: RenderedModule
     seconds: dict[str, float]
     options: CompileOptions
+    mode: Mode | None = None
 
 
 def compile_model(
@@ -55,7 +58,7 @@ def compile_model(
     cache: bool = True,
     gains: tuple[float, float] | None = None,
     orientation: str = "scene",
-) -> CompiledModel:
+) -> CompiledModel | HybridModel:
     """Compile a scene to a simulator.
 
     Parameters
@@ -82,7 +85,8 @@ def compile_model(
 
     Returns
     -------
-    CompiledModel
+    CompiledModel or HybridModel
+        A scene with friction or contacts that has several modes gives the second, which is used like the first.
 
     Raises
     ------
@@ -100,7 +104,7 @@ def compile_model(
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
         named = dict.fromkeys((*angles, *map(rate_name, angles), *options.outputs))
         options = replace(options, outputs=tuple(named))
-    return _compile(scene, options, ())
+    return _compile(scene, options)
 
 
 def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
@@ -109,10 +113,28 @@ def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
     They are those that a run found to follow from the others.
     """
     options = replace(stages.options, formulation=stages.program.formulation)
-    return _compile(stages.scene, options, without)
+    return compile_mode(stages.scene, options, stages.mode, without)
 
 
-def _compile(scene: Scene, options: CompileOptions, without: tuple[int, ...]) -> CompiledModel:
+def compile_mode(
+    scene: Scene, options: CompileOptions, mode: Mode | None, without: tuple[int, ...] = ()
+) -> CompiledModel:
+    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
+    from .runtime.hybrid import HybridModel
+
+    model = _compile(scene, options, without, mode)
+    assert not isinstance(model, HybridModel)
+    return model
+
+
+def compile_modes(scene: Scene, options: CompileOptions) -> CompiledModel | HybridModel:
+    """Return the model of a scene with contacts."""
+    return _compile(scene, options)
+
+
+def _compile(
+    scene: Scene, options: CompileOptions, without: tuple[int, ...] = (), mode: Mode | None = None
+) -> CompiledModel | HybridModel:
     from .codegen import backend_named
     from .runtime.model import CompiledModel
 
@@ -121,12 +143,20 @@ def _compile(scene: Scene, options: CompileOptions, without: tuple[int, ...]) ->
     chosen = watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
+    if equations.contacts:
+        mode = mode or always(equations.contacts)
+        if mode is None:
+            from .runtime.hybrid import HybridModel
+
+            return HybridModel(scene, options, equations)
+        equations = watch("mode", lambda: in_mode(equations, mode))
+        names += [point.output for point in equations.watchpoints]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     program = watch("lower", lambda: lower(reduced))
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options)
+    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode)
     return CompiledModel(stages, engine, methods)
 
 

@@ -355,6 +355,13 @@ def test_scene_without_such_a_body():
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", orientation="quaternion")
 
 
+def test_scene_with_friction():
+    scene = da.scenes.rolling_sphere().copy()
+    scene.frictions += ("any",)
+    with pytest.raises(OptionError, match="does not rewrite friction and contacts"):
+        da.compile_model(scene, backend="numpy", orientation="quaternion")
+
+
 def test_unknown_orientation():
     with pytest.raises(OptionError, match="unknown orientation 'euler'"):
         da.compile_model(da.scenes.rolling_sphere(), orientation="euler")

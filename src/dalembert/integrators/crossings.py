@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 
 from .problem import FloatArray
 
-__all__ = ["COEFFICIENTS", "POINTS", "SLOPES", "Changes", "Crossing", "Pieces", "changes", "located", "pieces"]
+__all__ = [
+    "COEFFICIENTS",
+    "DIVIDED",
+    "POINTS",
+    "SLOPES",
+    "Changes",
+    "Crossing",
+    "Pieces",
+    "changes",
+    "located",
+    "pieces",
+]
 
 IntArray = NDArray[np.intp]
 Sample = Callable[[IntArray, FloatArray], FloatArray]
@@ -37,6 +48,27 @@ COEFFICIENTS: FloatArray = (
 
 SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T @ COEFFICIENTS
 """From values at the points to the Chebyshev coefficients of the derivative, over half the length of the interval."""
+
+
+_REST = POINTS[1:]
+_TOWARDS: FloatArray = np.array([np.prod([other / (other - x) for other in _REST if other != x]) for x in _REST])
+"""From values at the other points to that of their polynomial at zero."""
+
+
+def _divided(power: int) -> FloatArray:
+    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0."""
+    matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], _TOWARDS)
+    return np.hstack([np.zeros((_COUNT, 1)), matrix / _REST**power])
+
+
+DIVIDED: FloatArray = np.array([_divided(power) for power in (1, 2, 3)])
+"""The same for a function that is zero where the interval begins, divided by a power of the distance from there."""
+
+BEND: FloatArray = np.concatenate([[0.0], _TOWARDS / _REST**2])
+"""From values at the points to half the second derivative where the interval begins, with value and slope zero."""
+
+FLAT, BENT = 1e-12, 1e-9
+"""Slope and bend, as shares of the values, up to which a function leaves zero as if it had none."""
 
 TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
 """What the last two coefficients are multiplied by, to stand for all that follow."""
@@ -72,7 +104,9 @@ class Crossing:
     seen: bool
 
 
-def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> Pieces:
+def pieces(
+    sample: Sample, count: int, noise: FloatArray, least: FloatArray, slopes: FloatArray | None = None
+) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
     Parameters
@@ -85,6 +119,9 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
         Size below which a function counts as zero (n,).
     least
         Length below which a piece is not cut, as a fraction of each step (count,).
+    slopes
+        For functions that are zero where the first step begins their rates there, over the step; NaN for others (n,).
+        They need not be monotone where they leave zero.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -93,6 +130,10 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, _COUNT), theta.ravel()).reshape(len(step), _COUNT, -1)
         simple, finite = _simple(values, noise)
+        if slopes is not None:
+            here = np.flatnonzero((step == 0) & (low == 0.0) & ~simple)
+            for i in here:
+                simple[i] = _simple_from_zero(values[i], noise, slopes * high[i])
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -111,16 +152,39 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray) -> 
 
 def _simple(values: FloatArray, noise: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which pieces need not be cut for any function, and on which all values are finite."""
+    good = _good(values, noise)
+    finite = np.isfinite(values)
+    return np.asarray(np.all(good, axis=1)), np.asarray(finite.all(axis=(1, 2)))
+
+
+def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions a piece need not be cut for (k, n)."""
     with np.errstate(all="ignore"):
         series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS, values))
         slopes = np.abs(np.einsum("kj,ijn->ikn", SLOPES, values))
         tail = series[:, -2:].sum(axis=1)
-        one_sign = series[:, 0] > series[:, 1:].sum(axis=1) + TAIL * tail
+        one_sign = _one_sign(series)
         monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * tail
         nothing = np.abs(values).max(axis=1) <= noise
-    finite = np.isfinite(values)
-    lost = ~finite.any(axis=1)
-    return np.asarray(np.all(one_sign | monotone | nothing | lost, axis=1)), np.asarray(finite.all(axis=(1, 2)))
+    lost = ~np.isfinite(values).any(axis=1)
+    return np.asarray(one_sign | monotone | nothing | lost)
+
+
+def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray) -> bool:
+    """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut."""
+    with np.errstate(all="ignore"):
+        once, twice, thrice = (_one_sign(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
+        largest = np.abs(values).max(axis=0)
+        flat = np.abs(slopes) <= FLAT * largest
+        unbent = flat & (np.abs(BEND @ values) <= BENT * largest)
+        leaves = (~np.isnan(slopes) & once) | (flat & twice) | (unbent & thrice)
+    return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
+
+
+def _one_sign(series: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions keep their sign, from the sizes of their coefficients (k, 8, n)."""
+    tail = series[:, -2:].sum(axis=1)
+    return np.asarray(series[:, 0] > series[:, 1:].sum(axis=1) + TAIL * tail)
 
 
 @final

@@ -18,7 +18,9 @@ class Status(enum.IntEnum):
     EVENT_STATE = 9
     EVENT_NON_FINITE = 10
     SINGULAR_CONFIGURATION = 11
-    SINGULAR_COORDINATES = 12
+    CONTACT_IMPOSSIBLE = 12
+    CONTACT_AMBIGUOUS = 13
+    SINGULAR_COORDINATES = 14
 
     @property
     def success(self) -> bool:
@@ -54,6 +56,14 @@ _MESSAGES = {
         "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to be told "
         "which constraint, or leave out values that the constraints fix."
     ),
+    Status.CONTACT_IMPOSSIBLE: (
+        "No normal reactions satisfy the laws of contact and friction here (Painleve's paradox: a body would have to "
+        "jam or be struck at once): lower the coefficient of friction, or start elsewhere."
+    ),
+    Status.CONTACT_AMBIGUOUS: (
+        "Several motions satisfy the laws of contact and friction here (Painleve's paradox: a contact may stay closed "
+        "or open): lower the coefficient of friction, or start elsewhere."
+    ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "
         'them alone: use formulation="projected", which passes through most of them, end the time span before it, or '
@@ -67,9 +77,9 @@ _MESSAGES = {
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
-        "Events with apply follow each other ever faster, infinitely many within a finite time, as the bounces of a "
-        "ball do; the run ends where they accumulate: go on from there with a model of the rest or of the contact, "
-        "or make the event terminal."
+        "Events with apply, or phases of a contact, follow each other ever faster, infinitely many within a finite "
+        "time, as the bounces of a ball do; the run ends where they accumulate: go on from there with a model of the "
+        "rest, or make the event terminal."
     ),
     Status.EVENT_STATE: (
         "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "

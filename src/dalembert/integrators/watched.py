@@ -39,6 +39,8 @@ Jump = Callable[[float, FloatArray], FloatArray | None]
 class Rule:
     """What an event does: which sign changes count, the occurrence that ends the run (0: none), and the jump.
 
+    A direction of 2 or -2 says that the expression is zero where the motion begins, and leaves it the other way.
+
     The jump gives the state after it from time and state, or None where the constraints do not allow it.
     """
 
@@ -187,12 +189,15 @@ class _Run:
         noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
         zero = np.abs(value) <= noise
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
+        directions = np.array([rule.direction for rule in self.watched.rules])
+        leaves = np.abs(directions) > 1
+        zero, sign = zero | leaves, np.where(leaves, -np.sign(directions), sign)
         return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
 
-    def _noise(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the size below which each expression counts as zero, for a state that is not one of its zeros."""
+    def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
         _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
-        return np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
+        return rate, np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
 
     def _until_jump(self) -> Status | None:
         """Integrate to the end, or to the next jump, for which None is returned."""
@@ -231,10 +236,11 @@ class _Run:
         if not self.counts:
             self._take(stretch)
             return False, None
-        noise = self._noise(float(knots[0]), stretch.y[0])
+        rate, noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
-        cut = pieces(sample, len(sizes), noise, least)
-        if self.t == self.began:
+        fresh = self.t == self.began
+        cut = pieces(sample, len(sizes), noise, least, np.where(self.zero, rate * sizes[0], np.nan) if fresh else None)
+        if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
         whole = cut if broken is None else Pieces(*(getattr(cut, name)[:broken] for name in cut.__dataclass_fields__))

@@ -8,7 +8,8 @@ from typing import final
 
 from .graph import Graph, Node
 
-__all__ = ["Factorization", "Matrix", "SingularMatrix", "factorize", "matmul", "matvec", "transpose"]
+__all__ = ["Factorization", "Matrix", "SingularMatrix", "determinant_and_solution", "factorize", "matmul", "matvec"]
+__all__ += ["transpose"]
 
 Matrix = list[list[Node]]
 
@@ -136,3 +137,30 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
             for j, entry in column[: place + 1]:
                 work[i][j] = work[i][j] - lower[i][k] * entry
     return Factorization(graph, tuple(order), tuple(lower), tuple(pivots))
+
+
+def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Node]) -> tuple[Node, list[Node]]:
+    """Return det A and A^-1 b of a small matrix, by elimination along the diagonal.
+
+    Raises
+    ------
+    SingularMatrix
+        When a pivot is identically zero.
+    """
+    size = len(a)
+    rows = [[*row, value] for row, value in zip(a, b, strict=True)]
+    determinant = graph.one
+    for k in range(size):
+        pivot = rows[k][k]
+        if pivot.is_zero:
+            raise SingularMatrix(k)
+        determinant = determinant * pivot
+        for i in range(k + 1, size):
+            if not rows[i][k].is_zero:
+                factor = rows[i][k] / pivot
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    x: list[Node] = [graph.zero] * size
+    for i in reversed(range(size)):
+        rest = rows[i][size] - graph.sum(rows[i][j] * x[j] for j in range(i + 1, size))
+        x[i] = rest / rows[i][i]
+    return determinant, x

@@ -82,7 +82,7 @@ def lower(system: ReducedSystem) -> Program:
         holonomic=sum(row.position is not None for row in rows),
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
-        defaults=dict(system.defaults),
+        defaults={**equations.defaults, **system.defaults},
         entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
     return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..errors import SceneError
 from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import Matrix
-from ..scene.model import ConstraintModel, SceneModel
-from .equations import ConstraintRow, EquationsOfMotion
+from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..scene.model import ConstraintModel, ContactModel, SceneModel
+from .equations import ConstraintRow, ContactRow, EquationsOfMotion
 from .kinematics import Kinematics
 from .quasi_velocities import velocity_groups
 from .quaternions import quaternion_groups
@@ -27,6 +29,9 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     kinematics = Kinematics(model)
     power = powers(kinematics)
     forcing, reactions = _split(model, power.forcing)
+    holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
+    nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
+    rows = (*holonomic, *nonholonomic)
     return EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -36,14 +41,12 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         mass_matrix=power.mass_matrix,
         forcing=tuple(forcing),
         reactions=reactions,
-        constraints=tuple(
-            [_holonomic(kinematics, constraint) for constraint in model.holonomic]
-            + [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
-        ),
+        constraints=rows,
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.gravity_potential + model.potential,
         groups=(*quaternion_groups(kinematics), *velocity_groups(kinematics)),
         outputs=model.outputs,
+        contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
     )
 
 
@@ -84,3 +87,72 @@ def _row(kinematics: Kinematics, label: str, position: Node | None, velocity: No
     *jacobian, drift = graph.substitute([*slopes, velocity], still)
     bias = -tangents(graph, [velocity], kinematics.flow)[0]
     return ConstraintRow(label, position, tuple(jacobian), drift, bias)
+
+
+def _contact(
+    kinematics: Kinematics, contact: ContactModel, reactions: Matrix, constraints: Sequence[ConstraintRow]
+) -> ContactRow:
+    """Return a contact, with its slip velocities as velocity constraints."""
+    model, graph = kinematics.model, kinematics.graph
+    names = model.symbols.unknowns
+    slips = []
+    for place, name in enumerate(contact.tangential):
+        power = [row[names.index(name)] for row in reactions]
+        label = f"no slip of {contact.name!r}" + (f" along {name}" if len(contact.tangential) > 1 else "")
+        velocity = graph.sum(p * rate for p, rate in zip(power, kinematics.qdot, strict=True))
+        if contact.slip is not None:
+            velocity = contact.slip[place]
+        row = _row(kinematics, label, None, velocity)
+        _refuse_unless_conjugate(model, contact.name, name, power, row, constraints)
+        slips.append(row)
+    return ContactRow(
+        name=contact.name,
+        normal=names.index(contact.normal),
+        gap=contact.gap,
+        constraint=contact.constraint,
+        sense=contact.sense,
+        restitution=contact.restitution,
+        tangential=tuple(names.index(name) for name in contact.tangential),
+        slips=tuple(slips),
+        mu=contact.mu,
+        mu_static=contact.mu_static,
+        regularization=contact.regularization,
+    )
+
+
+def _refuse_unless_conjugate(
+    model: SceneModel,
+    contact: str,
+    force: str,
+    power: Sequence[Node],
+    row: ConstraintRow,
+    constraints: Sequence[ConstraintRow],
+) -> None:
+    """Raise unless the slip velocity times the force is the power of friction, on motions that constraints allow."""
+    graph = model.graph
+    if all(p.is_zero for p in power):
+        why = f"{force} has no power on any coordinate, so that it cannot hold anything"
+        raise SceneError(model.name, [f"friction {contact!r}: {why}; the joint must act on a body that can slip"])
+    rest = [p - j for p, j in zip(power, row.jacobian, strict=True)]
+    if all(node.is_zero for node in rest):
+        return
+    base: list[list[Node]] = []
+    weights: list[Node] = []
+    for other in constraints:
+        trial = [*base, list(other.jacobian)]
+        try:
+            weights = factorize(graph, matmul(graph, trial, transpose(trial))).solve(matvec(graph, trial, rest))
+        except SingularMatrix:
+            continue
+        base = trial
+    if base:
+        rest = [r - v for r, v in zip(rest, matvec(graph, transpose(base), weights), strict=True)]
+    if not all(node.is_zero for node in rest):
+        raise SceneError(
+            model.name,
+            [
+                f"friction {contact!r}: the slip velocity given for {force} is not the one that {force} has power on;"
+                " leave slip out, or write the velocity of the body's point of contact along that force, less that of"
+                " what it slips on"
+            ],
+        )

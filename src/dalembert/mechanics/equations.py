@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
 
-__all__ = ["ConstraintRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
+__all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
+__all__ += ["Watchpoint"]
 
 
 @final
@@ -36,6 +37,67 @@ class ConstraintRow:
     jacobian: tuple[Node, ...]
     drift: Node
     bias: Node
+
+
+@final
+@dataclass(frozen=True)
+class ContactRow:
+    """Friction, a constraint that opens, or both.
+
+    Attributes
+    ----------
+    name : str
+    normal : int
+        Number of the normal reaction among the unknowns.
+    gap, constraint, restitution : Node, int, Node, or None
+        What is positive where it is open, the number of the constraint that holds while it is closed, and Newton's
+        coefficient; None for friction on a constraint that never opens.
+    sense : int
+        1 where that constraint is the gap, -1 where it is minus the gap.
+    tangential : tuple of int
+        Numbers of the friction forces; none without friction.
+    slips : tuple of ConstraintRow
+        The slip velocities along them, as constraints that hold while it sticks.
+    mu, mu_static, regularization : Node or None
+        Coefficients of friction, and the slip speed of the smooth law.
+    """
+
+    name: str
+    normal: int
+    gap: Node | None
+    constraint: int | None
+    sense: int
+    restitution: Node | None
+    tangential: tuple[int, ...]
+    slips: tuple[ConstraintRow, ...]
+    mu: Node | None
+    mu_static: Node | None
+    regularization: Node | None
+
+
+@final
+@dataclass(frozen=True)
+class Watchpoint:
+    """An output whose fall through zero ends a mode.
+
+    Attributes
+    ----------
+    output : str
+        Its name.
+    contact : int
+        Number of the contact; -1 for all of them.
+    kind : str
+        "stop" (the slip velocity vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal
+        reaction vanishes), "turn" (it changes its side, at a constraint that never opens), "meet" (the gap closes) or
+        "paradox" (the normal reactions are no longer determined).
+    sign : int
+        Direction of the slip that begins where friction breaks along one direction.
+    """
+
+    output: str
+    contact: int
+    kind: str
+    sign: int = 0
 
 
 @final
@@ -90,6 +152,14 @@ class EquationsOfMotion:
         Quasi-velocities found in the frames of the scene.
     outputs : mapping of str to Node
         Requested expressions; they may contain reactions as inputs.
+    contacts : tuple of ContactRow
+        Laws of friction and constraints that open, which `dalembert.reduction.modes` applies.
+    defaults : mapping of str to float
+        Parameters that were added to those of the scene, and may be left out.
+    watchpoints : tuple of Watchpoint
+        What ends the mode that contacts are in.
+    least : bool
+        Whether reactions that are not determined are the least ones, and not an error.
     """
 
     name: str
@@ -105,6 +175,10 @@ class EquationsOfMotion:
     potential_energy: Node
     groups: tuple[VelocityGroup, ...]
     outputs: Mapping[str, Node]
+    contacts: tuple[ContactRow, ...] = ()
+    defaults: Mapping[str, float] = field(default_factory=dict)
+    watchpoints: tuple[Watchpoint, ...] = ()
+    least: bool = False
 
     @property
     def time(self) -> Node:

@@ -11,6 +11,7 @@ from .base import Formulation, Projection, ReducedSystem, ReductionSettings
 from .baumgarte import Baumgarte
 from .ggl import GearGuptaLeimkuhler
 from .minimal import Minimal
+from .prescribed import prescribed
 from .redundancy import independent_constraints
 from .saddle import Augmented, Projected
 
@@ -56,6 +57,10 @@ def reduce(
     """
     if formulation not in (*FORMULATIONS, "auto"):
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
+    if any(point.kind == "break" for point in equations.watchpoints):
+        still = prescribed(equations, requested)
+        if still is not None:
+            return still
     rows = equations.constraints
     left_out = tuple(without)
     enforced = equations

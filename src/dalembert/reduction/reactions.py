@@ -79,7 +79,7 @@ def requested_outputs(
             known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
             raise UnknownNameError(unknown_name("output", name, known) + " A SymPy expression of them serves too.")
     needed = _needed_unknowns(equations, nodes)
-    lost = [name for name in needed if name in undetermined]
+    lost = [name for name in needed if name in undetermined and not equations.least]
     if lost:
         raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
@@ -144,6 +144,8 @@ def _solve(
     graph = equations.graph
     size = len(equations.q)
     independent, _ = independent_columns(graph, equations.reactions)
+    if equations.least:
+        independent = list(range(len(equations.unknowns)))
     flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
     flat += [row[i] for row in equations.reactions for i in independent]
     flat = graph.substitute(flat, values)
@@ -152,6 +154,9 @@ def _solve(
     reactions = [rest[i * len(independent) : (i + 1) * len(independent)] for i in range(size)]
     proved = accelerations if plain is None else plain
     residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
+    if equations.least:
+        unknowns = equations.unknowns
+        return {unknowns[i]: x for i, x in enumerate(_least(graph, reactions, residual))}
     columns = transpose(reactions)
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))

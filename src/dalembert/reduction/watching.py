@@ -173,7 +173,9 @@ class _Reader:
     def _unknown(self, name: str, place: str) -> str:
         if name in self.symbols.unknowns:
             return f"{place}: {name!r} is a reaction; ask for it with compile_model(scene, outputs=[{name!r}])"
-        return f"{place}: {unknown_name('name', name, [*self.table, *self.symbols.parameters, self.symbols.time])}"
+        names = [*self.table, *self.symbols.parameters, self.symbols.time]
+        known = [each for each in names if " of " not in each]  # without those that modes of contacts add
+        return f"{place}: {unknown_name('name', name, known)}"
 
     def kernel(self, name: str, nodes: Sequence[Node]) -> Kernel:
         """Return the kernel of nodes that `read` gave."""

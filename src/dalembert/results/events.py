@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from ..errors import UnknownNameError, unknown_name
 from ..integrators.watched import Occurrence
 
 if TYPE_CHECKING:
+    from .hybrid import HybridTrajectory
     from .trajectory import Trajectory
+
+    Motion: TypeAlias = Trajectory | HybridTrajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]
 
@@ -37,7 +40,7 @@ class EventRecord:
     ``record["x"]`` is ``record.before["x"]``.
     """
 
-    def __init__(self, name: str, direction: NDArray[np.int8], before: Trajectory, after: Trajectory) -> None:
+    def __init__(self, name: str, direction: NDArray[np.int8], before: Motion, after: Motion) -> None:
         self.name, self.t, self.direction = name, before.t, direction
         self.before, self.after = before, after
 
@@ -46,8 +49,11 @@ class EventRecord:
 
     @property
     def y(self) -> FloatArray:
-        """State of the formulation (k, n_y) before jumps."""
-        return self.before.y
+        """State of the formulation (k, n_y) before jumps; of motions in phases, (q, q_dot)."""
+        from .trajectory import Trajectory
+
+        before = self.before
+        return before.y if isinstance(before, Trajectory) else np.hstack([before.q, before.qdot])
 
     def __getitem__(self, key: Any) -> FloatArray:
         return self.before[key]

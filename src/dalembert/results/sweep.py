@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,13 @@ from numpy.typing import NDArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
-from ..ir.program import Program
+from ..ir.program import Layout, Program
 from .estimate import ErrorEstimate
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CaseFailure", "EventCounts", "Sweep", "SweepStatistics"]
+__all__ = ["CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistics"]
 
 FloatArray = NDArray[np.float64]
 _BLOCK = 65_536
@@ -59,8 +60,120 @@ class EventCounts:
     last: FloatArray
 
 
+class CaseResults(ABC):
+    """What the results of many cases have in common, whatever a case is.
+
+    Subclasses give values by name, from what they keep of each case.
+    """
+
+    _kind = "Sweep"
+
+    def __init__(
+        self,
+        name: str,
+        formulation: str,
+        layout: Layout,
+        varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+        ends: FloatArray,
+        t_eval: FloatArray | None,
+        axes: Mapping[str, FloatArray],
+        stats: SweepStatistics,
+    ) -> None:
+        self._name, self._formulation, self._layout = name, formulation, layout
+        self.initial, self.parameters = varied
+        self.events: dict[str, EventCounts] = {}
+        self.reduced: dict[str, FloatArray] = {}
+        self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
+        self.t_eval = t_eval
+        self.axes, self.stats = dict(axes), stats
+
+    @abstractmethod
+    def _final(self, key: Any) -> FloatArray:
+        """Return final values (n_case,) of something."""
+
+    @abstractmethod
+    def _sampled(self, key: Any) -> FloatArray:
+        """Return values (n_case, n_t) of something at the samples."""
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def with_events(self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray) -> Self:
+        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
+        self.reduced = {name: reduced[:, i] for i, name in enumerate(kept)}
+        self.events = {
+            name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
+            for i, name in enumerate(names)
+        }
+        return self
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Whether each case reached its end, or a terminal event, (n_case,)."""
+        return np.asarray((self.status == Status.SUCCESS) | (self.status == Status.EVENT))
+
+    def failures(self) -> list[CaseFailure]:
+        """Return the cases that did not reach their end, and why."""
+        failed = np.flatnonzero(~self.success)
+        return [
+            CaseFailure(int(i), Status(self.status[i]), Status(self.status[i]).message, float(self.t[i]))
+            for i in failed
+        ]
+
+    @property
+    def final(self) -> dict[str, FloatArray]:
+        """Final values (n_case,) of coordinates, rates and outputs, by name."""
+        layout = self._layout
+        return {name: self._final(name) for name in (*layout.coordinates, *layout.rates, *layout.outputs)}
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        return self._final(key) if self.t_eval is None else self._sampled(key)
+
+    def _names(self) -> tuple[str, ...]:
+        layout = self._layout
+        return (*layout.coordinates, *layout.rates, *layout.outputs, "energy", *_ENERGIES)
+
+    def __repr__(self) -> str:
+        return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+        layout = self._layout
+        shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
+        dims: tuple[str, ...] = tuple(self.axes) or ("case",)
+        coords: dict[str, Any] = {name: (name, values) for name, values in self.axes.items()}
+        times: tuple[str, ...] = ()
+        if self.t_eval is not None:
+            times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
+        if not self.axes:
+            varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
+            coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
+        data: dict[str, Any] = {}
+        for name in (*layout.coordinates, *layout.rates, *layout.outputs, "energy"):
+            values = self[name]
+            key = f"{name}_value" if name in self.axes else name
+            data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
+        for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
+            data[name] = (dims, counts.reshape(shape))
+        taken = {*data, *coords}
+        for name, values in self.reduced.items():
+            data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
+        attrs = {"scene": self._name, "formulation": self._formulation}
+        return xarray.Dataset(data, coords=coords, attrs=attrs)
+
+
 @final
-class Sweep:
+class Sweep(CaseResults):
     """The cases of a sweep, in the order in which they were given.
 
     ``sweep["x"]`` is an array (n_case,) of final values, or (n_case, n_t) where the sweep was given ``t_eval``; so for
@@ -99,28 +212,10 @@ class Sweep:
         axes: Mapping[str, FloatArray],
         stats: SweepStatistics,
     ) -> None:
+        super().__init__(program.name, program.formulation, program.layout, varied, ends, t_eval, axes, stats)
         self._program, self._constants = program, constants
-        self.initial, self.parameters = varied
         self._estimate: ErrorEstimate | None = None
-        self.events: dict[str, EventCounts] = {}
-        self.reduced: dict[str, FloatArray] = {}
-        self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
-        self.y, self.samples, self.t_eval = y, samples, t_eval
-        self.axes, self.stats = dict(axes), stats
-
-    def __len__(self) -> int:
-        return len(self.y)
-
-    def with_events(
-        self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray
-    ) -> Sweep:
-        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
-        self.reduced = {name: reduced[:, i] for i, name in enumerate(kept)}
-        self.events = {
-            name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
-            for i, name in enumerate(names)
-        }
-        return self
+        self.y, self.samples = y, samples
 
     def with_twin(self, twin: Sweep) -> Sweep:
         """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
@@ -140,29 +235,11 @@ class Sweep:
             raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
         return self._estimate
 
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Whether each case reached its end, or a terminal event, (n_case,)."""
-        return np.asarray((self.status == Status.SUCCESS) | (self.status == Status.EVENT))
+    def _final(self, key: Any) -> FloatArray:
+        return self._values(key, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0]
 
-    def failures(self) -> list[CaseFailure]:
-        """Return the cases that did not reach their end, and why."""
-        failed = np.flatnonzero(~self.success)
-        return [
-            CaseFailure(int(i), Status(self.status[i]), Status(self.status[i]).message, float(self.t[i]))
-            for i in failed
-        ]
-
-    @property
-    def final(self) -> dict[str, FloatArray]:
-        """Final values (n_case,) of coordinates, rates and outputs, by name."""
-        layout = self._program.layout
-        names = (*layout.coordinates, *layout.rates, *layout.outputs)
-        return {name: self._values(name, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0] for name in names}
-
-    def __getitem__(self, key: Any) -> FloatArray:
-        if self.samples is None or self.t_eval is None:
-            return self._values(key, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0]
+    def _sampled(self, key: Any) -> FloatArray:
+        assert self.samples is not None and self.t_eval is not None
         return self._values(key, self.samples, np.broadcast_to(self.t_eval, self.samples.shape[:2]))
 
     def _values(self, key: Any, y: FloatArray, t: FloatArray) -> FloatArray:
@@ -200,45 +277,3 @@ class Sweep:
         if name in _ENERGIES:
             return "energy", _ENERGIES.index(name)
         raise UnknownNameError(unknown_name("output", text, dict.fromkeys((*self._names(), *layout.state))))
-
-    def _names(self) -> tuple[str, ...]:
-        layout = self._program.layout
-        return (*layout.coordinates, *layout.rates, *layout.outputs, "energy", *_ENERGIES)
-
-    def __repr__(self) -> str:
-        return f"<Sweep {self._program.name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the package.
-        """
-        try:
-            import xarray
-        except ImportError:
-            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
-        layout = self._program.layout
-        shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
-        dims: tuple[str, ...] = tuple(self.axes) or ("case",)
-        coords: dict[str, Any] = {name: (name, values) for name, values in self.axes.items()}
-        times: tuple[str, ...] = ()
-        if self.t_eval is not None:
-            times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
-        if not self.axes:
-            varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
-            coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
-        data: dict[str, Any] = {}
-        for name in (*layout.coordinates, *layout.rates, *layout.outputs, "energy"):
-            values = self[name]
-            key = f"{name}_value" if name in self.axes else name
-            data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
-        for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
-            data[name] = (dims, counts.reshape(shape))
-        taken = {*data, *coords}
-        for name, values in self.reduced.items():
-            data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
-        attrs = {"scene": self._program.name, "formulation": self._program.formulation}
-        return xarray.Dataset(data, coords=coords, attrs=attrs)

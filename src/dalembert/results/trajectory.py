@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["RunStatistics", "Trajectory", "projected"]
+__all__ = ["ENERGIES", "RunStatistics", "Trajectory", "projected"]
 
 FloatArray = NDArray[np.float64]
 Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
-_ENERGIES = ("energy", "kinetic_energy", "potential_energy")
+ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 
 
 @final
@@ -170,10 +170,15 @@ class Trajectory:
         return self._dense is not None
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._program.layout.coordinates
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         layout = self._program.layout
-        return (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *_ENERGIES)
+        return (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
 
     def __getitem__(self, key: Any) -> FloatArray:
         layout = self._program.layout
@@ -188,7 +193,7 @@ class Trajectory:
         for output in (name, str(key)):
             if output in layout.outputs:
                 return self._outputs[:, layout.outputs.index(output)]
-        if name in _ENERGIES:
+        if name in ENERGIES:
             kinetic, potential = self._energies.T
             energies: dict[str, FloatArray] = {
                 "energy": kinetic + potential,
@@ -298,4 +303,4 @@ class Trajectory:
         """
         from .plots import plot
 
-        return plot(self, [str(name) for name in names] or list(self._program.layout.coordinates))
+        return plot(self, [str(name) for name in names] or list(self.coordinates))

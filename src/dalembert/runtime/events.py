@@ -79,6 +79,16 @@ class Event:
         return str(self.expression) if self.name is None else self.name
 
 
+def leaving(event: Event) -> Event:
+    """Return a directed event whose expression is zero where the motion begins, and leaves it against its direction.
+
+    So it is known by construction; no rounding decides on which side it begins. Its direction counts twice.
+    """
+    marked = replace(event)
+    object.__setattr__(marked, "direction", 2 * event.direction)
+    return marked
+
+
 def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
     """Return events, each with its name, from a sequence of events, expressions and names, or from one of them.
 
@@ -90,7 +100,8 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
     if isinstance(events, Event | str) or not isinstance(events, Iterable):
         events = (events,)
     made = [event if isinstance(event, Event) else Event(event) for event in events]
-    listed = tuple(replace(event, name=aliases.get(event.label, event.label)) for event in made)
+    names = [aliases.get(event.label, event.label) for event in made]
+    listed = tuple(e if e.name == name else replace(e, name=name) for e, name in zip(made, names, strict=True))
     labels = [event.label for event in listed]
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:

@@ -11,6 +11,7 @@ import numpy as np
 from ..codegen.base import Engine, FloatArray
 from ..integrators.problem import IntegrationProblem, Solution
 from ..ir.program import Layout, Program
+from ..reduction.baumgarte import GAINS
 from . import inputs
 from .sweeping import Cases, Settings, single_problem
 
@@ -25,7 +26,7 @@ Run = Callable[[IntegrationProblem], Solution]
 
 def _left_out(layout: Layout, given: Mapping[Any, Any]) -> list[str]:
     known = {layout.aliases.get(str(key), str(key)) for key in given}
-    return [name for name in layout.defaults if name not in known] if layout.state else []
+    return [name for name in GAINS if name in layout.defaults and name not in known] if layout.state else []
 
 
 def _gain_for(problem: IntegrationProblem, start: FloatArray, run: Run) -> float:

@@ -91,10 +91,10 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
     return names
 
 
-def warn_below_floor(rtol: float, atol: float, program: Program, method: str) -> None:
+def warn_below_floor(rtol: float, atol: float, program: Program | None = None, method: str = "") -> None:
     """Warn of tolerances below what a method reaches in double precision, for components of size 1."""
     floor, what = FLOOR, "double precision"
-    if "stages" in program:
+    if program is not None and "stages" in program:
         floor, what = MULTIPLIERS_FLOOR, f"{method!r} with multipliers in its stages ({program.formulation!r})"
     elif method == "radau":
         floor, what = IMPLICIT_FLOOR, f"{method!r}, which solves for its stages,"

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..codegen.base import Engine
 from ..integrators.problem import IntegrationProblem
+from ..options import CompileOptions
 from ..results.comparison import Comparison
 from ..results.linearization import Linearization
 from ..results.sensitivity import Sensitivity
@@ -116,12 +117,13 @@ class CompiledModel(Swept):
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""
-        from ..compiler import compile_model
+        from ..compiler import compile_mode
 
         if name == self.formulation:
             return self
         if name not in self._others:
-            self._others[name] = compile_model(self.stages.scene, backend=self.backend, formulation=name)
+            options = CompileOptions(backend=self.backend, formulation=name)
+            self._others[name] = compile_mode(self.stages.scene, options, self.stages.mode)
         return self._others[name]
 
     def sensitivity(
@@ -246,19 +248,6 @@ class CompiledModel(Swept):
         return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        options = self.stages.options
-        return _recompiled, (self.stages.scene, options)
+        from ..compiler import compile_mode
 
-
-def _recompiled(scene: Any, options: Any) -> CompiledModel:
-    """Return the model that was pickled: the scene is compiled again, to the same program."""
-    from ..compiler import compile_model
-
-    return compile_model(
-        scene,
-        backend=options.backend,
-        formulation=options.formulation,
-        outputs=options.outputs,
-        cache=options.cache,
-        gains=options.gains,
-    )
+        return compile_mode, (self.stages.scene, self.stages.options, self.stages.mode)

@@ -15,6 +15,7 @@ from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
+from ..ir.interpret import interpret_rows
 from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
 from ..results.estimate import TIGHTER
@@ -296,6 +297,11 @@ class Simulated(Held):
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
         values = inputs.given_values(self.layout, initial)
         return inputs.initial_state(self._start(values), float(t), values, c, self._program)
+
+    def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
+        c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
+        return interpret_rows(self._program.kernel("expand"), np.array([float(t)]), y[np.newaxis], c)[0]
 
     def assemble(
         self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()

@@ -22,7 +22,7 @@ from ..reduction.starting import Start
 from . import inputs
 from .events import EventCode
 
-__all__ = ["Cases", "Settings", "available_threads", "fitted", "run_cases", "single_problem"]
+__all__ = ["Cases", "Settings", "available_threads", "fitted", "meter", "run_cases", "single_problem"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -166,7 +166,8 @@ def _part(values: FloatArray, block: slice) -> FloatArray:
 
 
 @contextmanager
-def _meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
+def meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
+    """Yield a function that advances a progress bar, or does nothing where none is wanted."""
     if not wanted:
         yield lambda count: None
         return
@@ -229,7 +230,7 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         _run_block(engine, cases, settings, block, result[block])
         return block.stop - block.start
 
-    with _meter(count, settings.progress) as advance, _workers(threads) as each:
+    with meter(count, settings.progress) as advance, _workers(threads) as each:
         try:
             for finished in each(run, blocks):
                 advance(finished)

@@ -25,7 +25,7 @@ from .simulation import Simulated
 from .singular import searched
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
-__all__ = ["Swept"]
+__all__ = ["Swept", "with_grid"]
 
 
 class Swept(Simulated):
@@ -95,7 +95,7 @@ class Swept(Simulated):
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         given = (t_span, initial, parameters)
         if grid is not None:
-            initial, parameters = _with_grid(self.layout, grid, initial, parameters)
+            initial, parameters = with_grid(self.layout, grid, initial, parameters)
         cases = Cases(self._program, self._start, t_span, initial, parameters)
         if t_eval is not None and any(len(ends) > 1 for ends in cases.span.values()):
             raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
@@ -168,7 +168,7 @@ class Swept(Simulated):
             locked_cases(self._program, self._gimbals, block, done)
 
 
-def _with_grid(
+def with_grid(
     layout: Layout, grid: Grid, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
 ) -> tuple[dict[Any, Any], dict[Any, Any]]:
     """Return initial values and parameters with the columns of a grid, each where it belongs."""

@@ -17,6 +17,7 @@ __all__ = [
     "BodyModel",
     "Components",
     "ConstraintModel",
+    "ContactModel",
     "Entry",
     "FrameModel",
     "Piece",
@@ -123,6 +124,41 @@ class Entry:
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class ContactModel:
+    """Friction, a constraint that opens, or both, at one normal reaction.
+
+    Attributes
+    ----------
+    name, normal : str
+        Its name, and that of its normal reaction.
+    gap, constraint, restitution : Node, int, Node, or None
+        What is positive where it is open, the number of the holonomic constraint that holds while it is closed, and
+        Newton's coefficient; None for friction on a constraint that never opens.
+    sense : int
+        1 where that constraint is the gap, -1 where it is minus the gap.
+    tangential : tuple of str
+        Names of the friction forces; none without friction.
+    slip : tuple of Node, or None
+        Slip velocities along them; None where the power of the forces tells.
+    mu, mu_static, regularization : Node or None
+        Coefficients of friction, and the slip speed of the smooth law.
+    """
+
+    name: str
+    normal: str
+    gap: Node | None = None
+    constraint: int | None = None
+    sense: int = 1
+    restitution: Node | None = None
+    tangential: tuple[str, ...] = ()
+    slip: tuple[Node, ...] | None = None
+    mu: Node | None = None
+    mu_static: Node | None = None
+    regularization: Node | None = None
+
+
+@final
 @dataclass(frozen=True)
 class SymbolTable:
     """The names of a scene and the inputs they stand for.
@@ -165,3 +201,4 @@ class SceneModel:
     holonomic: tuple[ConstraintModel, ...]
     nonholonomic: tuple[ConstraintModel, ...]
     outputs: Mapping[str, Node]
+    contacts: tuple[ContactModel, ...] = ()

@@ -133,6 +133,11 @@ def with_quaternions(scene: Scene) -> Scene:
     OptionError
         When no body of the scene is oriented by three angles of its own, with the reason for each.
     """
+    if scene.contacts or scene.frictions:
+        raise OptionError(
+            f"orientation='quaternion' does not rewrite friction and contacts, which scene {scene.name!r} has: leave"
+            " the option out, and orient the body with dalembert.free_orientation"
+        )
     found: list[FreeOrientation] = []
     reasons = []
     for body in scene.bodies:

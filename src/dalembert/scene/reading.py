@@ -18,6 +18,7 @@ from ..naming import rate_name
 from . import changes
 from .angles import Angles
 from .belonging import foreign_points
+from .contacts import read_contacts
 from .entries import entries_of
 from .expressions import ExpressionReader
 from .model import (
@@ -25,6 +26,7 @@ from .model import (
     BodyModel,
     Components,
     ConstraintModel,
+    ContactModel,
     FrameModel,
     Piece,
     Pieces,
@@ -109,6 +111,7 @@ class _SceneReader:
             for item in outputs
             if isinstance(item, sp.Basic)
         }
+        contacts, closing = self._contacts()
         extra |= self._angle_outputs(outputs)
         symbols = self._symbols()
         if not self.faults:
@@ -134,9 +137,10 @@ class _SceneReader:
             actions=tuple(action for action in actions if action is not None),
             gravity=gravity,
             potential=potential,
-            holonomic=tuple(holonomic),
+            holonomic=(*holonomic, *closing),
             nonholonomic=tuple(nonholonomic),
             outputs=extra,
+            contacts=tuple(contacts),
         )
 
     # -- symbols --------------------------------------------------------------------------
@@ -384,6 +388,14 @@ class _SceneReader:
                 )
                 break
         return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+
+    def _contacts(self) -> tuple[list[ContactModel], list[ConstraintModel]]:
+        if not (self.scene.contacts or self.scene.frictions):
+            return [], []
+        forces = list(self.expressions.unknowns)
+        return read_contacts(
+            self.scene, self.expressions, self._rates(), self._mask("coordinates"), forces, self.faults.append
+        )
 
     def _rates(self) -> list[Node]:
         return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]

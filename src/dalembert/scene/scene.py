@@ -16,6 +16,7 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError
 from . import changes
+from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
 
 __all__ = ["Joint", "Scene", "Unknown", "unknowns"]
@@ -115,6 +116,8 @@ class Scene:
         self.holonomic_constraints: tuple[Expr, ...] = ()
         self.nonholonomic_constraints: tuple[Expr, ...] = ()
         self.gravity: Vector | None = None
+        self.contacts: tuple[UnilateralContact, ...] = ()
+        self.frictions: tuple[CoulombFriction, ...] = ()
         self.releases: tuple[changes.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
@@ -144,6 +147,14 @@ class Scene:
     def add_nonholonomic_constraints(self, *constraints: Expr) -> None:
         """Add expressions, affine in the rates, that vanish."""
         self.nonholonomic_constraints += constraints
+
+    def add_friction(self, *laws: CoulombFriction) -> None:
+        """Let Coulomb's law of friction hold between reaction components of joints."""
+        self.frictions += laws
+
+    def add_contacts(self, *contacts: UnilateralContact) -> None:
+        """Add constraints that push and do not pull: they open, and close again."""
+        self.contacts += contacts
 
     def apply_uniform_gravity(self, acceleration: Vector) -> None:
         """Let a uniform field of the given acceleration [m/s^2], such as ``-g*N.z``, act on every body."""

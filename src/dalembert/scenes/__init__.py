@@ -1,14 +1,18 @@
-"""Ready scenes: the worked examples of section 13.4, each written as a user would write it."""
+"""Ready scenes: the worked examples of section 13.4, and some with contacts, each written as a user would write it."""
 
 from collections.abc import Callable
 
 from dalembert.scene import Scene
+from dalembert.scenes.belt_oscillator import belt_oscillator
+from dalembert.scenes.billiard_ball import billiard_ball
+from dalembert.scenes.bouncing_ball import bouncing_ball
 from dalembert.scenes.chaplygin_sleigh import chaplygin_sleigh
 from dalembert.scenes.corner_plate import corner_plate
 from dalembert.scenes.edge_plate import edge_plate
 from dalembert.scenes.rolling_sphere import rolling_sphere
+from dalembert.scenes.sliding_rod import sliding_rod
 
-#: Every ready scene by the name of its builder; tests are parametrised over it.
+#: Every example of section 13.4 by the name of its builder; tests are parametrised over it.
 ALL: dict[str, Callable[[], Scene]] = {
     "chaplygin_sleigh": chaplygin_sleigh,
     "corner_plate": corner_plate,
@@ -16,4 +20,23 @@ ALL: dict[str, Callable[[], Scene]] = {
     "rolling_sphere": rolling_sphere,
 }
 
-__all__ = ["ALL", "chaplygin_sleigh", "corner_plate", "edge_plate", "rolling_sphere"]
+#: Scenes with friction and contacts by the names of their builders.
+WITH_CONTACTS: dict[str, Callable[[], Scene]] = {
+    "belt_oscillator": belt_oscillator,
+    "billiard_ball": billiard_ball,
+    "bouncing_ball": bouncing_ball,
+    "sliding_rod": sliding_rod,
+}
+
+__all__ = [
+    "ALL",
+    "WITH_CONTACTS",
+    "belt_oscillator",
+    "billiard_ball",
+    "bouncing_ball",
+    "chaplygin_sleigh",
+    "corner_plate",
+    "edge_plate",
+    "rolling_sphere",
+    "sliding_rod",
+]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from ..crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..crossings import BEND, BENT, COEFFICIENTS, DEEPEST, DIVIDED, FLAT, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
@@ -47,9 +47,12 @@ NOTHING, STOPPED, BROKEN = 0, 1, 2
 _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
 SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
+_ONCE, _TWICE, _THRICE = (np.ascontiguousarray(matrix.T) for matrix in DIVIDED)
+_BEND = BEND.copy()
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
+_SMALLEST = 1e-300
 _BUDGET, _TRIES = 8192, 200
 _INTEGERS = types.Array(types.int64, 1, "C")
 
@@ -155,6 +158,8 @@ def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: flo
         room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
         deciding = rate * direction if abs(value) <= limit else value
         room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
+        if abs(watch.directions[e]) > 1:
+            room.zero[lane, e], room.signs[lane, e] = 1.0, -0.5 * float(watch.directions[e])
         room.seen[lane, e] = 0.0
 
 
@@ -236,8 +241,12 @@ def _monotone(series: FloatArray, slopes: FloatArray) -> bool:
 
 
 @compiled
-def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
-    """Return whether a piece need not be cut for any expression, and whether all values are finite."""
+def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> tuple[bool, bool]:
+    """Return whether a piece need not be cut for any expression, and whether all values are finite.
+
+    ``fresh`` says that expressions which are zero at the start of the lane are so where the piece, up to the fraction
+    ``high`` of the step, begins; ``zero`` then holds their slopes over the step.
+    """
     simple = finite = True
     series, slopes = np.empty(8), np.empty(8)
     for e in range(count):
@@ -255,6 +264,20 @@ def _simple(room: Scratch, count: int) -> tuple[bool, bool]:
         transformed(SERIES, room.values, e, series)
         if _one_sign(series):
             continue
+        if fresh and room.zero[lane, e] != 0.0:
+            transformed(_ONCE, room.values, e, slopes)
+            if _one_sign(slopes):
+                continue
+            if room.zero[lane, e] * high <= FLAT * largest:
+                transformed(_TWICE, room.values, e, slopes)
+                if _one_sign(slopes):
+                    continue
+                bend = 0.0
+                for j in range(1, 8):
+                    bend += _BEND[j] * room.values[e, j]
+                transformed(_THRICE, room.values, e, slopes)
+                if abs(bend) <= BENT * largest and _one_sign(slopes):
+                    continue
         transformed(SLOPE_SERIES, room.values, e, slopes)
         if not _monotone(series, slopes):
             simple = False
@@ -380,6 +403,8 @@ def scan(
     for e in range(count):
         noise = room.one_out[0, 3 * e + 2] + 4.0 * _ULP * abs(t) * abs(room.one_out[0, 3 * e + 1])
         room.noise[0, e] = noise if math.isfinite(noise) else 0.0
+        if fresh and room.zero[lane, e] != 0.0:
+            room.zero[lane, e] = max(abs(room.one_out[0, 3 * e + 1] * h), _SMALLEST)
         room.happens[0, e] = 0.0
     least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
@@ -389,7 +414,7 @@ def scan(
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
         sample(watch.values, watch.used, room, many, t, h, low, high - low)
         budget -= 1
-        simple, finite = _simple(room, count)
+        simple, finite = _simple(room, count, lane, fresh and low == 0.0, high)
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
             middle = 0.5 * (low + high)
             room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0

@@ -1,0 +1,280 @@
+"""[EquationsOfMotion] -> [EquationsOfMotion]: a scene with contacts, in one of its modes.
+
+In a mode every contact is open or closed, and slips or sticks. What is open has neither constraint nor reactions; what
+sticks has its slip velocity as a further constraint, which the friction force holds; where a contact slips, friction is
+a given force (`dalembert.reduction.rubbing`). What is left is a scene without contacts, so that every formulation,
+backend and method serves it.
+
+Which mode holds is decided by `dalembert.runtime.contacts`, from numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import final
+
+from ..errors import ConstraintError, list_names
+from ..ir.graph import Graph, Node
+from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Watchpoint
+from .rubbing import Rubbed, Rubbing, rub
+from .saddle import SaddlePoint
+
+__all__ = [
+    "CLOSED",
+    "OPEN",
+    "SLIP",
+    "SMOOTH",
+    "STICK",
+    "Mode",
+    "added_parameters",
+    "always",
+    "direction_names",
+    "in_mode",
+    "side_name",
+]
+
+OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
+
+Mode = tuple[str, ...]
+"""One word a contact."""
+
+_TINY = 1e-150
+
+
+def direction_names(contact: ContactRow) -> tuple[str, ...]:
+    """Return the parameters that hold the direction of slip; one holds a sign, two a unit vector."""
+    if len(contact.tangential) < 2:
+        return tuple(f"slip direction of {contact.name}" for _ in contact.tangential)
+    return tuple(f"slip direction {i + 1} of {contact.name}" for i in range(2))
+
+
+def side_name(contact: ContactRow) -> str | None:
+    """Return the parameter that holds the sign of the normal reaction, where the constraint can push and pull."""
+    return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
+
+
+def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
+    """Return the parameters that a contact in a state adds to those of the scene, with values to start from."""
+    added: dict[str, float] = {}
+    if state == SLIP:
+        added |= dict(zip(direction_names(contact), (1.0, 0.0), strict=False))
+    side = side_name(contact)
+    if side is not None and state in (SLIP, STICK):
+        added[side] = 1.0
+    return added
+
+
+def always(contacts: Sequence[ContactRow]) -> Mode | None:
+    """Return the only mode of contacts whose laws are smooth and that never open; None where there are others."""
+    smooth = all(c.constraint is None and c.regularization is not None for c in contacts)
+    return (SMOOTH,) * len(contacts) if smooth else None
+
+
+def in_mode(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotion:
+    """Return the equations of a scene in a mode, with the outputs of its watchpoints.
+
+    Raises
+    ------
+    ConstraintError
+        When the equations do not determine the normal reaction of a contact that rubs.
+    """
+    return _InMode(equations, mode).equations()
+
+
+@final
+class _InMode:
+    """The making of one mode."""
+
+    def __init__(self, equations: EquationsOfMotion, mode: Mode) -> None:
+        self.whole, self.mode = equations, mode
+        self.graph: Graph = equations.graph
+        self.contacts = list(zip(equations.contacts, mode, strict=True))
+        rubbing = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
+        self.rubbing = [Rubbing(c, partial(self._factors, c, state)) for c, state in rubbing]
+        opened = {c.constraint for c, state in self.contacts if state == OPEN}
+        self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
+        self.groups = self._stick([c for c, state in self.contacts if state == STICK])
+        gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
+        gone |= {i for c, _ in rubbing for i in c.tangential}
+        self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
+
+    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[tuple[ContactRow, Node]]]:
+        """Add the rows of what sticks that no other row implies.
+
+        Returns, by the name of the contact that holds them, the others that cannot slip while it does not, each with
+        the ratio of its slip velocity to that one's.
+        """
+        graph, held = self.graph, len(self.rows)
+        groups: dict[str, list[tuple[ContactRow, Node]]] = {}
+        owners: list[str] = []
+        for contact in sticking:
+            for row in contact.slips:
+                base = [list(r.jacobian) for r in self.rows]
+                trial = [*base, list(row.jacobian)]
+                try:
+                    factorize(graph, matmul(graph, trial, transpose(trial)))
+                except SingularMatrix:
+                    weights: list[Node] = []
+                    if base:
+                        normal = factorize(graph, matmul(graph, base, transpose(base)))
+                        weights = normal.solve(matvec(graph, base, row.jacobian))
+                    holding = [(o, w) for o, w in zip(owners, weights[held:], strict=True) if not w.is_zero]
+                    if len(holding) > 1 or len(contact.slips) > 1:
+                        raise ConstraintError(
+                            f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
+                            f" {list_names(repr(o) for o, _ in holding)} hold each other while they stick, and which of"
+                            " them lets go first is not determined: give one of them a regularization"
+                        ) from None
+                    for owner, weight in holding:
+                        groups.setdefault(owner, []).append((contact, weight))
+                    if not holding:
+                        groups.setdefault(contact.name, [])
+                    continue
+                self.rows.append(row)
+                owners.append(contact.name)
+        return groups
+
+    def equations(self) -> EquationsOfMotion:
+        """Return the equations in this mode."""
+        whole, graph = self.whole, self.graph
+        names = whole.symbols.unknowns
+        bare = self._bare(self.rows, self.kept)
+        rubbed = rub(bare, whole, self.kept, self.rubbing)
+        known: dict[Node, Node] = {}
+        for rubbing, kappa in zip(self.rubbing, rubbed.factors, strict=True):
+            pressing = graph.input(names[rubbing.contact.normal])
+            for i, k in zip(rubbing.contact.tangential, kappa, strict=True):
+                known[graph.input(names[i])] = -k * pressing
+        for contact, state in self.contacts:
+            if state == OPEN:
+                known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
+        outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
+        outputs |= {str(node.payload): value for node, value in known.items()}
+        points = self._watchpoints(rubbed)
+        added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
+        symbols = replace(
+            whole.symbols,
+            unknowns=tuple(names[i] for i in self.kept),
+            parameters=(*whole.symbols.parameters, *added),
+        )
+        return replace(
+            bare,
+            symbols=symbols,
+            forcing=rubbed.forcing,
+            outputs=outputs | {point.output: node for point, node in points},
+            defaults=added,
+            watchpoints=tuple(point for point, _ in points),
+            least=bool(self.groups),
+        )
+
+    def _bare(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
+        """Return the equations with some constraints and some reactions, and no friction."""
+        reactions = [[row[i] for i in kept] for row in self.whole.reactions]
+        return replace(self.whole, constraints=tuple(rows), reactions=reactions)
+
+    # -- sliding friction ------------------------------------------------------------------
+
+    def _factors(self, contact: ContactRow, state: str, free: Node) -> list[Node]:
+        """Return kappa: friction is -kappa N. `free` is N without friction, whose sign the smooth law takes."""
+        graph = self.graph
+        assert contact.mu is not None
+        slips = [self._speed(row) for row in contact.slips]
+        if state == SMOOTH:
+            assert contact.regularization is not None
+            size = graph.call("sqrt", graph.sum(w * w for w in (*slips, contact.regularization)))
+            side = graph.one
+            if contact.constraint is None:
+                side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
+            return [contact.mu * side * w / size for w in slips]
+        mu = contact.mu * self._side(contact)
+        held = [graph.input(name) for name in direction_names(contact)]
+        if len(held) == 1:
+            return [mu * held[0]]
+        tiny = graph.node(_TINY)
+        forward = graph.sum(w * d for w, d in zip(slips, held, strict=True))
+        sign = graph.call("select", graph.call("less", forward, graph.zero), graph.const(-1), graph.one)
+        along = [sign * w + tiny * d for w, d in zip(slips, held, strict=True)]
+        size = graph.call("sqrt", graph.sum(a * a for a in along))
+        return [mu * a / size for a in along]
+
+    def _side(self, contact: ContactRow) -> Node:
+        name = side_name(contact)
+        return self.graph.one if name is None else self.graph.input(name)
+
+    def _speed(self, row: ConstraintRow) -> Node:
+        terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
+        return self.graph.sum(terms) + row.drift
+
+    # -- what ends the mode ----------------------------------------------------------------
+
+    def _watchpoints(self, rubbed: Rubbed) -> list[tuple[Watchpoint, Node]]:
+        """Return what ends the mode, with its value; reactions in it are inputs."""
+        graph, names = self.graph, self.whole.symbols.unknowns
+        together = {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
+        points: list[tuple[Watchpoint, Node]] = []
+        for i, (contact, state) in enumerate(self.contacts):
+            name = contact.name
+            if state == OPEN:
+                assert contact.gap is not None
+                points.append((Watchpoint(f"gap of {name}", i, "meet"), contact.gap))
+                continue
+            press = graph.input(names[contact.normal]) * self._side(contact)
+            if name not in together and (contact.constraint is not None or state in (SLIP, STICK)):
+                kind = "turn" if contact.constraint is None else "lift"
+                points.append((Watchpoint(f"press of {name}", i, kind), press))
+            if state == SLIP:
+                held = [graph.input(n) for n in direction_names(contact)]
+                forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
+                points.append((Watchpoint(f"slip speed of {name}", i, "stop"), forward))
+            elif state == STICK and name in together:
+                points += self._impending(i)
+            elif state == STICK:
+                points += self._holding(i, press)
+        if any(state == SLIP for state in self.mode):
+            points.append((Watchpoint("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
+        return points
+
+    def _holding(self, i: int, press: Node) -> list[tuple[Watchpoint, Node]]:
+        """Return by how much friction could be larger where a contact sticks by itself."""
+        graph, contact = self.graph, self.whole.contacts[i]
+        assert contact.mu_static is not None
+        most = contact.mu_static * press
+        forces = [graph.input(self.whole.symbols.unknowns[j]) for j in contact.tangential]
+        if len(forces) > 1:
+            rest = most * most - graph.sum(f * f for f in forces)
+            return [(Watchpoint(f"hold of {contact.name}", i, "break"), rest)]
+        return [
+            (Watchpoint(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)
+        ]
+
+    def _impending(self, i: int) -> list[tuple[Watchpoint, Node]]:
+        """Return how fast slip would end if all contacts that hold each other slipped: they stick as long as it would.
+
+        Which of them bears how much is not determined, but with all of them at their limits it is.
+        """
+        graph, contact = self.graph, self.whole.contacts[i]
+        if contact.name not in self.groups or not contact.slips or contact.slips[0] not in self.rows:
+            return []
+        group = [(contact, graph.one), *self.groups[contact.name]]
+        rows = [row for row in self.rows if row is not contact.slips[0]]
+        kept = [j for j in self.kept if all(j not in c.tangential for c, _ in group)]
+        bare = self._bare(rows, kept)
+        points = []
+        for sign in (1, -1):
+            limits = [Rubbing(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
+            rubbed = rub(bare, self.whole, kept, [*self.rubbing, *limits])
+            moving = SaddlePoint.of(replace(bare, forcing=rubbed.forcing), guarded=False)
+            found = moving.accelerations([row.bias for row in rows], bare.name)
+            slip = contact.slips[0]
+            rate = graph.sum(a * b for a, b in zip(slip.jacobian, found, strict=True)) - slip.bias
+            points.append((Watchpoint(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
+        return points
+
+    def _limit(self, contact: ContactRow, sign: int, ratio: Node, free: Node) -> list[Node]:
+        """Return kappa of a contact at its limit, where another is about to slip with `sign`."""
+        assert contact.mu_static is not None
+        way = ratio if ratio.is_one else self.graph.call("sign", ratio)
+        return [sign * contact.mu_static * self._side(contact) * way]

@@ -1,0 +1,242 @@
+"""`HybridTrajectory`: a motion in phases, in each of which its contacts do one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..integrators.status import Status
+from ..ir.program import Layout
+from .events import EventRecord, EventRecords
+from .trajectory import ENERGIES, RunStatistics, Trajectory
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of a motion from `t0` to `t1` [s]; `modes` says what each contact does: slip, stick, closed or open."""
+
+    t0: float
+    t1: float
+    modes: Mapping[str, str]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows of a motion that lie in one phase: the phase, its motion, and how constraints are told from it."""
+
+    phase: Phase
+    motion: Trajectory
+    violation: Callable[[Trajectory], FloatArray]
+
+
+@final
+class HybridTrajectory:
+    """A simulated motion with contacts; what `dalembert.results.trajectory.Trajectory` is without.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        Recorded times [s]; without ``t_eval`` those of the ends of phases are there twice.
+    q, qdot : ndarray (n_t, n_q)
+        Coordinates and their rates.
+    status : Status
+        How the run ended.
+    stats : RunStatistics
+        What it cost.
+    phases : tuple of Phase
+        What the contacts did, and when.
+    events : EventRecords
+        The events that the run was asked to watch for, by name.
+    constraint_violation : ndarray (n_t, n_constraints)
+        What the constraints leave; of an open contact, by how much it penetrates.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        phases: Sequence[Phase],
+        order: NDArray[np.intp] | None,
+        whole: Sequence[Part],
+        status: Status,
+        stats: RunStatistics,
+        name: str,
+        layout: Layout,
+    ) -> None:
+        self._parts, self._whole, self._order = tuple(parts), tuple(whole), order
+        self._name, self._layout = name, layout
+        self.phases = tuple(phases)
+        self.status, self.stats = status, stats
+        self.events = EventRecords()
+        self.t = self._joined(lambda part: part.motion.t)
+        self.q = self._joined(lambda part: part.motion.q)
+        self.qdot = self._joined(lambda part: part.motion.qdot)
+
+    def _joined(self, value: Callable[[Part], FloatArray]) -> FloatArray:
+        """Return what all parts give, in the order of the recorded times."""
+        joined = np.concatenate([value(part) for part in self._parts])
+        return joined if self._order is None else joined[self._order]
+
+    def with_events(self, events: EventRecords) -> HybridTrajectory:
+        """Return this motion with the events that occurred on it."""
+        self.events = events
+        return self
+
+    @property
+    def constraint_violation(self) -> FloatArray:
+        """See the class."""
+        return self._joined(lambda part: part.violation(part.motion))
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span, or a terminal event, was reached."""
+        return self.status.success
+
+    @property
+    def message(self) -> str:
+        """How the run ended, as a sentence."""
+        note = self.stats.note
+        return f"{self.status.message} Note: {note}." if note else self.status.message
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._layout.coordinates
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked for by name."""
+        layout = self._layout
+        return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
+
+    @property
+    def invariants(self) -> dict[str, FloatArray]:
+        """First integrals that hold in every phase, along the motion (n_t,) by name; between phases they may jump."""
+        every = [set(part.motion.invariants) for part in self._parts]
+        common = [name for name in self._parts[0].motion.invariants if all(name in names for names in every)]
+        return {name: self._joined(lambda part, name=name: part.motion.invariants[name]) for name in common}  # type: ignore[misc]
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        name = self._layout.aliases.get(str(key), str(key))
+        if not {name, str(key)} & {*self.names}:
+            hint = ""
+            if name in self._layout.unknowns:
+                hint = f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
+            raise UnknownNameError(unknown_name("output", str(key), self.names) + hint)
+        return self._joined(lambda part: part.motion[key])
+
+    def mode(self, contact: str) -> NDArray[np.str_]:
+        """Return what a contact does at the recorded times (n_t,)."""
+        if contact not in self.phases[0].modes:
+            raise OptionError(unknown_name("contact", contact, self.phases[0].modes))
+        words = [np.full(len(part.motion.t), part.phase.modes[contact]) for part in self._parts]
+        joined = np.concatenate(words)
+        return joined if self._order is None else joined[self._order]
+
+    @property
+    def can_evaluate(self) -> bool:
+        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        return all(part.motion.can_evaluate for part in self._lasting)
+
+    @property
+    def _lasting(self) -> Sequence[Part]:
+        """Phases that take time, of which there is something to evaluate; where there are none, all."""
+        return [part for part in self._whole if part.phase.t0 != part.phase.t1] or self._whole
+
+    def __call__(self, t: Any) -> HybridTrajectory:
+        """Return the motion at other times; where a phase ends, as the next one begins.
+
+        Parameters
+        ----------
+        t : float or array_like (k,)
+            Times within the span, in any order.
+
+        Raises
+        ------
+        OptionError
+            Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
+        """
+        times, lasting = np.atleast_1d(np.asarray(t, dtype=float)), self._lasting
+        first, last = lasting[0].phase.t0, lasting[-1].phase.t1
+        forward = 1.0 if last >= first else -1.0
+        if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):
+            raise OptionError(f"times must lie within the span of the run, {first:g} to {last:g} s")
+        begins = np.array([part.phase.t0 for part in lasting]) * forward
+        place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
+        rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
+        parts = [
+            Part(part.phase, part.motion(times[some]), part.violation)
+            for part, some in zip(lasting, rows, strict=True)
+            if len(some)
+        ]
+        if not parts:
+            part = lasting[0]
+            parts = [Part(part.phase, part.motion.at(part.motion.t[:0], part.motion.y[:0]), part.violation)]
+        order = np.argsort(np.concatenate(rows), kind="stable")
+        about = (self.status, self.stats, self._name, self._layout)
+        return HybridTrajectory(parts, self.phases, order, self._whole, *about)
+
+    def __repr__(self) -> str:
+        span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
+        return f"<HybridTrajectory {self._name!r}: {span}{len(self.phases)} phases, {self.status.name}>"
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, outputs, energy, and modes.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+        data: dict[str, Any] = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
+        for contact in self.phases[0].modes:
+            data[f"mode of {contact}"] = ("time", self.mode(contact))
+        attrs = {"scene": self._name, "status": self.status.name}
+        return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attrs)
+
+    def plot(self, *names: Any) -> Figure:
+        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
+        """
+        from .plots import plot
+
+        return plot(self, [str(name) for name in names] or list(self.coordinates))
+
+
+def joined_records(
+    names: Sequence[str],
+    records: Sequence[tuple[Part, EventRecords]],
+    make: Callable[[Sequence[Part]], HybridTrajectory],
+) -> dict[str, EventRecord]:
+    """Return one record an event from those of all phases; `make` joins motions."""
+    joined = {}
+    for name in names:
+        mine = [(part, record[name]) for part, record in records]
+        sides = [
+            make([replace(part, motion=getattr(record, side)) for part, record in mine]) for side in ("before", "after")
+        ]
+        directions = np.concatenate([record.direction for _, record in mine])
+        joined[name] = EventRecord(name, directions, sides[0], sides[1])
+    return joined

@@ -1,0 +1,88 @@
+"""`HybridSweep`: the results of many motions with contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError, unknown_name
+from ..ir.program import Layout
+from .sweep import CaseResults, FloatArray, SweepStatistics
+
+__all__ = ["HybridSweep", "States"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class States:
+    """States of cases: times (k,), (q, q_dot) (k, 2 n_q), the numbers of their cases and modes (-1: none).
+
+    What they slip with: `directions` are (k, n_contacts, 2), `sides` (k, n_contacts).
+    """
+
+    t: FloatArray
+    x: FloatArray
+    case: NDArray[np.intp]
+    mode: NDArray[np.intp]
+    directions: FloatArray
+    sides: FloatArray
+
+    @classmethod
+    def nothing_yet(cls, count: int, size: int, contacts: int) -> States:
+        """Return states to write to."""
+        case, mode = np.arange(count), np.full(count, -1)
+        directions, sides = np.zeros((count, contacts, 2)), np.ones((count, contacts))
+        return cls(np.full(count, np.nan), np.full((count, 2 * size), np.nan), case, mode, directions, sides)
+
+
+@final
+class HybridSweep(CaseResults):
+    """The cases of a sweep of a scene with contacts; used like `dalembert.results.sweep.Sweep`.
+
+    Attributes
+    ----------
+    phases : ndarray (n_case,) of int
+        How many phases each motion had.
+    t, status, steps, t_eval, parameters, initial, events, reduced, stats
+        As for a `Sweep`.
+    """
+
+    _kind = "HybridSweep"
+
+    def __init__(
+        self,
+        name: str,
+        layout: Layout,
+        varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+        ends: FloatArray,
+        t_eval: FloatArray | None,
+        axes: Mapping[str, FloatArray],
+        stats: SweepStatistics,
+        states: tuple[States, States | None],
+        phases: NDArray[np.int64],
+        modes: Sequence[Mapping[str, str]],
+        value: Callable[[str, States], FloatArray],
+    ) -> None:
+        super().__init__(name, "by mode", layout, varied, ends, t_eval, axes, stats)
+        self._last, self._samples = states
+        self.phases, self._modes, self._value = phases, tuple(modes), value
+
+    def mode(self, contact: str) -> NDArray[np.str_]:
+        """Return what a contact does at the end of each case (n_case,), or (n_case, n_t) at the samples."""
+        if self._modes and contact not in self._modes[0]:
+            raise OptionError(unknown_name("contact", contact, self._modes[0]))
+        words = np.array([*(mode[contact] for mode in self._modes), "none"])
+        states = self._last if self._samples is None else self._samples
+        found = words[states.mode]
+        return found if self.t_eval is None else found.reshape(len(self), -1)
+
+    def _final(self, key: Any) -> FloatArray:
+        return self._value(str(key), self._last)
+
+    def _sampled(self, key: Any) -> FloatArray:
+        assert self._samples is not None
+        return self._value(str(key), self._samples).reshape(len(self), -1)

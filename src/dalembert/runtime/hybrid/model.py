@@ -1,0 +1,357 @@
+"""`HybridModel`: what `dalembert.compile_model` hands back for a scene whose contacts may stick, slip and open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ...errors import OptionError, ValueInputError, list_names
+from ...integrators.problem import IntegrationProblem
+from ...ir.interpret import interpret_rows
+from ...ir.program import Layout
+from ...mechanics.equations import EquationsOfMotion
+from ...options import CompileOptions
+from ...reduction.contact_data import contact_data
+from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
+from ...results.grid import Grid
+from ...results.hybrid import HybridTrajectory
+from ...results.hybrid_sweep import HybridSweep
+from ...scene import Scene
+from .. import inputs
+from ..events import Event, compiled_events, event_list
+from ..held import span_of
+from ..reductions import reduction_table
+from ..sweeping import Cases, Settings, available_threads
+from ..swept import with_grid
+from .facts import FloatArray
+from .running import Modes, Request, simulate
+from .settling import Laws
+from .sweeping import Campaign, sweep
+
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["HybridModel"]
+
+
+@final
+class HybridModel:
+    """A scene with friction or contacts, compiled for one backend: a model for every mode, made when it is needed.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names of everything that arrays hold.
+    contacts : tuple of str
+        Names of the contacts.
+    """
+
+    def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
+        self._scene, self._options, self._equations = scene, options, equations
+        self._models: dict[Mode, CompiledModel] = {}
+        self._laws = Laws(contact_data(equations), equations.contacts)
+        self._modes = Modes(equations, self._laws, self._model)
+        self.contacts = tuple(contact.name for contact in equations.contacts)
+        first = self._model(self._plain(OPEN))
+        symbols = equations.symbols
+        self.layout: Layout = replace(
+            first.layout,
+            parameters=symbols.parameters,
+            unknowns=symbols.unknowns,
+            outputs=tuple(str(output) for output in options.outputs),
+            defaults={},
+        )
+
+    # -- what it is made of ----------------------------------------------------------------
+
+    def _plain(self, unilateral: str) -> Mode:
+        """Return a mode in which all slips, and what can open is open, or closed."""
+        return tuple(
+            OPEN
+            if c.constraint is not None and unilateral == OPEN
+            else CLOSED
+            if not c.tangential
+            else SMOOTH
+            if c.regularization is not None
+            else SLIP
+            for c in self._equations.contacts
+        )
+
+    def _model(self, mode: Mode) -> CompiledModel:
+        """Return the model of a mode, compiled when it is first needed."""
+        if mode not in self._models:
+            from ...compiler import compile_mode
+
+            self._models[mode] = compile_mode(self._scene, self._options, mode)
+        return self._models[mode]
+
+    def mode(self, **states: str) -> CompiledModel:
+        """Return the model of one mode: an ordinary one, without events.
+
+        Parameters
+        ----------
+        **states : str
+            For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+            Directions of slip are further parameters of the model, see ``layout.parameters``.
+
+        Raises
+        ------
+        OptionError
+            For contacts that do not exist, and states that they do not have.
+        """
+        unknown = [name for name in states if name not in self.contacts]
+        if unknown:
+            raise OptionError(
+                f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
+            )
+        mode = []
+        for contact, plain in zip(self._equations.contacts, self._plain(CLOSED), strict=True):
+            able = [plain] + ([STICK] if plain == SLIP else []) + ([OPEN] if contact.constraint is not None else [])
+            state = states.get(contact.name, plain)
+            if state not in able:
+                raise OptionError(f"contact {contact.name!r} cannot be {state!r}; it can be: {list_names(able)}")
+            mode.append(state)
+        return self._model(tuple(mode))
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self._equations.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self._options.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation that was asked for; each mode has its own, see ``mode(...).formulation``."""
+        return self._options.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods that serve every mode compiled so far; "auto" takes each mode's first."""
+        every = [model.methods for model in self._models.values()]
+        return tuple(name for name in every[0] if all(name in methods for methods in every))
+
+    @property
+    def source(self) -> str:
+        """The generated code of the modes compiled so far."""
+        titled = (f"# mode {self._modes.named(mode)}\n\n{model.source}" for mode, model in self._models.items())
+        return "\n\n".join(titled)
+
+    def explain(self) -> str:
+        """Return what the contacts may do, and what was chosen for the modes compiled so far."""
+        lines = [f"{self.name}: contacts {list_names(self.contacts)}; a model for each mode, compiled when it is met"]
+        for mode, model in self._models.items():
+            told = ", ".join(f"{name}: {state}" for name, state in self._modes.named(mode).items())
+            lines += ["", f"mode {told}", model.explain()]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        from ...compiler import compile_modes
+
+        return compile_modes, (self._scene, self._options)
+
+    # -- motions ---------------------------------------------------------------------------
+
+    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
+        return inputs.parameter_vector(self.layout, parameters)
+
+    def simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+        events: Any = (),
+    ) -> HybridTrajectory:
+        """Simulate one trajectory, phase after phase.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, t_eval, method, rtol, atol, first_step, max_step, max_steps, dense, events
+            As for `dalembert.runtime.model.CompiledModel.simulate`. What `initial` leaves out is fixed by the
+            constraints with all contacts closed.
+
+        Returns
+        -------
+        HybridTrajectory
+            What the contacts did is in its `phases`. Numerical failure is its `status`, never an exception.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
+            For input that is wrong, each naming what, what is allowed and what to do.
+        """
+        t0, t1 = span_of(t_span)
+        p = self.parameter_vector(parameters)
+        given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
+        inputs.warn_below_floor(rtol, atol)
+        listed = event_list(events, self.layout.aliases)
+        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
+            raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
+        options = {
+            "method": method,
+            "rtol": float(rtol),
+            "atol": float(atol),
+            "first_step": first_step,
+            "max_step": float(max_step),
+            "max_steps": int(max_steps),
+            "dense": bool(dense),
+        }
+        request = Request(
+            t0=t0,
+            t1=t1,
+            x=self._start(t0, inputs.given_values(self.layout, initial, plain=True), given),
+            parameters=given,
+            c=p,
+            t_eval=times,
+            options=options,
+            events=listed,
+            layout=self.layout,
+            jumps={event.label: self._jump(event, given) for event in listed if event.apply is not None},
+        )
+        return simulate(self._modes, request)
+
+    def sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        threads: int | None = None,
+        progress: bool = False,
+        events: Any = (),
+        reduce: Any = (),
+    ) -> HybridSweep:
+        """Simulate many cases, each with its own phases, steps and status; one that fails never touches its neighbours.
+
+        All cases that are in one mode run side by side, up to what ends it for each.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
+            As for `dalembert.runtime.model.CompiledModel.sweep`; every time of `t_eval` ends a step.
+        max_steps : int
+            Attempted steps in one phase after which a case ends with a status.
+        events : sequence of Event, SymPy expressions or names
+            As for `simulate`, without ``apply``, and terminal at the first occurrence or not at all.
+
+        Returns
+        -------
+        HybridSweep
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong for all cases.
+        """
+        inputs.warn_below_floor(rtol, atol)
+        listed = event_list(events, self.layout.aliases)
+        for event in listed:
+            if event.apply is not None or int(event.terminal) > 1:
+                raise OptionError(
+                    f"event {event.label!r}: a sweep of a scene with contacts counts events, and may end at the first;"
+                    " simulate its cases one by one for those that map the state, or end it later"
+                )
+        count = available_threads() if threads is None else int(threads)
+        if count < 1:
+            raise OptionError(f"threads must be at least 1, not {threads!r}")
+        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        if grid is not None:
+            initial, parameters = with_grid(self.layout, grid, initial, parameters)
+        known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
+        complete = known >= {*self.layout.coordinates, *self.layout.rates}
+        model = self._model(self._plain(OPEN if complete else CLOSED))
+        program = model.stages.program
+        cases = Cases(program, model._start, t_span, initial, parameters)
+        if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
+            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+        chosen = model._method(method, rtol, atol, many=True)
+        settings = Settings(times, chosen, float(rtol), float(atol), float(max_step), int(max_steps), count, progress)
+        IntegrationProblem(
+            t0=float(cases.span["start"][0]),
+            t1=float(cases.span["end"][0]),
+            y0=np.zeros(0),
+            constants=np.zeros(0),
+            rtol=rtol,
+            atol=atol,
+            t_eval=times,
+            max_step=max_step,
+            max_steps=max_steps,
+        )
+        block, status = cases.block(slice(0, cases.count), settings)
+        columns = {n: cases.parameters[n] for n in self.layout.parameters}
+        p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
+        campaign = Campaign(
+            t=block.spans[:, 0],
+            t1=block.spans[:, 1],
+            x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
+            p=np.zeros((cases.count, 0)) if p is None else p,
+            status=status.astype(np.int64),
+            t_eval=times,
+            events=listed,
+            reductions=reduction_table(reduce, self.layout.aliases),
+            options={
+                "method": method,
+                "rtol": rtol,
+                "atol": atol,
+                "max_step": max_step,
+                "max_steps": max_steps,
+                "threads": count,
+            },
+            progress=progress,
+            layout=self.layout,
+            varied=(cases.initial, columns),
+            axes={} if grid is None else grid.axes,
+        )
+        return sweep(self._modes, campaign)
+
+    def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
+        """Return consistent coordinates and rates (2 n_q,)."""
+        names = (*self.layout.coordinates, *self.layout.rates)
+        complete = all(name in values for name in names)
+        model = self._model(self._plain(OPEN if complete else CLOSED))
+        y = model.state(values, parameters, t=t)
+        return model.expand(t, y, parameters)
+
+    def _jump(self, event: Event, parameters: Mapping[str, float]) -> Any:
+        """Return the map of an event, from time and (q, q_dot) to (q, q_dot); None where the constraints forbid it."""
+        model = self._model(self._plain(OPEN))
+        program = model.stages.program
+        c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
+        code = compiled_events(model.stages, (replace(event, terminal=False),), model._start)
+        jump = code.watched(c).rules[0].jump
+        assert jump is not None
+
+        def apply(t: float, x: FloatArray) -> FloatArray | None:
+            time = np.array([t])
+            y = interpret_rows(program.kernel("initial"), time, x[np.newaxis], c)[0]
+            after = jump(t, y)
+            return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], c)[0]
+
+        return apply

@@ -1,0 +1,352 @@
+"""Many motions with contacts: in every round, all cases that are in one mode run side by side up to what ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...integrators.status import Status
+from ...integrators.watched import SOON, SOON_IN_A_ROW
+from ...ir.interpret import interpret_rows
+from ...ir.program import Layout
+from ...mechanics.equations import Watchpoint
+from ...reduction.modes import SLIP, Mode
+from ...results.hybrid_sweep import HybridSweep, States
+from ...results.sweep import Sweep, SweepStatistics
+from .. import inputs
+from ..events import Event
+from ..reductions import Reduction
+from ..sweeping import meter
+from .facts import FloatArray
+from .running import JAMMED, Modes
+from .settling import Instants
+
+__all__ = ["Campaign", "sweep"]
+
+_RUNNING = -1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """What a sweep was asked for.
+
+    Attributes
+    ----------
+    t, t1 : ndarray (k,)
+        Spans [s].
+    x : ndarray (k, 2 n_q)
+        Consistent coordinates and rates to start from.
+    p : ndarray (k, n_p)
+        Parameters in the order of the scene.
+    status : ndarray (k,) of int
+        Of cases that cannot start; -1 for the others.
+    t_eval : ndarray or None
+    events : tuple of Event
+    reductions : mapping of str to Reduction
+    options : mapping
+        Further arguments of `sweep`.
+    progress : bool
+    layout : Layout
+        Of the scene.
+    varied, axes
+        What was varied, for the results.
+    """
+
+    t: FloatArray
+    t1: FloatArray
+    x: FloatArray
+    p: FloatArray
+    status: NDArray[np.int64]
+    t_eval: FloatArray | None
+    events: tuple[Event, ...]
+    reductions: Mapping[str, Reduction]
+    options: Mapping[str, Any]
+    progress: bool
+    layout: Layout
+    varied: tuple[dict[str, FloatArray], dict[str, FloatArray]]
+    axes: Mapping[str, FloatArray]
+
+
+def sweep(modes: Modes, campaign: Campaign) -> HybridSweep:
+    """Return the results of all cases."""
+    return _Sweep(modes, campaign).results()
+
+
+@final
+class _Sweep:
+    """One sweep in progress."""
+
+    def __init__(self, modes: Modes, campaign: Campaign) -> None:
+        self.modes, self.campaign = modes, campaign
+        self.begin = time.perf_counter()
+        count, k = len(campaign.t), len(modes.equations.contacts)
+        self.names = (*campaign.layout.coordinates, *campaign.layout.rates)
+        self.now = Instants.starting(campaign.t.copy(), campaign.x.copy(), campaign.p, k)
+        self.status = campaign.status.copy()
+        self.table: list[Mode] = []
+        self.mode = np.full(count, -1)
+        self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
+        self.cause = np.zeros(count, np.intp)
+        self.forward = np.where(campaign.t1 >= campaign.t, 1.0, -1.0)
+        self.span = np.abs(campaign.t1 - campaign.t)
+        self.steps, self.phases = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self.soon = np.zeros(count, np.int64)
+        labels = [event.label for event in campaign.events]
+        self.counts = {label: np.zeros(count, np.int64) for label in labels}
+        self.first = {label: np.full(count, np.nan) for label in labels}
+        self.last = {label: np.full(count, np.nan) for label in labels}
+        self.kept = {name: np.full(count, np.nan) for name in campaign.reductions}
+        wanted = 0 if campaign.t_eval is None else len(campaign.t_eval)
+        self.next = np.zeros(count, np.int64)
+        self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k) if wanted else None
+        self.compile_seconds = 0.0
+        self.methods: dict[str, None] = {}
+
+    def results(self) -> HybridSweep:
+        """Run all cases to their ends."""
+        every = np.flatnonzero(self.status == _RUNNING)
+        self._settle(every, None, ())
+        self._sample(every)
+        with meter(len(self.status), self.campaign.progress) as advance:
+            advance(int(np.sum(self.status != _RUNNING)))
+            try:
+                while np.any(self.status == _RUNNING):
+                    before = int(np.sum(self.status == _RUNNING))
+                    running = np.flatnonzero(self.status == _RUNNING)
+                    mixed = self.mode[running] * len(self.causes) + self.cause[running]
+                    for number in np.unique(mixed):
+                        self._round(running[mixed == number])
+                    advance(before - int(np.sum(self.status == _RUNNING)))
+            except KeyboardInterrupt:
+                pass
+        self.status[self.status == _RUNNING] = int(Status.INTERRUPTED)
+        return self._finished()
+
+    # -- one round -------------------------------------------------------------------------
+
+    def _round(self, some: NDArray[np.intp]) -> None:
+        """Run cases in one mode and for one cause, each to its next sample, its end, or what ends the mode."""
+        mode = self.table[self.mode[some[0]]]
+        goal = self._goal(some)
+        run = self._run(mode, some, goal)
+        program = self.modes.model(mode).stages.program
+        x = interpret_rows(program.kernel("expand"), run.t, run.y, inputs.prepare_rows(program, self._rows(mode, some)))
+        passed = run.t - self.now.t[some]
+        self._keep(run, some, passed)
+        self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
+        self.steps[some] += run.steps
+        self.cause[some] = 0
+        status = run.status.astype(np.int64)
+        failed = ~np.isin(status, (Status.SUCCESS, Status.EVENT))
+        self.status[some[failed]] = self._judged(run, status, mode)[failed]
+        reached = status == Status.SUCCESS
+        done = reached & (run.t == self.campaign.t1[some])
+        self.status[some[done]] = int(Status.SUCCESS)
+        self._sample(some[reached])
+        self._after(run, mode, some, np.flatnonzero(status == Status.EVENT))
+
+    def _goal(self, some: NDArray[np.intp]) -> FloatArray:
+        """Return the times up to which cases run."""
+        goal = self.campaign.t1[some].copy()
+        t_eval = self.campaign.t_eval
+        if t_eval is not None:
+            more = self.next[some] < len(t_eval)
+            goal[more] = t_eval[self.next[some[more]]]
+        return goal
+
+    def _rows(self, mode: Mode, some: NDArray[np.intp]) -> FloatArray:
+        """Return the parameters (k, n_p) of a mode's model."""
+        layout = self.modes.model(mode).layout
+        added = self.modes.added(mode, self.now.directions[some], self.now.sides[some])
+        own = {name: self.campaign.p[some, i] for i, name in enumerate(self.campaign.layout.parameters)}
+        columns = {**own, **added}
+        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(some), len(layout.parameters))
+
+    def _run(self, mode: Mode, some: NDArray[np.intp], goal: FloatArray) -> Sweep:
+        before = time.perf_counter()
+        model = self.modes.model(mode)
+        self.compile_seconds += time.perf_counter() - before
+        events = [replace(e, name=e.label) for e in self.campaign.events]
+        events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
+        rows = self._rows(mode, some)
+        run = model.sweep(
+            (self.now.t[some], goal),
+            {name: self.now.x[some, i] for i, name in enumerate(self.names)},
+            {name: rows[:, i] for i, name in enumerate(model.layout.parameters)},
+            events=events,
+            reduce=dict(self.campaign.reductions),
+            **self.campaign.options,
+        )
+        self.methods[run.stats.method] = None
+        return run
+
+    def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
+        """Return statuses, those of runs into Painleve's paradox told from other failures."""
+        if SLIP not in mode:
+            return status
+        broken = np.isin(status, (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
+        if not np.any(broken):
+            return status
+        return np.where(broken & ~(run["uniqueness of reactions"] > JAMMED), int(Status.CONTACT_IMPOSSIBLE), status)
+
+    def _keep(self, run: Sweep, some: NDArray[np.intp], passed: FloatArray) -> None:
+        """Join what was counted and reduced in a phase to what was before."""
+        for label, count in self.counts.items():
+            record = run.events[label]
+            count[some] += record.count
+            self.first[label][some] = np.where(np.isnan(self.first[label][some]), record.first, self.first[label][some])
+            self.last[label][some] = np.where(record.count > 0, record.last, self.last[label][some])
+        whole = np.abs(self.now.t[some] - self.campaign.t[some])
+        for name, reduction in self.campaign.reductions.items():
+            old, new = self.kept[name][some], run.reduced[name]
+            if reduction.kind == "minimum":
+                new = np.fmin(old, new)
+            elif reduction.kind == "maximum":
+                new = np.fmax(old, new)
+            elif reduction.kind == "first crossing":
+                new = np.where(np.isnan(old), new, old)
+            elif reduction.kind == "mean":
+                share = whole / np.where(whole + np.abs(passed) > 0.0, whole + np.abs(passed), 1.0)
+                new = np.where(whole > 0.0, share * old + (1.0 - share) * new, new)
+            self.kept[name][some] = new
+
+    def _sample(self, some: NDArray[np.intp]) -> None:
+        """Take down the samples that cases have reached."""
+        t_eval, samples = self.campaign.t_eval, self.samples
+        if t_eval is None or samples is None:
+            return
+        while len(some):
+            some = some[self.next[some] < len(t_eval)]
+            some = some[(t_eval[self.next[some]] - self.now.t[some]) * self.forward[some] <= 0.0]
+            rows = some * len(t_eval) + self.next[some]
+            samples.t[rows], samples.x[rows], samples.mode[rows] = self.now.t[some], self.now.x[some], self.mode[some]
+            samples.directions[rows], samples.sides[rows] = self.now.directions[some], self.now.sides[some]
+            self.next[some] += 1
+
+    # -- between rounds --------------------------------------------------------------------
+
+    def _after(self, run: Sweep, mode: Mode, some: NDArray[np.intp], ended: NDArray[np.intp]) -> None:
+        """Settle the cases whose phase was ended by events."""
+        points = self.modes.points(mode)
+        fired = np.array([run.events[p.output].last == run.t for p in points]).reshape(len(points), len(some))
+        ends = np.zeros(len(some), np.bool_)
+        for event in self.campaign.events:
+            if event.terminal:
+                ends |= run.events[event.label].last == run.t
+        self.status[some[ended[ends[ended]]]] = int(Status.EVENT)
+        ended = ended[~ends[ended]]
+        paradox = np.zeros(len(some), np.bool_)
+        for point, row in zip(points, fired, strict=True):
+            if point.kind == "paradox":
+                paradox |= row
+        self.status[some[ended[paradox[ended]]]] = int(Status.CONTACT_IMPOSSIBLE)
+        ended = ended[~paradox[ended]]
+        cases = some[ended]
+        self.phases[cases] += 1
+        quick = np.abs(self.now.passed[cases]) <= SOON * self.span[cases]
+        self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
+        self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
+        keep = self.status[cases] == _RUNNING
+        ended, cases = ended[keep], cases[keep]
+        mixed = (1 << np.arange(len(points))) @ fired[:, ended]
+        for number in np.unique(mixed):
+            self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
+        self._sample(cases)
+
+    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Watchpoint]) -> None:
+        """Decide how cases go on."""
+        if not len(some):
+            return
+        cause = mode, tuple(fired)
+        if cause not in self.causes:
+            self.causes.append(cause)
+        self.cause[some] = self.causes.index(cause)
+        settled = self.modes.laws.settle(self.now.part(some), mode, fired)
+        good = settled.status == Status.SUCCESS
+        self.status[some[~good]] = settled.status[~good]
+        for own, new in ((self.now.x, settled.x), (self.now.directions, settled.directions)):
+            own[some[good]] = new[good]
+        for own, new in ((self.now.sides, settled.sides), (self.now.speeds, settled.speeds)):
+            own[some[good]] = new[good]
+        for number, found in enumerate(settled.table):
+            if found not in self.table:
+                self.table.append(found)
+            self.mode[some[good & (settled.mode == number)]] = self.table.index(found)
+        over = some[good][self.now.t[some[good]] == self.campaign.t1[some[good]]]
+        self.status[over] = int(Status.SUCCESS)
+
+    # -- results ---------------------------------------------------------------------------
+
+    def _finished(self) -> HybridSweep:
+        campaign = self.campaign
+        started = self.mode >= 0
+        ends = np.column_stack([self.now.t, self.status.astype(float), self.steps.astype(float)])
+        stats = SweepStatistics(
+            method=", ".join(self.methods),
+            threads=int(campaign.options["threads"]),
+            steps=int(self.steps.sum()),
+            compile_seconds=self.compile_seconds,
+            run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
+        )
+        now = self.now
+        last = States(now.t, now.x, np.arange(len(now.t)), self.mode, now.directions, now.sides)
+        if self.samples is not None and campaign.t_eval is not None:
+            self.samples.case[:] = np.repeat(np.arange(len(now.t)), len(campaign.t_eval))
+        modes = [self.modes.named(mode) for mode in self.table]
+        run = HybridSweep(
+            self.modes.equations.name,
+            campaign.layout,
+            campaign.varied,
+            ends,
+            campaign.t_eval,
+            campaign.axes,
+            stats,
+            (last, self.samples),
+            self.phases + started,
+            modes,
+            self._value,
+        )
+        failed = ~run.success
+        happened = [np.column_stack([self.counts[n], self.first[n], self.last[n]]) for n in self.counts]
+        for values in self.kept.values():
+            values[failed] = np.nan
+        reduced = np.array(list(self.kept.values())).T.reshape(len(now.t), len(self.kept))
+        together = np.hstack(happened) if happened else np.empty((len(now.t), 0))
+        return run.with_events(list(self.counts), together, list(self.kept), reduced)
+
+    def _value(self, key: str, states: States) -> FloatArray:
+        """Return something by name at states (k,)."""
+        layout = self.campaign.layout
+        name = layout.aliases.get(key, key)
+        if name in self.names:
+            return states.x[:, self.names.index(name)]
+        values = np.full(len(states.t), np.nan)
+        for number, mode in enumerate(self.table):
+            here = np.flatnonzero(states.mode == number)
+            if not len(here):
+                continue
+            model = self.modes.model(mode)
+            program = model.stages.program
+            part = replace(self.now, directions=states.directions[here], sides=states.sides[here])
+            added = self.modes.added(mode, part.directions, part.sides)
+            own = {n: self.campaign.p[states.case[here], i] for i, n in enumerate(layout.parameters)}
+            columns = {**own, **added}
+            p = np.array([columns[n] for n in model.layout.parameters]).T.reshape(len(here), -1)
+            c = inputs.prepare_rows(program, p)
+            t, x = states.t[here], states.x[here]
+            if name in ("energy", "kinetic_energy", "potential_energy"):
+                kinetic, potential = interpret_rows(program.kernel("energy"), t, x, c).T
+                table = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
+                values[here] = table[name]
+                continue
+            output = key if key in model.layout.outputs else name
+            model.layout.outputs.index(output)
+            y = interpret_rows(program.kernel("initial"), t, x, c)
+            values[here] = interpret_rows(program.kernel("outputs"), t, y, c)[:, model.layout.outputs.index(output)]
+        return values

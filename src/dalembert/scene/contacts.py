@@ -1,0 +1,240 @@
+"""Contacts: Coulomb friction and unilateral constraints, as laws between reaction components of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import sympy as sp
+
+from ..errors import list_names
+from .identity import vanishes
+from .model import ConstraintModel, ContactModel
+
+if TYPE_CHECKING:
+    from ..ir.graph import Node
+    from .expressions import ExpressionReader
+    from .scene import Scene
+
+__all__ = ["CoulombFriction", "UnilateralContact", "read_contacts"]
+
+
+@final
+@dataclass(frozen=True)
+class CoulombFriction:
+    r"""Coulomb's law of dry friction between two reaction components of a joint, as a set-valued law.
+
+    While the contact slips, the friction force opposes the slip velocity and has the size mu times that of the normal
+    reaction; while it sticks, the slip velocity is zero and the friction force is whatever holds it, up to mu_static
+    times the normal reaction (equation (4) of example 13.4.2).
+
+    Parameters
+    ----------
+    normal : Unknown
+        Normal reaction, an unknown of a joint [N].
+    tangential : Unknown or (Unknown, Unknown)
+        Friction force along one direction, or along two that are perpendicular to each other [N].
+    slip : Expr or (Expr, Expr), optional
+        Slip velocity of the body along the same directions, affine in the rates [m/s]: the one whose product with
+        `tangential` is the power of friction. By default, the body slips on something that rests; a moving belt is
+        ``x.diff() - v_b``.
+    mu : Expr or number
+        Coefficient of friction, not negative.
+    mu_static : Expr or number, optional
+        Coefficient that holds while the contact sticks; by default, mu.
+    regularization : Expr or number, optional
+        Slip speed eps [m/s] of the smooth law F = -mu N slip / sqrt(slip^2 + eps^2), which never quite sticks. With it
+        the model is an ordinary one on every backend, and has derivatives.
+    name : str, optional
+        What results call it; by default, the name of `normal`.
+    """
+
+    normal: Any
+    tangential: Any
+    slip: Any = None
+    mu: Any = None
+    mu_static: Any = None
+    regularization: Any = None
+    name: str | None = None
+
+    @property
+    def label(self) -> str:
+        """What results call it."""
+        own = "without a normal reaction" if self.normal is None else str(self.normal)
+        return own if self.name is None else self.name
+
+
+@final
+@dataclass(frozen=True)
+class UnilateralContact:
+    """A constraint that only pushes: closed, its gap stays zero and its normal reaction is not negative; else it opens.
+
+    Parameters
+    ----------
+    normal : Unknown
+        Normal reaction, an unknown of a joint [N]; it is positive where it pushes.
+    gap : Expr
+        In coordinates and time, positive where the contact is open, with the sign of the distance. Where it is plus or
+        minus a holonomic constraint of the scene, that constraint is the one that opens; otherwise it need not be
+        added as one.
+    restitution : Expr or number
+        Newton's coefficient, between 0 (default: the contact stays closed after an impact) and 1.
+    name : str, optional
+        What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
+    """
+
+    normal: Any
+    gap: Any
+    restitution: Any = 0
+    name: str | None = None
+
+    @property
+    def label(self) -> str:
+        """What results call it."""
+        return str(self.normal) if self.name is None else self.name
+
+
+@final
+class _Reading:
+    """One reading of the contacts of a scene."""
+
+    def __init__(
+        self, scene: Scene, expressions: ExpressionReader, rates: Sequence[Node], forces: Sequence[str]
+    ) -> None:
+        self.scene, self.expressions, self.forces = scene, expressions, forces
+        self.rates = rates
+        self.faults: list[str] = []
+
+    def unknown(self, symbol: Any, what: str) -> str:
+        """Return the name of a reaction component, which some joint must have."""
+        name = str(symbol)
+        if symbol is None:
+            self.faults.append(
+                f"{what} is missing: friction needs the normal reaction it is proportional to. Give the joint an"
+                " unknown force component along the normal, with da.unknowns, and name it here"
+            )
+        elif name not in self.forces:
+            self.faults.append(
+                f"{what} is {name}, which is no unknown of a joint of the scene (they are: {list_names(self.forces)})."
+                " Make it with da.unknowns and give it to the Joint of the contact"
+            )
+        return name
+
+    def number(self, value: Any, what: str, *, most: float | None = None) -> Node:
+        """Return a coefficient, which may not be negative."""
+        e = sp.sympify(value)
+        known = e.is_number and e.is_real
+        if e.is_negative or (known and most is not None and e > most):
+            span = "not be negative" if most is None else f"lie between 0 and {most:g}"
+            self.faults.append(f"{what} is {value}; it must {span}")
+        return self.expressions.read(e, what)
+
+    def friction(self, law: CoulombFriction, held: dict[str, Any]) -> None:
+        """Add what a friction law says to the fields of its contact."""
+        where = f"friction {law.label!r}"
+        pair = law.tangential if isinstance(law.tangential, tuple | list) else (law.tangential,)
+        slips = None if law.slip is None else law.slip if isinstance(law.slip, tuple | list) else (law.slip,)
+        if len(pair) not in (1, 2) or (slips is not None and len(slips) != len(pair)):
+            self.faults.append(f"{where}: tangential and slip must be one expression each, or a pair each")
+            return
+        names = tuple(self.unknown(symbol, f"the tangential reaction of {where}") for symbol in pair)
+        if len({held["normal"], *names}) <= len(names):
+            self.faults.append(f"{where}: its normal and tangential reactions must be different unknowns")
+        if law.mu is None:
+            self.faults.append(f"{where}: mu is missing; give the coefficient of friction, a symbol or a number")
+            return
+        held["tangential"] = names
+        held["mu"] = self.number(law.mu, f"mu of {where}")
+        static = law.mu if law.mu_static is None else law.mu_static
+        held["mu_static"] = held["mu"] if law.mu_static is None else self.number(static, f"mu_static of {where}")
+        both = (sp.sympify(law.mu), sp.sympify(static))
+        if all(e.is_number for e in both) and both[1] < both[0]:
+            self.faults.append(f"{where}: mu_static is {static}, less than mu = {law.mu}; it is at least as large")
+        if law.regularization is not None:
+            held["regularization"] = self.number(law.regularization, f"regularization of {where}")
+            if held["regularization"].is_zero:
+                self.faults.append(f"{where}: the slip speed of its regularization is zero; leave it out")
+        if slips is not None:
+            held["slip"] = tuple(self.slip(slip, where) for slip in slips)
+
+    def slip(self, expression: Any, where: str) -> Node:
+        """Return a slip velocity, which must be affine in the rates."""
+        from ..ir.derivatives import tangents
+
+        place = f"slip velocity of {where}"
+        before = len(self.expressions.faults)
+        node, graph = self.expressions.read(expression, place), self.expressions.graph
+        slopes = [tangents(graph, [node], {rate: graph.one})[0] for rate in self.rates]
+        if len(self.expressions.faults) == before and (
+            all(slope.is_zero for slope in slopes) or any(graph.freed_of(slope, self.rates) is None for slope in slopes)
+        ):
+            self.faults.append(f"the {place}, {expression}, is not affine in the rates; write a velocity component")
+        return node
+
+    def gap(self, contact: UnilateralContact, more: list[ConstraintModel], coordinates: int) -> dict[str, Any]:
+        """Return gap, number and sense of the holonomic constraint of a contact, a new one in `more` if need be."""
+        where = f"gap of contact {contact.label!r}"
+        before = len(self.expressions.faults)
+        node = self.expressions.read(contact.gap, where)
+        mask = 0
+        for rate in self.rates:
+            mask |= rate.deps
+        if len(self.expressions.faults) == before and (node.deps & mask or not node.deps & coordinates):
+            self.faults.append(f"the {where}, {contact.gap}, must be in coordinates (and time), without rates")
+        for i, constraint in enumerate(self.scene.holonomic_constraints):
+            for sense in (1, -1):
+                if vanishes(contact.gap - sense * constraint):
+                    return {"gap": node, "constraint": i, "sense": sense}
+        more.append(ConstraintModel(f"contact {contact.label!r}, {contact.gap} = 0".replace("(t)", ""), node))
+        return {"gap": node, "constraint": len(self.scene.holonomic_constraints) + len(more) - 1}
+
+
+def read_contacts(
+    scene: Scene,
+    expressions: ExpressionReader,
+    rates: Sequence[Node],
+    coordinates: int,
+    forces: Sequence[str],
+    fault: Callable[[str], None],
+) -> tuple[list[ContactModel], list[ConstraintModel]]:
+    """Return the contacts of a scene, and the constraints they add to its holonomic ones.
+
+    `rates` are the nodes of the rates, `coordinates` the mask of the coordinates, `forces` the unknowns of joints;
+    what is wrong goes to `fault`.
+    """
+    reading = _Reading(scene, expressions, rates, forces)
+    more: list[ConstraintModel] = []
+    found: dict[str, dict[str, Any]] = {}
+    for contact in scene.contacts:
+        if not isinstance(contact, UnilateralContact):
+            reading.faults.append(f"{contact!r} is not a UnilateralContact")
+            continue
+        normal = reading.unknown(contact.normal, f"the normal reaction of contact {contact.label!r}")
+        if normal in found:
+            reading.faults.append(f"two contacts have the normal reaction {normal}; each needs its own")
+            continue
+        found[normal] = {
+            "name": contact.label,
+            "normal": normal,
+            **reading.gap(contact, more, coordinates),
+            "restitution": reading.number(contact.restitution, f"restitution of contact {contact.label!r}", most=1.0),
+        }
+    for law in scene.frictions:
+        if not isinstance(law, CoulombFriction):
+            reading.faults.append(f"{law!r} is not a CoulombFriction")
+            continue
+        normal = reading.unknown(law.normal, f"the normal reaction of friction {law.label!r}")
+        held = found.setdefault(normal, {"name": law.label, "normal": normal})
+        if "tangential" in held:
+            reading.faults.append(f"two frictions have the normal reaction {normal}; one law holds for each")
+            continue
+        reading.friction(law, held)
+    names = [held["name"] for held in found.values()]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        reading.faults.append(f"two contacts are called {name!r}; give each its own name=")
+    for text in reading.faults:
+        fault(text)
+    if reading.faults:
+        return [], []
+    return [ContactModel(**held) for held in found.values()], more

@@ -1,0 +1,160 @@
+"""Every fault of a friction law or a contact is reported, by name, with what to do."""
+
+import math
+
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import (
+    ConstraintError,
+    InitialStateError,
+    OptionError,
+    SceneError,
+    UnknownNameError,
+    ValueInputError,
+)
+from dalembert.integrators.status import Status
+from dalembert.scene.reading import read
+from hard_cases.contacts import corner_plate, loose_plate
+
+x, theta = dynamicsymbols("x theta")
+N_A, N_Q, F_Q, F_P = da.unknowns("N_A N_Q F_Q F_P")
+mu = sp.Symbol("mu", positive=True)
+P = {"m": 1, "l": 1, "h": 0.8, "g": 9.81}
+START = {"x": -0.8 / math.tan(0.7), "theta": 0.7, "theta_dot": 0.0}
+
+
+def law(normal=N_Q, tangential=F_Q, **changes):
+    return da.CoulombFriction(normal, tangential, **({"mu": mu, "name": "corner"} | changes))
+
+
+GAP = -x - sp.Symbol("h", positive=True) * sp.cot(theta)
+
+
+def contact(normal=N_Q, gap=GAP, **changes):
+    return da.UnilateralContact(normal, gap, **({"name": "corner"} | changes))
+
+
+@pytest.mark.parametrize(
+    "added, texts",
+    [
+        (law(mu=-0.2), ["mu of friction 'corner' is -0.2", "must not be negative"]),
+        (law(mu=None), ["'corner'", "mu is missing", "give the coefficient"]),
+        (law(mu_static=-1), ["mu_static of friction 'corner' is -1", "must not be negative"]),
+        (law(mu=0.4, mu_static=0.3), ["mu_static is 0.3", "mu = 0.4", "at least as large"]),
+        (law(mu=dynamicsymbols("w")), ["mu of friction 'corner'", "w(t)", "coordinates of the scene"]),
+        (law(normal=None), ["normal reaction", "is missing", "da.unknowns"]),
+        (law(normal=da.unknowns("N_P")), ["N_P", "no unknown of a joint", "N_A, F_Q, N_Q", "da.unknowns"]),
+        (law(tangential=F_P), ["tangential reaction", "F_P", "no unknown of a joint", "da.unknowns"]),
+        (law(tangential=N_Q), ["normal and tangential reactions must be different"]),
+        (law(tangential=(F_Q, N_A), slip=x.diff()), ["tangential and slip must be", "a pair each"]),
+        (law(slip=x), ["slip velocity of friction 'corner'", "not affine in the rates"]),
+        (law(slip=x.diff() ** 2), ["slip velocity of friction 'corner'", "not affine in the rates"]),
+        (law(regularization=0), ["regularization is zero", "leave it out"]),
+        (law(regularization=-1e-3), ["regularization of friction 'corner' is -0.001", "must not be negative"]),
+        ("no law", ["'no law' is not a CoulombFriction"]),
+    ],
+    ids=lambda value: value[0][:30] if isinstance(value, list) else "",
+)
+def test_faults_of_friction(added, texts):
+    scene = da.scenes.corner_plate()
+    scene.add_friction(added)
+    with pytest.raises(SceneError) as caught:
+        read(scene)
+    assert any(all(text in fault for text in texts) for fault in caught.value.faults), caught.value.faults
+
+
+@pytest.mark.parametrize(
+    "added, texts",
+    [
+        (contact(restitution=2), ["restitution of contact 'corner' is 2", "between 0 and 1"]),
+        (contact(restitution=-0.1), ["restitution of contact 'corner' is -0.1", "between 0 and 1"]),
+        (contact(gap=x.diff()), ["gap of contact 'corner'", "in coordinates", "without rates"]),
+        (contact(gap=sp.Symbol("a")), ["gap of contact 'corner'", "in coordinates"]),
+        (contact(normal=da.unknowns("N_P")), ["N_P", "no unknown of a joint", "da.unknowns"]),
+        ("no contact", ["'no contact' is not a UnilateralContact"]),
+    ],
+    ids=lambda value: value[0][:30] if isinstance(value, list) else "",
+)
+def test_faults_of_contacts(added, texts):
+    scene = da.scenes.corner_plate()
+    scene.add_contacts(added)
+    with pytest.raises(SceneError) as caught:
+        read(scene)
+    assert any(all(text in fault for text in texts) for fault in caught.value.faults), caught.value.faults
+
+
+def test_all_faults_at_once():
+    scene = da.scenes.corner_plate()
+    scene.add_friction(law(mu=-0.2, tangential=F_P))
+    scene.add_contacts(contact(restitution=3))
+    with pytest.raises(SceneError) as caught:
+        read(scene)
+    text = str(caught.value)
+    assert "-0.2" in text and "F_P" in text and "restitution" in text
+
+
+def test_one_normal_one_law():
+    scene = da.scenes.corner_plate()
+    scene.add_friction(law(), law(name="again"))
+    with pytest.raises(SceneError, match="two frictions have the normal reaction N_Q"):
+        read(scene)
+
+
+@pytest.mark.parametrize("slip", [-x.diff() * sp.cos(theta), 2 * x.diff() * sp.cos(theta), x.diff()])
+def test_slip_must_be_what_friction_has_power_on(slip):
+    """The other sign would drive the motion on."""
+    scene = da.scenes.corner_plate()
+    scene.add_friction(law(slip=slip))
+    with pytest.raises(SceneError, match="'corner': the slip velocity given for F_Q is not the one that F_Q has power"):
+        da.compile_model(scene)
+
+
+def test_slip_that_says_what_is_known():
+    scene = da.scenes.corner_plate()
+    scene.add_friction(law(slip=x.diff() * sp.cos(theta) + 0 * theta))
+    with_slip, without = da.compile_model(scene), da.compile_model(corner_plate())
+    p = {**P, "F_A": 0, "mu": 0.1}
+    np_end = [model.simulate((0, 0.3), START, p)["theta"][-1] for model in (with_slip, without)]
+    assert np_end[0] == pytest.approx(np_end[1], abs=1e-12)
+
+
+def test_friction_without_a_normal_reaction_that_the_equations_determine():
+    """A moves on the ground by parametrization: N_A has no power until y is released."""
+    scene = da.scenes.corner_plate()
+    scene.add_friction(law(normal=N_A))
+    with pytest.raises(ConstraintError, match=r"friction 'corner' needs N_A.*do not determine.*scene\.release\("):
+        da.compile_model(scene)
+
+
+@pytest.mark.parametrize("value, text", [(-0.1, "must not be negative"), (math.nan, "finite")])
+def test_coefficients_at_run_time(value, text):
+    model = da.compile_model(corner_plate())
+    with pytest.raises(ValueInputError, match=text):
+        model.simulate((0, 1), START, {**P, "F_A": 0, "mu": value})
+
+
+def test_coefficients_of_a_sweep():
+    model = da.compile_model(corner_plate())
+    sweep = model.sweep((0, 1), START, {**P, "F_A": 0, "mu": [0.1, -0.1]})
+    assert list(sweep.status) == [Status.SUCCESS, Status.INITIAL_STATE]
+
+
+def test_a_start_that_penetrates():
+    model = da.compile_model(loose_plate())
+    with pytest.raises(InitialStateError, match=r"contact 'ground' penetrates: its gap is -0\.1; start with gap >= 0"):
+        model.simulate((0, 1), {"x": -2, "y": -0.1, "theta": 0.7, "x_dot": 0, "y_dot": 0, "theta_dot": 0}, P)
+
+
+def test_names_of_events():
+    model = da.compile_model(corner_plate(0))
+    with pytest.raises(UnknownNameError, match=r"unknown name 'slipp'.*Known: .*theta"):
+        model.simulate((0, 1), START, {**P, "mu": 0.2}, events=["slipp"])
+
+
+def test_names_of_contacts():
+    run = da.compile_model(corner_plate(0)).simulate((0, 0.1), START, {**P, "mu": 0.2})
+    with pytest.raises((OptionError, UnknownNameError), match="corner"):
+        run.mode("korner")
