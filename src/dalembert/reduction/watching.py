@@ -26,6 +26,7 @@ __all__ = ["INDEPENDENCE", "Watch", "jumping", "watching"]
 INDEPENDENCE = "determinant of J J^T"
 """Stands for the Gram determinant of the constraints that are enforced, which vanishes where they lose rank."""
 
+_REGULAR = 1e-4
 _ROUNDINGS = 64 * 2.220446049250313e-16
 _ARGUMENTS = ("t", "y", "c")
 
@@ -168,7 +169,9 @@ class _Reader:
         equations, left_out = self.system.equations, self.system.left_out
         rows = [self.graph.adopt(row.jacobian) for i, row in enumerate(equations.constraints) if i not in left_out]
         gram = matmul(self.graph, rows, transpose(rows))
-        return reduce(self.graph.mul, factorize(self.graph, gram).pivots)
+        whole = reduce(self.graph.mul, factorize(self.graph, gram).pivots)
+        share = whole / reduce(self.graph.mul, [gram[i][i] for i in range(len(rows))])
+        return self.graph.call("min", share, self.graph.node(_REGULAR))  # constant, so that no extremum is sought there
 
     def _unknown(self, name: str, place: str) -> str:
         if name in self.symbols.unknowns:

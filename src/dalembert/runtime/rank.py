@@ -1,7 +1,7 @@
 """Cases of a sweep that cross configurations at which their constraints lose rank.
 
 Where a formulation does not project, the branch beyond is a matter of chance. The Gram determinant of the constraints
-touches zero there; its least and its largest value along the motion are reductions that nobody asked for.
+of rows of length one touches zero there; its least value along the motion is a reduction that nobody asked for.
 """
 
 from __future__ import annotations
@@ -16,16 +16,13 @@ from .singular import CROSSED
 
 __all__ = ["RANK", "lost_rank"]
 
-RANK = {
-    "least independence": Reduction("minimum", INDEPENDENCE),
-    "largest independence": Reduction("maximum", INDEPENDENCE),
-}
-"""The last reductions of a sweep that is searched."""
+RANK = {"least independence": Reduction("minimum", INDEPENDENCE)}
+"""The last reduction of a sweep that is searched."""
 
 
 def lost_rank(done: BlockResult) -> None:
     """Give cases whose constraints lost rank the status of a singular configuration."""
-    least, largest = done.totals[:, -2], done.totals[:, -1]
+    least = done.totals[:, -1]
     status = done.ends[:, 1]
-    lost = (least <= CROSSED**2 * largest) & np.isin(status, (Status.SUCCESS, Status.EVENT))
+    lost = (least <= CROSSED**2) & np.isin(status, (Status.SUCCESS, Status.EVENT))
     status[lost] = float(Status.SINGULAR_CONFIGURATION)
