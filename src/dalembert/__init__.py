@@ -8,7 +8,7 @@ from .results.grid import grid
 from .runtime.events import Event
 from .runtime.reductions import final_value as final
 from .runtime.reductions import first_crossing, maximum, mean, minimum
-from .scene import CoulombFriction, Joint, Scene, UnilateralContact, unknowns
+from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, unknowns
 
 if TYPE_CHECKING:
     from .textbook import LagrangeView, Screw, lagrange
@@ -28,6 +28,7 @@ __all__ = [
     "errors",
     "final",
     "first_crossing",
+    "free_orientation",
     "grid",
     "lagrange",
     "maximum",

@@ -16,11 +16,13 @@ from .ir.lower import lower
 from .ir.program import Program
 from .mechanics.derive import derive
 from .mechanics.equations import EquationsOfMotion
+from .naming import rate_name
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
 from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
+from .scene.orientation import with_quaternions
 from .scene.reading import read
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ def compile_model(
     outputs: Sequence[Any] = (),
     cache: bool = True,
     gains: tuple[float, float] | None = None,
+    orientation: str = "scene",
 ) -> CompiledModel | HybridModel:
     """Compile a scene to a simulator.
 
@@ -75,6 +78,10 @@ def compile_model(
     gains : (float, float), optional
         Gains alpha and beta [1/s] of "baumgarte". Without them they are parameters ``baumgarte_alpha`` and
         ``baumgarte_beta``, which may be left out: `simulate` then takes one over the size of the run's first steps.
+    orientation : str
+        "scene" (default) takes the coordinates as they are. With "quaternion", bodies that three angles orient, and do
+        nothing else, have unit quaternions for coordinates, which are singular nowhere; initial values are given in
+        the angles or the quaternion, and the angles and their rates are outputs.
 
     Returns
     -------
@@ -90,8 +97,14 @@ def compile_model(
     """
     if not isinstance(source, Scene):
         raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
-    options = CompileOptions(backend, formulation, tuple(outputs), cache, gains)
-    return _compile(source.copy(), options)
+    options = CompileOptions(backend, formulation, tuple(outputs), cache, gains, orientation)
+    scene = source.copy()
+    if orientation == "quaternion":
+        scene = with_quaternions(scene)
+        angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
+        named = dict.fromkeys((*angles, *map(rate_name, angles), *options.outputs))
+        options = replace(options, outputs=tuple(named))
+    return _compile(scene, options)
 
 
 def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:

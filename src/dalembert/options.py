@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any, final
 
-from .errors import OptionError
+from .errors import OptionError, unknown_name
 
-__all__ = ["CompileOptions"]
+__all__ = ["ORIENTATIONS", "CompileOptions"]
+
+ORIENTATIONS = ("scene", "quaternion")
+"""What orients bodies: the coordinates that the scene has, or unit quaternions in place of three angles."""
 
 
 @final
@@ -28,11 +31,13 @@ class CompileOptions:
         Whether generated modules and compiled code may be kept on disk.
     gains : (float, float) or None
         Gains alpha and beta [1/s] of the formulation "baumgarte"; None leaves them to each run.
+    orientation : str
+        "scene" for the coordinates of the scene, "quaternion" to let unit quaternions take the place of angles.
 
     Raises
     ------
     OptionError
-        For gains that are not two positive numbers, or that no formulation takes.
+        For an orientation that does not exist, gains that are not two positive numbers, or that no formulation takes.
     """
 
     backend: str = "numba"
@@ -40,8 +45,11 @@ class CompileOptions:
     outputs: tuple[Any, ...] = ()
     cache: bool = True
     gains: tuple[float, float] | None = None
+    orientation: str = "scene"
 
     def __post_init__(self) -> None:
+        if self.orientation not in ORIENTATIONS:
+            raise OptionError(unknown_name("orientation", str(self.orientation), ORIENTATIONS))
         if self.gains is None:
             return
         try:

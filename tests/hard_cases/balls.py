@@ -7,7 +7,7 @@ from sympy.physics.mechanics import RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 from hard_cases.case import HardCase, reference
-from hard_cases.rotations import NO_CLOSED_FORM, UNIT, matrix_entries, quaternion_frame, spin
+from hard_cases.rotations import UNIT, matrix_entries, quaternion_frame, spin
 
 ANGLES = dynamicsymbols("psi theta phi")
 
@@ -77,7 +77,6 @@ def through_theta_0():
         values=_attitudes(data),
         source=entry["source"],
         bound=1e-13,
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -139,7 +138,6 @@ def chaplygin_sphere(times=(1.0, 10.0, 50.0)):
         bound=5e-13,
         conserved=["energy", *(at_contact.dot(a) for a in N)],
         drift=1e-13,
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -182,7 +180,6 @@ def routh_sphere():
             -momentum.dot(d),
             omega.dot(S.z) ** 2 * (A * C + m * (A * across + C * d3**2)),
         ],
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -206,7 +203,6 @@ def _turntable(name, slope, bound):
         source=entry["source"],
         bound=bound,
         conserved=(),
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -277,7 +273,6 @@ def sliding():
         source="closed form: the slip keeps its direction and shrinks by (7/2) mu g; Euler",
         bound=1e-11,
         conserved=(),
-        refused=NO_CLOSED_FORM,
     )
 
 

@@ -8,7 +8,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsym
 
 import dalembert as da
 from hard_cases.case import HardCase, reference
-from hard_cases.rotations import NO_CLOSED_FORM, UNIT, quaternion_frame, spin
+from hard_cases.rotations import UNIT, quaternion_frame, spin
 
 
 def _fixed_point_scene(name, moments, weight=None):
@@ -76,7 +76,6 @@ def _free(times, bound):
         bound=bound,
         conserved=["energy", *_momentum(scene)],
         drift=1e-13,
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -118,7 +117,6 @@ def _heavy_top(name, tilt, spin_rate, precession, quaternion, bound):
         source=name,
         bound=bound,
         conserved=["energy", _momentum(scene)[2], S.ang_vel_in(scene.frame).dot(S.z)],
-        refused=NO_CLOSED_FORM,
     )
 
 
@@ -175,7 +173,6 @@ def suslov():
         values=values,
         source=entry["source"],
         bound=2e-14,
-        refused=NO_CLOSED_FORM,
     )
 
 

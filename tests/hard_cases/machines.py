@@ -110,8 +110,18 @@ def bicycle_parameters():
     return p
 
 
+def bicycle_linearized(model, speed):
+    """Return the eigenvalues of roll and steer about upright motion at this speed, from generated derivatives."""
+    p = bicycle_parameters()
+    start = dict.fromkeys(COORDINATES, 0.0) | {"z": p["rR"], "psi": math.pi / 2, "phi": math.pi}
+    start |= {"psi_dot": 0.0, "psif_dot": 0.0, "betar_dot": speed / p["rR"]}
+    free = ["x", "y", "theta", "psi", "psif", "betar", "betaf", "psi_dot", "psif_dot", "betar_dot"]
+    found = model.linearize(0.0, start, p, states=free)
+    return np.linalg.eigvals(found.block("psi", "psif", "psi_dot", "psif_dot"))
+
+
 def bicycle_eigenvalues(model, speed, step=2e-3):
-    """Return the eigenvalues of roll and steer about upright motion at this speed, by differences.
+    """Return the same by differences, another way to them.
 
     Lean and steer are set, the rest of the position is assembled, and the rates follow from those of lean, steer and
     the rear wheel, which keeps its speed to first order.

@@ -71,6 +71,49 @@ def test_other_runs_end_there_and_say_where_and_why(formulation, rtol):
     np.testing.assert_allclose(run(times)["a1"], run(times)["a0"], atol=1e-3)
 
 
+@pytest.mark.parametrize("formulation", ["baumgarte", "augmented"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+def test_runs_without_continuous_output_are_searched_too(formulation, method):
+    options = {"method": method, "rtol": 1e-9, "atol": 1e-9, "dense": False}
+    model = compiled(two_windows, formulation)
+    run = model.simulate((0, 4), start(2), BARS, t_eval=[0, 0.5, 2, 4], **options)
+    assert run.status is Status.SINGULAR_CONFIGURATION and run.t.tolist() == [0, 0.5]
+    assert "at t = 0.71" in run.message
+    again = model.simulate((0, 0.6), start(2), BARS, t_eval=[0, 0.31, 0.6], **options)
+    whole = model.simulate((0, 0.6), start(2), BARS, t_eval=[0, 0.31, 0.6], **options | {"dense": True})
+    assert again.success
+    np.testing.assert_allclose(again.y, whole.y, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+@pytest.mark.parametrize("rtol", [1e-12, 1e-10])
+def test_projected_runs_pass_on_their_branch_or_say_that_they_cannot(method, rtol):
+    """None is projected onto another branch, where a part of its energy would be gone."""
+    run = compiled(two_windows).simulate((0, 10), start(2), BARS, method=method, rtol=rtol, atol=rtol / 100)
+    if run.success:
+        assert np.ptp(run["energy"]) < 1e-4
+    else:
+        assert run.status is Status.SINGULAR_CONFIGURATION
+        assert "depend on each other" in run.message
+
+
+@pytest.mark.parametrize("formulation", ["augmented", "baumgarte", "projected"])
+@pytest.mark.parametrize("method", ["taylor", "tsit5"])
+def test_cases_of_a_sweep_do_not_change_their_branch_and_succeed(formulation, method):
+    initial = start(2) | {"a0_dot": np.full(3, start(2)["a0_dot"])}
+    model = compiled(two_windows, formulation)
+    before = model.sweep((0, 0.6), initial, BARS, method=method, reduce=["a0"], events=["a0"])
+    assert np.all(before.status == 0) and list(before.reduced) == ["a0"] and list(before.events) == ["a0"]
+    for rtol in (1e-8, 1e-12):
+        after = model.sweep((0, 4), initial, BARS, method=method, rtol=rtol, atol=rtol, max_steps=20_000)
+        assert after.reduced == {}
+        if formulation == "projected":
+            good = after.status == 0
+            np.testing.assert_allclose(after["a0"][good], TURN[4], atol=1e-5)
+        else:
+            assert np.all(after.status != 0)
+
+
 def test_start_at_a_singular_configuration_is_a_status():
     run = compiled(two_windows).simulate(
         (0, 1), start(2, np.pi / 2) | {"b0_dot": 0.0, "b1_dot": 0.0, "a1_dot": 1.0, "a2_dot": 1.0}, BARS

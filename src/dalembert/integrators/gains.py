@@ -16,3 +16,7 @@ SECOND_ERROR_WEIGHT = 0.01
 STRETCH = 1.0 + 1e-9
 # The least absolute tolerance, so that nothing is divided by zero.
 SMALLEST_SCALE = 1e-150
+# A projection that changes the velocities by more than this share of them, or of 1e-3, corrects no error of a step: it
+# takes the motion to another branch of its constraints, where they lose rank.
+BRANCH = 0.25
+SLOW = 1e-3

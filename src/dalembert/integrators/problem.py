@@ -106,6 +106,8 @@ class Solution:
         Accepted steps, rejected attempts, and calls of the right-hand side.
     dense
         Continuous output over the accepted steps, where the problem asked for it.
+    near
+        The states (n_t, n_y) with angles less some turns, which have more digits, where they were kept so.
     """
 
     status: Status
@@ -115,6 +117,7 @@ class Solution:
     rejected: int
     evaluations: int
     dense: "DenseOutput | None" = None
+    near: FloatArray | None = None
 
     @property
     def success(self) -> bool:

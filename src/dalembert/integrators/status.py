@@ -20,6 +20,7 @@ class Status(enum.IntEnum):
     SINGULAR_CONFIGURATION = 11
     CONTACT_IMPOSSIBLE = 12
     CONTACT_AMBIGUOUS = 13
+    SINGULAR_COORDINATES = 14
 
     @property
     def success(self) -> bool:
@@ -67,6 +68,11 @@ _MESSAGES = {
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "
         'them alone: use formulation="projected", which passes through most of them, end the time span before it, or '
         "choose coordinates that are regular there."
+    ),
+    Status.SINGULAR_COORDINATES: (
+        "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn "
+        'it about the same line there. Compile with orientation="quaternion", declare the attitude with '
+        "dalembert.free_orientation, or choose other angles."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

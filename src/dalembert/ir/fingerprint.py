@@ -8,7 +8,8 @@ quasi-velocity it was solved for, whatever path the derivation took to it.
 
 Rational operations are done modulo the prime `PRIME`. The pair (cos a, sin a) is a point of
 the unit circle over the field; an angle that is a sum gets the product of the points of its
-terms, which makes the addition theorems exact. Every other function is a fresh value hashed
+terms, which makes the addition theorems exact. The four components of a unit quaternion are a
+point of the unit sphere, so that their squares add up to 1. Every other function is a fresh value hashed
 from its name and its arguments, so that nothing is claimed about it beyond what is known.
 """
 
@@ -25,6 +26,7 @@ __all__ = [
     "hashed",
     "inverse",
     "of_fraction",
+    "sphere_point",
     "square_root",
 ]
 
@@ -59,6 +61,15 @@ def circle_from(value: int) -> Circle:
     tangent = hashed("circle", value)
     scale = inverse((1 + tangent * tangent) % PRIME)
     return (1 - tangent * tangent) * scale % PRIME, 2 * tangent * scale % PRIME
+
+
+def sphere_point(value: str) -> tuple[int, int, int, int]:
+    """Return the point of the unit sphere in four dimensions that stands for a unit quaternion drawn from `value`."""
+    u = [hashed("sphere", value, i) for i in range(3)]
+    square = sum(x * x for x in u) % PRIME
+    scale = inverse((1 + square) % PRIME)
+    x, y, z = (2 * component * scale % PRIME for component in u)
+    return (square - 1) * scale % PRIME, x, y, z
 
 
 def turn(a: Circle, b: Circle) -> Circle:

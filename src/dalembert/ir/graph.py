@@ -17,10 +17,37 @@ from typing import final
 from . import fingerprint as fp
 from .ops import OPERATIONS
 
-__all__ = ["Graph", "Node"]
+__all__ = ["Graph", "Node", "UnitName", "unit_names"]
 
 _EXACT = 1 << 53
 _P = fp.PRIME
+
+
+@final
+class UnitName(str):
+    """The name of an input that is a component of a unit quaternion.
+
+    Attributes
+    ----------
+    quaternion : str
+        What its four components have in common.
+    place : int
+        Which of them it is.
+    """
+
+    __slots__ = ("place", "quaternion")
+    quaternion: str
+    place: int
+
+
+def unit_names(names: Sequence[str]) -> list[UnitName]:
+    """Return the names of inputs that are the unit quaternion with components called `names`."""
+    made = []
+    for place, name in enumerate(names):
+        unit = UnitName(f"unit {name}")
+        unit.quaternion, unit.place = " ".join(names), place
+        made.append(unit)
+    return made
 
 
 @final
@@ -113,7 +140,10 @@ class Graph:
     def input(self, name: str) -> Node:
         """Return the input called `name`; the first call makes it."""
         if name not in self._inputs:
-            value = fp.hashed("input", name)
+            if isinstance(name, UnitName):
+                value = fp.sphere_point(name.quaternion)[name.place]
+            else:
+                value = fp.hashed("input", name)
             deps = 1 << len(self._inputs)
             self._inputs[name] = self._make("input", (), name, value, 0.1, deps)
         return self._inputs[name]
@@ -419,7 +449,8 @@ class Graph:
     def adopt_one(self, node: Node, new: Mapping[int, Node]) -> Node:
         """Return a node of another graph, rebuilt in this one from its operands in `new`, by their indices there."""
         if node.op == "input":
-            return self.input(str(node.payload))
+            assert isinstance(node.payload, str)
+            return self.input(node.payload)
         if node.op == "const":
             return self.zero if node.is_zero else self._copy_constant(node)
         return self.call(node.op, *(new[arg.index] for arg in node.args))
@@ -457,9 +488,13 @@ class Graph:
             mask |= source.deps
         if not node.deps & mask:
             return node
-        for value in (self.zero, self.one):
+        for trial, value in enumerate((self.zero, self.one)):
+            values = dict.fromkeys(inputs, value)
+            for source in inputs:
+                if isinstance(source.payload, UnitName):  # a point of the sphere, as the identities of its values need
+                    values[source] = self.one if source.payload.place == trial else self.zero
             try:
-                fixed = self.substitute([node], dict.fromkeys(inputs, value))[0]
+                fixed = self.substitute([node], values)[0]
             except ZeroDivisionError:
                 continue
             return fixed if fixed is node and not node.deps & mask else None

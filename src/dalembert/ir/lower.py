@@ -35,7 +35,7 @@ def lower(system: ReducedSystem) -> Program:
     graph, symbols = equations.graph, equations.symbols
     parameters = {graph.input(name): ("p", i) for i, name in enumerate(symbols.parameters)}
     common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
-    state = common | {node: ("y", i) for i, node in enumerate(system.inputs)}
+    state = common | {node: ("y", i) for node, i in system.places.items()}
     scene = common | {node: ("y", i) for i, node in enumerate((*equations.q, *equations.qdot))}
     rows = equations.constraints
     residuals = [
@@ -48,8 +48,7 @@ def lower(system: ReducedSystem) -> Program:
         "outputs": tuple(system.outputs.values()),
     }
     if system.projection is not None:
-        on_state["project_position"] = system.projection.position
-        on_state["project_velocity"] = system.projection.velocity
+        on_state |= system.projection.kernels()
     on_scene = {
         "initial": system.initial,
         "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
@@ -84,6 +83,7 @@ def lower(system: ReducedSystem) -> Program:
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
         defaults={**equations.defaults, **system.defaults},
+        entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
     return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
 
@@ -121,7 +121,7 @@ def lower_kernel(
             if node.payload not in places:
                 raise ExpressionError(f"kernel {name!r} depends on {node.payload!r}, which it is not given")
             array, index = places[str(node.payload)]
-            target = namer(str(node.payload).removeprefix("speed "))
+            target = namer(str(node.payload).removeprefix("speed ").removeprefix("unit "))
             loads.append(Load(target, array, index))
             operands[node.index] = target
         elif node.deps == 0:

@@ -93,6 +93,8 @@ class Layout:
         Text of a SymPy symbol -> name.
     defaults : mapping of str to float
         Parameters that may be left out, and their values then.
+    entries : tuple of str
+        Names of other values that a start may be given in.
     """
 
     coordinates: tuple[str, ...]
@@ -107,6 +109,12 @@ class Layout:
     constants: int
     aliases: dict[str, str] = field(hash=False)
     defaults: dict[str, float] = field(default_factory=dict, hash=False)
+    entries: tuple[str, ...] = ()
+
+    @property
+    def initial(self) -> tuple[str, ...]:
+        """Names that initial values may have."""
+        return (*self.coordinates, *self.rates, *self.entries)
 
 
 @final

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
+from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
 __all__ = ["Integrated", "Recurrences", "recurrences"]
@@ -49,21 +50,7 @@ class Recurrences:
     @property
     def angles(self) -> frozenset[str]:
         """Components of the state that matter modulo a turn: all that the rates use of them are sines and cosines."""
-        used: dict[str, list[Assignment]] = {}
-        for line in self.kernel.body:
-            for arg in line.args:
-                if isinstance(arg, str):
-                    used.setdefault(arg, []).append(line)
-        ends = {rate for rate in self.kernel.outputs if isinstance(rate, str)}
-        turning: set[str] = set()
-        for name in (*(line.target for line in reversed(self.kernel.body)), *self.states):
-            periodic = (
-                line.op in ("sin", "cos", "tan") or (line.op in ("add", "sub", "neg") and line.target in turning)
-                for line in used.get(name, ())
-            )
-            if name in used and name not in ends and all(periodic):
-                turning.add(name)
-        return frozenset(turning & set(self.states))
+        return turning(self.kernel.body, self.states, self.kernel.outputs)
 
     def unrolled_lines(self, order: int) -> int:
         """Return about how many lines the series up to `order` need when they are written out."""

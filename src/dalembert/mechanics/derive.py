@@ -12,6 +12,7 @@ from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion
 from .kinematics import Kinematics
 from .quasi_velocities import velocity_groups
+from .quaternions import quaternion_groups
 from .virtual_power import powers
 
 __all__ = ["derive"]
@@ -43,7 +44,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         constraints=rows,
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.gravity_potential + model.potential,
-        groups=velocity_groups(kinematics),
+        groups=(*quaternion_groups(kinematics), *velocity_groups(kinematics)),
         outputs=model.outputs,
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
     )

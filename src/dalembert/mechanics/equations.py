@@ -103,19 +103,35 @@ class Watchpoint:
 @final
 @dataclass(frozen=True)
 class VelocityChoice:
-    """Quasi-velocities that may replace the rates of a group: speeds = rows . rates."""
+    """Quasi-velocities that may replace the rates of a group: speeds = rows . rates.
+
+    `inverse` is what gives the rates of a quaternion, rates = inverse . speeds; empty where rows have an inverse.
+    """
 
     names: tuple[str, ...]
     rows: tuple[tuple[Node, ...], ...]
+    inverse: tuple[tuple[Node, ...], ...] = ()
 
 
 @final
 @dataclass(frozen=True)
 class VelocityGroup:
-    """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer."""
+    """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer.
+
+    Attributes
+    ----------
+    coordinates : tuple of int
+    choices : tuple of VelocityChoice
+    angles : bool
+        Whether they are three angles that turn a frame.
+    norm : str
+        For the four coordinates of a quaternion, the label of the constraint that makes its length one; else empty.
+    """
 
     coordinates: tuple[int, ...]
     choices: tuple[VelocityChoice, ...]
+    angles: bool = False
+    norm: str = ""
 
 
 @final

@@ -101,7 +101,7 @@ def _rotation(kinematics: Kinematics, frame: int) -> VelocityGroup | None:
         rows = tuple(tuple(column[axis] for column in columns) for axis in range(3))
         name = kinematics.model.frames[target].name
         choices.append(VelocityChoice(tuple(f"omega_{name}_{axis}" for axis in _AXES), rows))
-    return VelocityGroup(coordinates, tuple(choices))
+    return VelocityGroup(coordinates, tuple(choices), angles=True)
 
 
 def _turning(kinematics: Kinematics, frame: int) -> list[tuple[int, Components]]:

@@ -49,6 +49,11 @@ class Projection:
     position: tuple[Node, ...]
     velocity: tuple[Node, ...]
 
+    def kernels(self) -> dict[str, tuple[Node, ...]]:
+        """Return the corrections that do anything, by the names of their kernels."""
+        named = {"project_position": self.position, "project_velocity": self.velocity}
+        return {name: nodes for name, nodes in named.items() if not all(node.is_zero for node in nodes)}
+
 
 @final
 @dataclass(frozen=True)
@@ -127,6 +132,13 @@ class ReducedSystem:
     defaults: Mapping[str, float] = field(default_factory=dict)
     regular: bool = True
     left_out: tuple[int, ...] = ()
+
+    @property
+    def places(self) -> dict[Node, int]:
+        """Where in y each input stands; a projection may also name the coordinates in it as the equations do."""
+        coordinates = zip(self.equations.symbols.coordinates, self.equations.q, strict=True)
+        named = {node: self.state.index(name) for name, node in coordinates if name in self.state}
+        return named | {node: i for i, node in enumerate(self.inputs)}
 
 
 class Formulation(ABC):

@@ -16,6 +16,7 @@ from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
+from .unit_sphere import from_unit_sphere, normalisation, on_unit_sphere, unit_notes
 
 __all__ = ["Minimal"]
 
@@ -76,6 +77,7 @@ class Minimal(Formulation):
         settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
+        scene, equations = equations, on_unit_sphere(equations)
         try:
             best = parametrizations(equations, lambda p: self._cost(equations, p))
         except NoRegularBasis as reason:
@@ -84,24 +86,24 @@ class Minimal(Formulation):
                 " Use formulation='projected', or 'auto', which takes it"
             ) from None
         motion = _kane(equations, best)
-        values = {a: b for a, b in zip(equations.q, best.coordinates, strict=True) if a is not b}
-        values |= {a: b for a, b in zip(equations.qdot, best.rates, strict=True) if a is not b}
-        wanted = requested_outputs(equations, requested, values, motion.accelerations)
+        values = {a: b for a, b in zip(scene.q, best.coordinates, strict=True) if a is not b}
+        values |= {a: b for a, b in zip(scene.qdot, best.rates, strict=True) if a is not b}
+        wanted = requested_outputs(scene, requested, values, motion.accelerations)
         kept = [equations.symbols.coordinates[i] for i in best.kept]
         return ReducedSystem(
             formulation=self.name,
-            equations=equations,
+            equations=scene,
             state=(*kept, *best.names),
             inputs=(*(equations.q[i] for i in best.kept), *best.speeds),
             rhs=(*motion.coordinate_rates, *motion.speed_rates),
             coordinates=best.coordinates,
             rates=best.rates,
             accelerations=motion.accelerations,
-            initial=(*(equations.q[i] for i in best.kept), *best.definitions),
-            projection=None,
+            initial=(*(scene.q[i] for i in best.kept), *from_unit_sphere(scene, equations, best.definitions)),
+            projection=normalisation(scene, kept, len(best.names)),
             outputs=wanted.outputs,
             undetermined=wanted.undetermined,
-            notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes),
+            notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),
         )
 
     def _cost(self, equations: EquationsOfMotion, p: Parametrization) -> float:

@@ -16,6 +16,7 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
+from ..ir.linear import matvec
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 
 __all__ = ["NoRegularBasis", "Parametrization", "parametrizations"]
@@ -69,7 +70,7 @@ def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrizati
     """
     holonomic = _solve_holonomic(equations)
     groups = [group for group in equations.groups if not set(group.coordinates) & set(holonomic.solved)]
-    picks: list[VelocityChoice | None] = [None] * len(groups)
+    picks: list[VelocityChoice | None] = [group.choices[0] if group.norm else None for group in groups]
     best: Parametrization | None = None
     best_cost, reason = float("inf"), ""
     trials: list[tuple[int, VelocityChoice | None]] = [(-1, None)]
@@ -108,7 +109,8 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
         assert row.position is not None
         known = {q[i]: value for i, value in solved.items()}
         residual = graph.substitute([row.position], known)[0]
-        pivot = _pivot(equations, residual, [i for i in range(len(q)) if i not in solved])
+        turning = {i for group in equations.groups if group.norm for i in group.coordinates}
+        pivot = _pivot(equations, residual, [i for i in range(len(q)) if i not in solved and i not in turning])
         if pivot is None:
             _refuse_dependent(equations, row, residual, q)
             raise NoRegularBasis(f"{row.label} gives no coordinate in closed form")
@@ -173,13 +175,15 @@ def _parametrize(
             continue
         rows = [graph.substitute(row, at_kept) for row in pick.rows]
         inputs = [graph.input(f"speed {name}") for name in pick.names]
-        rates = _solve(graph, rows, inputs)
-        for i, name, speed, row, rate in zip(group.coordinates, pick.names, inputs, pick.rows, rates, strict=True):
+        rates = matvec(graph, pick.inverse, inputs) if pick.inverse else _solve(graph, rows, inputs)
+        turned |= {equations.qdot[i]: rate for i, rate in zip(group.coordinates, rates, strict=True)}
+        for i in group.coordinates[len(inputs) :]:  # a quaternion has one rate more than speeds
+            del names[i], speeds[i], definitions[i]
+        for i, name, speed, row in zip(group.coordinates, pick.names, inputs, pick.rows, strict=False):
             names[i], speeds[i] = name, speed
             definitions[i] = graph.sum(a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True))
-            turned[equations.qdot[i]] = rate
     solved = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
-    independent = [i for i in kept if i not in solved]
+    independent = [i for i in speeds if i not in solved]
     rates_in_speeds = graph.substitute(list(holonomic.rates), turned)
     dependent = {speeds[i]: value for i, value in solved.items()}
     rates_in_speeds = graph.substitute(graph.substitute(rates_in_speeds, at_kept), dependent)

@@ -18,6 +18,7 @@ from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
+from ..scene.model import Entry
 from .base import ReducedSystem
 from .reactions import independent_columns
 
@@ -79,13 +80,39 @@ class _Starting:
         equations = system.equations
         self.system, self.symbols = system, equations.symbols
         self.graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
-        self.given = tuple(name for name in (*self.symbols.coordinates, *self.symbols.rates) if name in given)
+        known = [*self.symbols.coordinates, *self.symbols.rates]
+        known += [name for entry in self.symbols.entries for name in entry.names]
+        self.given = tuple(name for name in known if name in given)
         self.rows = equations.constraints
         self.q = self.graph.adopt(equations.q)
         self.qdot = self.graph.adopt(equations.qdot)
         self.values: dict[Node, Node] = {}
         self.fixed: list[tuple[Node, Node]] = []
         self.fixed_labels: list[tuple[str, str]] = []
+        self.entered: set[str] = set()
+        for entry in self.symbols.entries:
+            self._enter(entry)
+
+    def _enter(self, entry: Entry) -> None:
+        """Take coordinates or rates from other values that are given in their place."""
+        there = [name for name in entry.names if name in self.given]
+        if not there:
+            return
+        lacking = [name for name in (*entry.names, *entry.needs) if name not in self.given]
+        if lacking:
+            raise InitialStateError(
+                f"initial values are missing for {list_names(lacking)}: with {list_names(there)}, all of"
+                f" {list_names((*entry.names, *entry.needs))} are needed to orient a body; or give"
+                f" {list_names(entry.targets)} instead"
+            )
+        twice = [name for name in entry.targets if name in self.given or name in self.entered]
+        if twice:
+            raise InitialStateError(
+                f"{list_names(entry.names)} say what {list_names(twice)} are, which are given too; give one of the two"
+            )
+        values = self._at(self.graph.adopt(entry.values))
+        self.values |= {self.graph.input(name): node for name, node in zip(entry.targets, values, strict=True)}
+        self.entered |= set(entry.targets)
 
     def build(self) -> Start:
         positions = [row for row in self.rows if row.position is not None]
@@ -132,19 +159,20 @@ class _Starting:
         return self.graph.substitute(nodes, self.values) if self.values else list(nodes)
 
     def _missing(self, nodes: Sequence[Node], names: Sequence[str]) -> tuple[list[int], list[Node], list[str]]:
-        places = [i for i, name in enumerate(names) if name not in self.given]
+        places = [i for i, name in enumerate(names) if name not in self.given and name not in self.entered]
         return places, [nodes[i] for i in places], [names[i] for i in places]
 
     def _solve_positions(self, residual: list[Node], jacobian: Matrix) -> None:
         places, missing, names = self._missing(self.q, self.symbols.coordinates)
         if not missing:
             return
-        columns = [[row[i] for i in places] for row in jacobian]
+        columns = [self._at([row[i] for i in places]) for row in jacobian]
+        whole = [self._at(row) for row in jacobian]
         why = "no holonomic constraint gives them uniquely"
         linear = all(self.graph.freed_of(entry, missing) is not None for row in columns for entry in row)
         if not linear:
             self._refuse("coordinates", names, why)
-        self._solve(residual, columns, jacobian, missing, names, ("coordinates", why))
+        self._solve(self._at(residual), columns, whole, missing, names, ("coordinates", why))
 
     def _solve_velocities(self, residual: list[Node], jacobian: Matrix) -> None:
         places, missing, names = self._missing(self.qdot, self.symbols.rates)
@@ -184,8 +212,11 @@ class _Starting:
         self.values |= dict(zip(missing, found, strict=True))
 
     def _refuse(self, what: str, names: Sequence[str], why: str) -> None:
+        others = [list_names(entry.names) for entry in self.symbols.entries if set(entry.targets) & set(names)]
+        instead = f". In place of {what} of a quaternion, {' or '.join(others)} may be given" if others else ""
         raise InitialStateError(
             f"initial values are missing for the {what} {list_names(names)}: {why}, and nothing defaults to zero"
+            f"{instead}"
         )
 
     def _limit(self, row: Sequence[Node], around: Sequence[Node], scale: float) -> Node:
@@ -201,8 +232,10 @@ class _Starting:
         projection = system.projection or system.start_projection
         if projection is None:
             return state
-        inputs = graph.adopt(system.inputs)
+        inputs, places = graph.adopt(list(system.places)), list(system.places.values())
         for correction in (projection.position, projection.velocity):
-            moved = graph.substitute(graph.adopt(correction), dict(zip(inputs, state, strict=True)))
+            moved = graph.substitute(
+                graph.adopt(correction), {node: state[i] for node, i in zip(inputs, places, strict=True)}
+            )
             state = [a + b for a, b in zip(state, moved, strict=True)]
         return state

@@ -48,13 +48,14 @@ class _Variational:
         self.symbols = system.equations.symbols
         self.graph = Graph()  # a graph of its own, so that the model's own kernels stay as they are
         self.inputs = self.graph.adopt(system.inputs)
+        self.places = dict(zip(self.graph.adopt(list(system.places)), system.places.values(), strict=True))
         names = [f"d {name} d {w}" for w in wrt for name in system.state]
         self.names = tuple(names)
         self.varied = [self.graph.input(name) for name in names]
 
     def _seeds(self, place: int) -> dict[Node, Node]:
         n = len(self.inputs)
-        seeds = dict(zip(self.inputs, self.varied[place * n : (place + 1) * n], strict=True))
+        seeds = {node: self.varied[place * n + i] for node, i in self.places.items()}
         if self.wrt[place] in self.symbols.parameters:
             seeds[self.graph.input(self.wrt[place])] = self.graph.one
         return seeds
@@ -78,7 +79,7 @@ class _Variational:
         system = self.system
         wanted = {"rhs": system.rhs, "outputs": self._values()}
         if system.projection is not None:
-            wanted |= {"project_position": system.projection.position, "project_velocity": system.projection.velocity}
+            wanted |= system.projection.kernels()
         inputs = self._arrays()
         kernels = [
             lower_kernel(self.graph, name, self._with_derivatives(nodes), inputs) for name, nodes in wanted.items()
@@ -105,4 +106,5 @@ class _Variational:
         graph = self.graph
         arrays: dict[Node, tuple[str, int | None]] = {graph.input(self.symbols.time): ("t", None)}
         arrays |= {graph.input(name): ("p", i) for i, name in enumerate(self.symbols.parameters)}
-        return arrays | {node: ("y", i) for i, node in enumerate((*self.inputs, *self.varied))}
+        arrays |= {node: ("y", i) for node, i in self.places.items()}
+        return arrays | {node: ("y", len(self.inputs) + i) for i, node in enumerate(self.varied)}

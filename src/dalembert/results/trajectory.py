@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -15,6 +15,7 @@ from ..integrators.problem import DenseOutput
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence
 from ..ir.interpret import interpret_rows
+from ..ir.periodic import angles_in
 from ..ir.program import Program
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
@@ -93,6 +94,7 @@ class Trajectory:
         self._estimate: ErrorEstimate | None = None
         self.events = EventRecords()
         self._monitors: Monitors | None = None
+        self._near: FloatArray | None = None
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
@@ -108,6 +110,24 @@ class Trajectory:
         """Return this motion with what gives first integrals from (c, t, q, qdot) when they are asked for."""
         self._monitors = monitors
         return self
+
+    def with_near(self, near: FloatArray | None) -> Trajectory:
+        """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
+        self._near = near
+        if near is not None:
+            size = len(self._program.layout.coordinates)
+            kernel = self._program.kernel("expand")
+            y = self._nearer(angles_in(kernel, size))
+            self.qdot = interpret_rows(kernel, self.t, y, self._c)[:, size:]
+        return self
+
+    def _nearer(self, angles: Iterable[int]) -> FloatArray:
+        """Return the states with some angles less their turns."""
+        y = self.y
+        if self._near is not None:
+            y, places = y.copy(), sorted(angles)
+            y[:, places] = self._near[:, places]
+        return y
 
     @cached_property
     def invariants(self) -> dict[str, FloatArray]:
@@ -189,12 +209,17 @@ class Trajectory:
     def _on_scene(self, kernel: str) -> FloatArray:
         if kernel not in self._program:
             return np.empty((len(self.t), 0))
-        x = np.hstack([self.q, self.qdot])
+        x, layout = np.hstack([self.q, self.qdot]), self._program.layout
+        if self._near is not None:
+            for i in angles_in(self._program.kernel(kernel)):
+                if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:
+                    x[:, i] = self._near[:, layout.state.index(layout.coordinates[i])]
         return interpret_rows(self._program.kernel(kernel), self.t, x, self._c)
 
     @cached_property
     def _outputs(self) -> FloatArray:
-        return interpret_rows(self._program.kernel("outputs"), self.t, self.y, self._c)
+        kernel = self._program.kernel("outputs")
+        return interpret_rows(kernel, self.t, self._nearer(angles_in(kernel)), self._c)
 
     @cached_property
     def _energies(self) -> FloatArray:

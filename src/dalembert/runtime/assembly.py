@@ -101,6 +101,7 @@ def assembled(
 
 def nearest(program: Program, c: FloatArray, t: float, values: Mapping[str, float]) -> str:
     """Return a sentence on the consistent state nearest to given values, or nothing where none was found."""
+    values = {name: value for name, value in values.items() if name not in program.layout.entries}
     try:
         found = assembled(program, c, t, values, ())
     except InitialStateError:

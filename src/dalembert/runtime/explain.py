@@ -75,7 +75,8 @@ def _left_out(stages: Stages) -> list[str]:
     if not layout.constraints:
         out.append("constraint machinery: the scene has no constraints")
     elif "project_velocity" not in program and program.formulation == "minimal":
-        out.append("multipliers and projections: the speeds satisfy the constraints")
+        what = "multipliers" if "project_position" in program else "multipliers and projections"
+        out.append(f"{what}: the speeds satisfy the constraints")
     rhs = {load.index for load in program.kernel("rhs").loads if load.array == "y"}
     idle = [name for i, name in enumerate(layout.state) if i not in rhs]
     if idle:

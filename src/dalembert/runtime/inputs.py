@@ -17,6 +17,8 @@ from .assembly import nearest
 
 __all__ = [
     "FLOOR",
+    "IMPLICIT_FLOOR",
+    "MULTIPLIERS_FLOOR",
     "constants",
     "given_values",
     "initial_state",
@@ -29,6 +31,12 @@ __all__ = [
 
 FLOOR = 1e-16
 """Relative error below which no tolerance is met: half the spacing of doubles, rounded down."""
+
+IMPLICIT_FLOOR = 1e-13
+"""The same for `radau`: what Newton's iteration leaves of its stages (measured on the hard cases)."""
+
+MULTIPLIERS_FLOOR = 1e-10
+"""The same with multipliers in the stages, which rounding of the constraints over the step reaches."""
 
 
 def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]) -> dict[str, float]:
@@ -83,13 +91,18 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
     return names
 
 
-def warn_below_floor(rtol: float, atol: float) -> None:
-    """Warn of tolerances below what numbers of double precision can give, for components of size 1."""
-    if 0.0 <= rtol < FLOOR and 0.0 <= atol < FLOOR and (rtol or atol):
+def warn_below_floor(rtol: float, atol: float, program: Program | None = None, method: str = "") -> None:
+    """Warn of tolerances below what a method reaches in double precision, for components of size 1."""
+    floor, what = FLOOR, "double precision"
+    if program is not None and "stages" in program:
+        floor, what = MULTIPLIERS_FLOOR, f"{method!r} with multipliers in its stages ({program.formulation!r})"
+    elif method == "radau":
+        floor, what = IMPLICIT_FLOOR, f"{method!r}, which solves for its stages,"
+    if 0.0 <= rtol < floor and 0.0 <= atol < floor and (rtol or atol):
         warnings.warn(
-            f"rtol = {rtol:g} with atol = {atol:g} asks for less than double precision gives: its floor is {FLOOR:g} of"
+            f"rtol = {rtol:g} with atol = {atol:g} asks for less than {what} gives: its floor is {floor:g} of"
             " the size of the state, and below it steps get shorter while errors do not. Give one of them at least"
-            f" {FLOOR:g}",
+            f" {floor:g}",
             PrecisionWarning,
             stacklevel=3,
         )
@@ -195,12 +208,13 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
     return y
 
 
-def given_values(layout: Layout, initial: Mapping[Any, Any]) -> dict[str, float]:
-    """Return initial values by name.
+def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:
+    """Return initial values by name; `plain` ones are coordinates and rates alone.
 
     Raises
     ------
     UnknownNameError, ValueInputError
         For unknown names and values that are not finite numbers.
     """
-    return resolve("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
+    known = (*layout.coordinates, *layout.rates) if plain else layout.initial
+    return resolve("initial value", initial, known, layout.aliases)

@@ -49,7 +49,10 @@ def linearized(
     pairs = [_derivatives(program, kernel, t, y, p, c) for kernel in kernels]
     g_x = np.vstack([np.empty((0, len(y))), *(pair[0] for pair in pairs)])
     g_p = np.vstack([np.empty((0, len(p))), *(pair[1] for pair in pairs)])
-    free = _free(layout.state, layout.holonomic, g_x, chosen)
+    if chosen is None and program.formulation == "minimal":
+        free = _picked(g_x)
+    else:
+        free = _free(layout.state, layout.holonomic, g_x, chosen)
     pick = np.eye(len(y))[free]
     whole = np.linalg.pinv(np.vstack([g_x, pick]))
     tangent, shift = whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p
@@ -66,9 +69,9 @@ def linearized(
 
 
 def _constraint_kernels(program: Program) -> list[str]:
-    """Return the kernels of what the state itself has to fulfil; that of `minimal` has to fulfil nothing."""
+    """Return the kernels of what the state itself has to fulfil; that of `minimal` only has unit quaternions."""
     if program.formulation == "minimal":
-        return []
+        return [name for name in ("project_position",) if name in program]
     return [name for name in ("position_residual", "velocity_residual") if name in program]
 
 
@@ -94,8 +97,6 @@ def _free(state: Sequence[str], holonomic: int, g_x: FloatArray, chosen: Sequenc
     """Return the numbers of independent components: those chosen, or those that the constraints fix least."""
     if chosen is None:
         n = len(state) // 2
-        if len(g_x) == 0:
-            return list(range(len(state)))
         return [*_picked(g_x[:holonomic, :n]), *(n + i for i in _picked(g_x[holonomic:, n:]))]
     rank = int(np.linalg.matrix_rank(g_x, tol=_DEPENDENT * max(1.0, float(np.max(np.abs(g_x), initial=0.0)))))
     for name in chosen:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.interpret import interpret_rows
+from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
 from ..results.estimate import TIGHTER
 from ..results.trajectory import RunStatistics, Trajectory
@@ -22,10 +24,12 @@ from . import inputs
 from .assembly import assembled
 from .events import EventCode
 from .gains import with_gains
+from .gimbal import locked, remedy
 from .held import NO_ESTIMATE, Held, span_of
 from .monitors import conserved
 from .prepared import PreparedRun
-from .singular import indeterminate, judged, redundant, singular_start, still_redundant
+from .recording import Record
+from .singular import indeterminate, judged, redundant, searched, singular_start, still_redundant
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -44,6 +48,44 @@ class Simulated(Held):
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._candidates: Candidates | None = None
+
+    @cached_property
+    def _gimbals(self) -> Gimbals | None:
+        """The angles that may lock, found when a run is first judged."""
+        return gimbals(self.stages.reduced)
+
+    def _judged(self, problem: IntegrationProblem, method: str, solution: Solution) -> tuple[Solution, str]:
+        """Return a run ended where its angles lock or its constraints lose rank, and a note on where that is."""
+        if self._gimbals is None and not self._enforced:
+            return solution, ""
+        c, steps = problem.constants, self._steps(problem, method, solution)
+        if self._gimbals is not None:
+            solution, where = locked(self._program, self._gimbals, solution, c, steps)
+            if where:
+                return solution, f"{where}; {remedy(self.stages.scene)}"
+        if self._enforced:
+            where = ""
+            if solution.status is not Status.SINGULAR_CONFIGURATION:
+                solution, where = judged(self._program, solution, c, self._enforced, steps)
+            loose = indeterminate(self._program, problem.t0, problem.y0, c)
+            return solution, "; ".join(text for text in (where, loose) if text)
+        return solution, ""
+
+    def _steps(self, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:
+        """Return a run with its accepted steps for records, as far as that says more of it.
+
+        Of a run that failed they are integrated once more, from what it recorded last.
+        """
+        if problem.t_eval is None or not self.layout.state:
+            return solution
+        if solution.dense is not None:
+            return replace(solution, t=solution.dense.knots, y=solution.dense(solution.dense.knots))
+        if solution.success:
+            return solution
+        t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+        again = self._engine.integrate(replace(problem, t0=float(t), y0=y, t_eval=None, first_step=None), method)
+        t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
+        return replace(solution, t=t, y=y)
 
     def simulate(
         self,
@@ -107,7 +149,7 @@ class Simulated(Held):
         t0, t1 = span_of(t_span)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
-        inputs.warn_below_floor(rtol, atol)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
@@ -193,14 +235,17 @@ class Simulated(Held):
             solution, occurrences = self._watched(problem, method, watch)
         elif not self.layout.state:
             solution = prescribed(problem)
+        elif self._enforced and searched(self._program) and not problem.dense:
+            if automatic:
+                method, note = self._engine.fit(problem, method)
+            solution, crossed = self._searched(problem, method)
+            note = "; ".join(text for text in (note, crossed) if text)
         elif automatic:
             solution, method, note = self._engine.integrate_automatic(problem, method)
         else:
             solution = self._engine.integrate(problem, method)
-        if self._enforced:
-            solution, where = judged(self._program, solution, problem.constants, self._enforced)
-            loose = indeterminate(self._program, problem.t0, problem.y0, problem.constants)
-            note = "; ".join(text for text in (note, where, loose) if text)
+        solution, where = self._judged(problem, method, solution)
+        note = "; ".join(text for text in (note, where) if text)
         if self._note:
             tolerance = 1e3 * (problem.rtol + problem.atol)
             solution, broken = still_redundant(
@@ -218,8 +263,18 @@ class Simulated(Held):
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
-        run.with_monitors(self._monitors)
+        run.with_monitors(self._monitors).with_near(solution.near)
         return run if watch is None else run.with_events(watch.labels, occurrences)
+
+    def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
+        """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
+        record, where = Record(self._program, problem), ""
+        for part in self._engine.stretches(replace(problem, t_eval=None, dense=True), method):
+            found, where = judged(self._program, part, problem.constants, self._enforced, part)
+            record.add(found)
+            if found.status is Status.SINGULAR_CONFIGURATION:
+                break
+        return record.solution(), where
 
     def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
         """Integrate one problem with events."""
@@ -277,7 +332,7 @@ class Simulated(Held):
             For input that is wrong.
         """
         c = inputs.constants(self._program, self.parameter_vector(parameters))
-        values = inputs.given_values(self.layout, guess)
+        values = inputs.given_values(self.layout, guess, plain=True)
         held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
         return assembled(self._program, c, float(t), values, held)
 
@@ -298,9 +353,9 @@ class Simulated(Held):
         t_span, method, rtol, atol, max_step, max_steps
             As for `simulate`.
         """
-        inputs.warn_below_floor(rtol, atol)
         t0, t1 = span_of(t_span)
         chosen = self._method(method, rtol, atol)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,

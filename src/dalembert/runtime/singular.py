@@ -19,7 +19,7 @@ from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["indeterminate", "judged", "redundant", "singular_start", "still_redundant"]
+__all__ = ["CROSSED", "cut", "indeterminate", "judged", "redundant", "searched", "singular_start", "still_redundant"]
 
 _LOST = 1e-7
 """Share below which rank is lost."""
@@ -27,7 +27,9 @@ _LOST = 1e-7
 _NEAR = 0.05
 """Share below which a run that failed is taken to have failed for it."""
 
-_CROSSED = 1e-5
+CROSSED = 1e-5
+"""Share below which a minimum along a motion is one where rank is lost."""
+
 _NEARBY = 1e-3
 _PER_STEP = 3
 
@@ -54,7 +56,9 @@ def _shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite."""
     found = np.full(len(j), np.nan)
     fine = np.all(np.isfinite(j), axis=(1, 2))
-    if j.shape[1] > j.shape[2]:
+    if j.shape[1] == 1:
+        found = np.linalg.norm(j[:, 0], axis=1) / lengths[0]
+    elif j.shape[1] > j.shape[2]:
         found[fine] = 0.0
     elif np.any(fine):
         found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, -1]
@@ -147,25 +151,33 @@ def singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enf
     return f"{_where(program, t, y, c, enforced)}, and not around it: start elsewhere, or use other coordinates"
 
 
-def judged(program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int]) -> tuple[Solution, str]:
+def judged(
+    program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int], steps: Solution
+) -> tuple[Solution, str]:
     """Return a run ended where it met a singular configuration, and where that was.
 
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
-    for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them.
+    for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
+    are refused where they would change their branch. `steps` is the same run with its accepted steps for records.
     """
-    if len(solution.t) == 0 or solution.status is Status.MAX_STEPS:
+    if len(steps.t) == 0:
         return solution, ""
-    if "project_velocity" not in program:
+    if searched(program):
         crossing = _crossing(program, solution, c, enforced)
         if crossing is not None:
             t, y = crossing
-            return _cut(solution, t), _where(program, t, y, c, enforced)
-    if not solution.success:
-        j = _at_states(program, solution.t, solution.y, c, enforced)
+            return cut(solution, t), _where(program, t, y, c, enforced)
+    if not solution.success and solution.status is not Status.MAX_STEPS:
+        j = _at_states(program, steps.t, steps.y, c, enforced)
         if _shares(j[-1:], _lengths(j))[0] < _NEAR:
-            where = _where(program, float(solution.t[-1]), solution.y[-1], c, enforced)
+            where = _where(program, float(steps.t[-1]), steps.y[-1], c, enforced)
             return replace(solution, status=Status.SINGULAR_CONFIGURATION), where
     return solution, ""
+
+
+def searched(program: Program) -> bool:
+    """Return whether runs are searched for singular configurations that they have crossed: those not projected."""
+    return "project_velocity" not in program
 
 
 def _crossing(
@@ -196,13 +208,13 @@ def _crossing(
                 k = int(np.argmin(np.nan_to_num(fine, nan=np.inf)))
                 place, state, share = float(times[k]), states[k], float(fine[k])
                 first, last = float(times[max(k - 1, 0)]), float(times[min(k + 1, 16)])
-        if share < _CROSSED:
+        if share < CROSSED:
             return place, state
     return None
 
 
-def _cut(solution: Solution, t: float) -> Solution:
-    """Return a run that ends before time t with the status of a singular configuration."""
+def cut(solution: Solution, t: float, status: Status = Status.SINGULAR_CONFIGURATION) -> Solution:
+    """Return a run that ends before time t with the status of a singular configuration, or another."""
     forward = solution.t[-1] >= solution.t[0]
     kept = solution.t < t if forward else solution.t > t
     kept[0] = True
@@ -210,7 +222,8 @@ def _cut(solution: Solution, t: float) -> Solution:
     if isinstance(dense, PiecewisePolynomial):
         steps = max(1, int(np.sum(dense.knots < t if forward else dense.knots > t)) - 1)
         dense = PiecewisePolynomial(dense.knots[: steps + 1], dense.coefficients[:steps])
-    return replace(solution, status=Status.SINGULAR_CONFIGURATION, t=solution.t[kept], y=solution.y[kept], dense=dense)
+    near = None if solution.near is None else solution.near[kept]
+    return replace(solution, status=status, t=solution.t[kept], y=solution.y[kept], dense=dense, near=near)
 
 
 def still_redundant(
@@ -231,7 +244,7 @@ def still_redundant(
     first = int(np.argmax(wrong))
     label = program.layout.constraints[places[int(np.argmax(left[first]))]]
     note = f"at t = {solution.t[first]:.6g} {label} no longer follows from the others, as it did around the start"
-    return _cut(solution, float(solution.t[first])), note
+    return cut(solution, float(solution.t[first])), note
 
 
 def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> str:

@@ -50,6 +50,7 @@ class Settings:
     threads: int
     progress: bool
     watch: EventCode | None = None
+    judge: Callable[[CaseBlock, BlockResult], None] | None = None
     note: str = ""
 
 
@@ -67,7 +68,7 @@ class Cases:
     ) -> None:
         layout = program.layout
         self.program = program
-        self.initial = _columns("initial value", initial, (*layout.coordinates, *layout.rates), layout.aliases)
+        self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
         for name, value in layout.defaults.items():
             self.parameters.setdefault(name, np.array([value]))
@@ -325,6 +326,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
+    if settings.judge is not None:
+        settings.judge(ready, here)
 
 
 def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:

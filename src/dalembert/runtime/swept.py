@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..ir.program import Layout
@@ -18,8 +18,11 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from . import inputs
 from .gains import give_gains
+from .gimbal import locked_cases
 from .held import NO_ESTIMATE
+from .rank import RANK, lost_rank
 from .simulation import Simulated
+from .singular import searched
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 __all__ = ["Swept", "with_grid"]
@@ -87,7 +90,8 @@ class Swept(Simulated):
             For input that is wrong for all cases.
         """
         begin = time.perf_counter()
-        inputs.warn_below_floor(rtol, atol)
+        chosen = self._method(method, rtol, atol, many=True)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen)
         t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         given = (t_span, initial, parameters)
         if grid is not None:
@@ -98,7 +102,6 @@ class Swept(Simulated):
         count = available_threads() if threads is None else int(threads)
         if count < 1:
             raise OptionError(f"threads must be at least 1, not {threads!r}")
-        chosen = self._method(method, rtol, atol, many=True)
         IntegrationProblem(
             t0=float(cases.span["start"][0]),
             t1=float(cases.span["end"][0]),
@@ -110,10 +113,11 @@ class Swept(Simulated):
             max_step=max_step,
             max_steps=max_steps,
         )
-        watch = self._events(events, reduce)
-        if watch is not None and error_estimate:
+        asked = self._events(events, reduce)
+        if asked is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch)
+        watch = self._events(events, reduce, RANK) if self._enforced and searched(self._program) else asked
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch, self._judge)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
@@ -127,7 +131,7 @@ class Swept(Simulated):
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
-            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
+            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER, watch=None)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
             if method == "auto":
                 finer = fitted(self._engine, cases, finer)
@@ -151,7 +155,17 @@ class Swept(Simulated):
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
         watch = settings.watch
-        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+        plan = [] if watch is None else [name for name in watch.plan if name not in RANK]
+        if watch is None or not (watch.labels or plan):
+            return run
+        return run.with_events(watch.labels, done.happened, plan, done.totals[:, : len(plan)])
+
+    def _judge(self, block: CaseBlock, done: BlockResult) -> None:
+        """Give cases that lost the rank of their constraints, or whose angles locked, the status that says so."""
+        if block.watch is not None and not RANK.keys().isdisjoint(block.watch.plan):
+            lost_rank(done)
+        if self._gimbals is not None:
+            locked_cases(self._program, self._gimbals, block, done)
 
 
 def with_grid(
@@ -161,8 +175,8 @@ def with_grid(
     initial, parameters = dict(initial), dict(parameters)
     for name, column in grid.columns().items():
         home = parameters if name in layout.parameters else initial
-        if name not in (*layout.parameters, *layout.coordinates, *layout.rates):
-            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.coordinates, *layout.rates)))
+        if name not in (*layout.parameters, *layout.initial):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.initial)))
         if any(layout.aliases.get(str(key), str(key)) == name for key in home):
             raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
         home[name] = column

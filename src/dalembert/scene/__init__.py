@@ -1,6 +1,15 @@
 """What the user writes, and how it is read onto the expression graph."""
 
 from .contacts import CoulombFriction, UnilateralContact
+from .orientation import free_orientation
 from .scene import Joint, Scene, Unknown, unknowns
 
-__all__ = ["CoulombFriction", "Joint", "Scene", "UnilateralContact", "Unknown", "unknowns"]
+__all__ = [
+    "CoulombFriction",
+    "Joint",
+    "Scene",
+    "UnilateralContact",
+    "Unknown",
+    "free_orientation",
+    "unknowns",
+]

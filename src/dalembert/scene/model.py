@@ -18,6 +18,7 @@ __all__ = [
     "Components",
     "ConstraintModel",
     "ContactModel",
+    "Entry",
     "FrameModel",
     "Piece",
     "Pieces",
@@ -101,6 +102,29 @@ class ConstraintModel:
 
 @final
 @dataclass(frozen=True, slots=True)
+class Entry:
+    """Other values that a start may be given in, such as angles in place of a quaternion.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What these values are called; all of them are needed.
+    needs : tuple of str
+        Names of other entries that must be given beside them.
+    targets : tuple of str
+        Coordinates or rates that they stand for.
+    values : tuple of Node
+        Those, in terms of inputs called like the names and coordinates.
+    """
+
+    names: tuple[str, ...]
+    needs: tuple[str, ...]
+    targets: tuple[str, ...]
+    values: tuple[Node, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class ContactModel:
     """Friction, a constraint that opens, or both, at one normal reaction.
 
@@ -147,6 +171,8 @@ class SymbolTable:
         Names, in the order of every array.
     aliases : mapping of str to str
         What a SymPy symbol prints as -> its name, so that symbols serve as keys wherever names do.
+    entries : tuple of Entry
+        Other values that a start may be given in.
     """
 
     time: str
@@ -155,6 +181,7 @@ class SymbolTable:
     parameters: tuple[str, ...]
     unknowns: tuple[str, ...]
     aliases: Mapping[str, str]
+    entries: tuple[Entry, ...] = ()
 
 
 @final

@@ -13,10 +13,13 @@ from sympy.physics.vector import Vector, dynamicsymbols
 from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
+from ..ir.quaternions import rotation_entries
 from ..naming import rate_name
 from . import changes
+from .angles import Angles
 from .belonging import foreign_points
 from .contacts import read_contacts
+from .entries import entries_of
 from .expressions import ExpressionReader
 from .model import (
     Action,
@@ -31,7 +34,7 @@ from .model import (
     SceneModel,
     SymbolTable,
 )
-from .scene import Joint, Scene
+from .scene import Joint, Scene, Unknown
 from .tree import Tree
 
 __all__ = ["read", "reader_of"]
@@ -78,6 +81,8 @@ class _SceneReader:
         self.coordinates = self._coordinates()
         self.expressions = ExpressionReader(self.graph, self._leaves())
         self._impose()
+        self.angles = [Angles(self.expressions, item) for item in scene.orientations if item.angles]
+        self._free = {item.frame: item for item in scene.orientations if item.angles}
         self.frames = Tree(scene.frame, "_dcm_dict")
         self.points = Tree(scene.origin, "_pos_dict")
         self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
@@ -96,9 +101,7 @@ class _SceneReader:
         actions += [self._load(load, place) for place, load in enumerate(scene.loads)]
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
         potential = self.graph.sum(
-            self.expressions.read(
-                getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}"
-            )
+            self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
             for body in scene.bodies
         )
         holonomic = [self._holonomic(c, i) for i, c in enumerate(scene.holonomic_constraints)]
@@ -109,6 +112,7 @@ class _SceneReader:
             if isinstance(item, sp.Basic)
         }
         contacts, closing = self._contacts()
+        extra |= self._angle_outputs(outputs)
         symbols = self._symbols()
         if not self.faults:
             self.faults += foreign_points(
@@ -155,6 +159,15 @@ class _SceneReader:
             self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
         return tuple(good)
 
+    def _angle_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
+        """Return the angles that quaternions stand for, and their rates, by name, where they are asked for."""
+        time, leaves = dynamicsymbols._t, self.expressions.leaves
+        found: dict[str, Node] = {}
+        for angle in (angle for item in self.scene.orientations for angle in item.angles):
+            name = angle.func.__name__
+            found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
+        return {name: node for name, node in found.items() if name in outputs}
+
     def _leaves(self) -> dict[Any, Node]:
         time = dynamicsymbols._t
         leaves: dict[Any, Node] = {time: self.graph.input(TIME)}
@@ -189,7 +202,12 @@ class _SceneReader:
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
             aliases[str(q)] = name
             aliases[str(sp.Derivative(q, time))] = rate
-        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases)
+        for angle in (angle for item in self.scene.orientations for angle in item.angles):
+            name = angle.func.__name__
+            aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
+            aliases |= {name: name, rate_name(name): rate_name(name)}
+        entries = entries_of(self.graph, self.scene.orientations)
+        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases, entries)
 
     # -- geometry -------------------------------------------------------------------------
 
@@ -203,8 +221,13 @@ class _SceneReader:
             )
             return 0
         number = 0
-        for node in path:
+        for node in self._shortened(path):
             known = self.frames.number(node)
+            orientation = self._free.get(node)
+            if orientation is not None and known not in self.frame_models:
+                matrix = rotation_entries([self.expressions.leaves[e] for e in orientation.quaternion])
+                rows = list(zip(*matrix, strict=True))
+                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             if known not in self.frame_models:
                 parent = self.frames.parent[node]
                 matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
@@ -213,6 +236,14 @@ class _SceneReader:
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             number = known
         return number
+
+    def _shortened(self, path: list[ReferenceFrame]) -> list[ReferenceFrame]:
+        """Return the frames on a way without those that a free orientation makes superfluous."""
+        for node in reversed(path):
+            if node in self._free:
+                skipped = self._free[node].between
+                return [frame for frame in path if frame not in skipped]
+        return path
 
     def _point(self, point: Point, place: str) -> int:
         """Return the number of a point, reading it and its ancestors when first met."""
@@ -237,6 +268,26 @@ class _SceneReader:
         x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)
         return x, y, z
 
+    def _scalar(self, expression: Any, place: str) -> Node:
+        """Return a scalar that the motion depends on, in which angles have given way to quaternions."""
+        for angles in self.angles:
+            if angles.concerns(expression):
+                found = angles.scalar(expression, place)
+                if found is None:
+                    self.faults.append(f"{place}: {angles.complaint(_short(expression))}")
+                return self.graph.zero if found is None else found
+        return self.expressions.read(expression, place)
+
+    def _turned(self, vector: Vector, place: str, angles: Angles, *, unknowns: bool) -> Pieces | None:
+        """Return a vector that depends on angles in terms of their quaternion; None leaves it as it is."""
+        found = angles.vector(vector, place, unknowns=unknowns)
+        if found is not None:
+            return tuple(Piece(self._frame(frame, place), (x, y, z)) for frame, (x, y, z) in found)
+        held = {x for matrix, _ in vector.args for x in matrix.free_symbols if isinstance(x, Unknown)}
+        if not unknowns or vector.subs(dict.fromkeys(held, 0)) != 0:
+            self.faults.append(f"{place}: {angles.complaint(_short(vector))}")
+        return None
+
     def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
         if vector == 0:
             return ()
@@ -246,6 +297,11 @@ class _SceneReader:
         if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
             self.faults.append(f"{place}: the vector has components that are not numbers")
             return ()
+        for angles in self.angles:
+            if angles.concerns(vector):
+                found = self._turned(vector, place, angles, unknowns=unknowns)
+                if found is not None:
+                    return found
         return tuple(
             Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))
             for matrix, frame in vector.args
@@ -301,7 +357,7 @@ class _SceneReader:
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"holonomic constraint {number + 1}"
         before = len(self.expressions.faults)
-        node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({_short(constraint)})")
         if node.deps & self._mask("rates"):
             self.faults.append(f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint")
         elif node.is_zero and len(self.expressions.faults) == before:
@@ -313,7 +369,7 @@ class _SceneReader:
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"nonholonomic constraint {number + 1}"
         before = len(self.expressions.faults)
-        node = self.expressions.read(constraint, f"{label} ({_short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({_short(constraint)})")
         rates = self._mask("rates")
         if node.is_zero and len(self.expressions.faults) == before:
             self.faults.append(f"{label} ({_short(constraint)}) {_IMPLIED}")

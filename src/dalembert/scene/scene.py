@@ -17,6 +17,7 @@ from sympy.physics.vector import Vector
 from ..errors import SceneError
 from . import changes
 from .contacts import CoulombFriction, UnilateralContact
+from .orientation import FreeOrientation
 
 __all__ = ["Joint", "Scene", "Unknown", "unknowns"]
 
@@ -119,6 +120,7 @@ class Scene:
         self.frictions: tuple[CoulombFriction, ...] = ()
         self.releases: tuple[changes.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
+        self.orientations: tuple[FreeOrientation, ...] = ()
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""

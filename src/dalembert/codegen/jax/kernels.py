@@ -8,6 +8,7 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 
+from ...integrators.gains import BRANCH, SLOW
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Program
 from ..base import FloatArray
@@ -96,8 +97,12 @@ class Kernels:
         for name, count in CORRECTIONS.items():
             if name not in self:
                 continue
-            for _ in range(count):
+            for attempt in range(count):
                 correction = self[name](t, y, c)
+                if attempt == 0 and name == "project_velocity":
+                    changed = jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0)))
+                    kept = jnp.max(jnp.abs(correction)) <= BRANCH * (SLOW + changed)
+                    y = jnp.where(kept, y, jnp.nan)
                 y = y + correction
             limit = jnp.maximum(_QUADRATIC * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol)
             y = jnp.where(jnp.max(jnp.abs(correction)) <= limit, y, jnp.nan)

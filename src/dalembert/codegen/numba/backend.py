@@ -299,8 +299,9 @@ class NumbaEngine(Engine):
         from ...integrators.numba.series import StepCode
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
-        projections = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return StepCode(loop_named("march"), order, self.steps.taylor(order, 1, dense=True), *projections)
+        position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
+        step = self.steps.taylor(order, 1, dense=True)
+        return StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
 
 
 def _components(kernel: Kernel) -> NDArray[np.int64]:

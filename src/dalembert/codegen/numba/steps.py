@@ -6,11 +6,13 @@ import hashlib
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
 from ...ir.partials import jacobian_kernel, tangent_kernel
+from ...ir.periodic import angles_of
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
@@ -136,6 +138,11 @@ class StepLibrary:
             return self._address(made, 1, lambda: jacobian_kernel(kernel, size), suffix="_numba"), 0
         made = f"{name}_tangent"
         return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size), suffix="_numba")
+
+    @cached_property
+    def angles(self) -> tuple[int, ...]:
+        """Components of the state that the motion depends on modulo a turn."""
+        return angles_of(self._program)
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol, final
 import jax.numpy as jnp
 from jax import lax
 
+from ..gains import BRANCH, SLOW
 from ..status import Status
 from .compiling import compiled
 
@@ -37,6 +38,7 @@ __all__ = [
 
 RUNNING = -1
 _QUADRATIC = 1e-8
+LINEAR_CORRECTIONS = 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
 
@@ -157,8 +159,10 @@ def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, A
     held = jnp.ones(jnp.shape(t), dtype=bool)
     for correct, count in projections:
         change = jnp.zeros(jnp.shape(t))
-        for _ in range(count):
+        for attempt in range(count):
             corrections = correct(t, y, c)
+            if attempt == 0 and count == LINEAR_CORRECTIONS:
+                held &= _on_branch(y, corrections, t)
             y = tuple(a + b for a, b in zip(y, corrections, strict=True))
         for value, correction in zip(y, corrections, strict=True):
             share = jnp.abs(correction) / (1e-3 + jnp.abs(value))
@@ -211,6 +215,19 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
         memory=found.memory,
     )
     return following, jnp.where(moved, direction * found.size, 0.0)
+
+
+def _on_branch(y: Rows, corrections: Rows, like: Any) -> Any:
+    """Return where corrections of velocities are small beside them; `like` has the shape of the answer."""
+
+    def whole(values: Any) -> Any:
+        return values if values.ndim <= jnp.ndim(like) else jnp.max(values)
+
+    size = magnitude = jnp.zeros(jnp.shape(like))
+    for value, correction in zip(y, corrections, strict=True):
+        size = jnp.maximum(size, whole(jnp.abs(correction)))
+        magnitude = jnp.maximum(magnitude, whole(jnp.where(correction != 0.0, jnp.abs(value), 0.0)))
+    return size <= BRANCH * (SLOW + magnitude)
 
 
 def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:

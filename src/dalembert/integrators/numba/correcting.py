@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
 from .code import call_code, row
 from .jit import bare
@@ -13,7 +14,7 @@ __all__ = ["FAILED", "NONE", "WANTED", "correct"]
 
 NONE, WANTED, FAILED = 0, 1, 3
 _SETTLED = 2
-_MAX_CORRECTIONS = 10
+_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _QUADRATIC = 1e-8
 _LINEAR = 1e-4
 
@@ -35,7 +36,7 @@ def correct(
     ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is room.
     """
     lanes = clock.shape[1]
-    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
         left = 0
         for lane in range(lanes):
             left += 1 if whole[marks, lane] == WANTED else 0
@@ -48,12 +49,15 @@ def correct(
             for lane in range(lanes):
                 if whole[marks, lane] != WANTED:
                     continue
-                change = finite = 0.0
+                change = finite = size = magnitude = 0.0
                 for m in range(delta.shape[0]):
+                    if delta[m, lane] != 0.0:
+                        size, magnitude = max(size, abs(delta[m, lane])), max(magnitude, abs(states[first + m, lane]))
                     states[first + m, lane] += delta[m, lane]
-                    change = max(change, abs(delta[m, lane]) / (1e-3 + abs(states[first + m, lane])))
+                    change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
                     finite += 0.0 * delta[m, lane]
-                if finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
+                lost = attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
+                if lost or finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
                     whole[marks, lane] = FAILED
                     left -= 1
                 elif not change > _QUADRATIC:

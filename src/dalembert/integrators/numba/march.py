@@ -16,6 +16,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
@@ -26,7 +27,7 @@ __all__ = ["KINDS", "LOOP"]
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 _STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
-_MAX_CORRECTIONS = 10
+_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
 
@@ -94,16 +95,20 @@ def _march(
         else:
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
         clock[0, 0] = t
-        for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, 2)):
+        for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
             if kernel == 0:
                 continue
             change = math.inf
-            for _ in range(tries):
+            for attempt in range(tries):
                 call_code(kernel, row(clock, 0), state, row(c, 0), 0, row(delta, 0))
-                change = 0.0
+                change = size = magnitude = 0.0
                 for i in range(n):
+                    if delta[0, i] != 0.0:
+                        size, magnitude = max(size, abs(delta[0, i])), max(magnitude, abs(rows[here, i]))
                     rows[here, i] += delta[0, i]
-                    change = max(change, abs(delta[0, i]) / (1e-3 + abs(rows[here, i])))
+                    change = max(change, abs(delta[0, i]) / (SLOW + abs(rows[here, i])))
+                if attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude):
+                    return _PROJECTION_FAILED, k
                 if not change > _QUADRATIC:
                     break
             if not change <= 1e-4:

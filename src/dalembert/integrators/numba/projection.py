@@ -2,6 +2,7 @@
 
 import math
 
+from dalembert.integrators.gains import BRANCH, SLOW
 from dalembert.integrators.numba.jit import call_kernel, compiled
 from dalembert.integrators.numba.packing import DELTA
 from dalembert.integrators.tableau import FloatArray
@@ -40,7 +41,8 @@ def project(
 
     Newton's iteration on the positions is quadratic: after a correction below 1e-8 of what it corrects the
     rest is rounding. Where a magnitude near 0 hides that, a last correction below ``atol`` will do. The
-    velocities are linear; a second correction only removes the rounding of a first one that was large.
+    velocities are linear; a second correction only removes the rounding of a first one that was large, and one
+    that is as large as the velocities themselves is refused.
     """
     if position != 0:
         size = magnitude = 0.0
@@ -52,6 +54,8 @@ def project(
             return False
     if velocity != 0:
         size, magnitude = correct(velocity, t, work, y, constants, n)
+        if size > BRANCH * (SLOW + magnitude):
+            return False
         if size > _LINEAR * magnitude and size < math.inf:
             size, magnitude = correct(velocity, t, work, y, constants, n)
         if size == math.inf:

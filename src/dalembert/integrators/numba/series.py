@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...ir.taylor import clipped_tolerance
 from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
@@ -19,6 +21,19 @@ RUNNING = -1
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
+_LARGEST_WINDING = 256
+"""Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
+
+_FEWEST_TURNS, _MOST_TURNS = 2, 4
+"""Turns that large angles keep: the size from which the step no longer minds them (`dalembert.ir.taylor`)."""
+
+_TURN = 2.0 * math.pi
+_TURN_HIGH = float.fromhex("0x1.921fb54p+2")
+"""A turn to 29 bits, of which multiples are exact."""
+
+_TURN_LOW = float.fromhex("0x1.10b4611a62633p-28")
+"""The rest of a turn."""
+
 
 @final
 @dataclass(frozen=True)
@@ -26,6 +41,8 @@ class StepCode:
     """Compiled code: the loop of `dalembert.integrators.numba.march`, and addresses of the kernels that it calls.
 
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
+    ``angles`` are
+    the components of the state that matter modulo a turn.
     """
 
     loop: Callable[..., int]
@@ -33,6 +50,7 @@ class StepCode:
     step: int
     position: int = 0
     velocity: int = 0
+    angles: tuple[int, ...] = ()
 
 
 Watch = Callable[[float, FloatArray, float], bool]
@@ -69,6 +87,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
     low = np.zeros(n + 1)
     record = _Record(problem, code.order, bool(code.position or code.velocity))
+    angles, turns = np.array(code.angles, np.intp), np.zeros(n)
     status, size = RUNNING, _FIRST_BLOCK
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
         status = int(Status.NON_FINITE)
@@ -79,18 +98,30 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             break
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
         start = float(span[0])
+        turns[angles] += _unwound(y[0], low, angles)
         codes = code.step, code.position, code.velocity, limit
         status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, outcome)
         count = int(outcome[0])
-        record.add(start, times[:count], y[0], rows[:count])
+        record.add(start, times[:count], y[0], rows[:count], turns)
         if count:
             y = rows[count - 1, :n].copy().reshape(1, n)
-        size = min(2 * size, _LARGEST_BLOCK)
+        size = min(2 * size, _LARGEST_WINDING if len(angles) else _LARGEST_BLOCK)
         if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
             step = abs(float(span[0]) - start) / count
             if abs(problem.t1 - float(span[0])) >= _WATCHED_REST * step and watch(float(span[0]), y[0], step):
                 return None
     return record.solution(Status(status))
+
+
+def _unwound(y: FloatArray, low: FloatArray, angles: NDArray[np.intp]) -> FloatArray:
+    """Take whole turns from large angles of a state y (n,), and return how many; `low` gets what rounding takes."""
+    whole = np.trunc(y[angles] / _TURN)
+    turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
+    near = y[angles] - turns * _TURN_HIGH
+    rest = turns * _TURN_LOW
+    y[angles] = near - rest
+    low[angles] += (near - y[angles]) - rest
+    return turns
 
 
 @final
@@ -104,26 +135,30 @@ class _Record:
         self.series: list[FloatArray] = []
         self.times: list[FloatArray] = []
         self.states: list[FloatArray] = []
+        self.near: list[FloatArray] = []
+        self.wound = False
         if problem.t_eval is None:
             self._keep(np.array([problem.t0]), np.asarray(problem.y0, dtype=float).reshape(1, -1))
         else:
             first = problem.t_eval[problem.t_eval == problem.t0]
             self._keep(first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)))
 
-    def _keep(self, times: FloatArray, states: FloatArray) -> None:
+    def _keep(self, times: FloatArray, states: FloatArray, turns: FloatArray | None = None) -> None:
         self.times.append(times)
-        self.states.append(states)
+        self.near.append(states)
+        self.states.append(states if turns is None or not np.any(turns) else states + turns * _TURN)
 
-    def add(self, start: float, times: FloatArray, y: FloatArray, rows: FloatArray) -> None:
-        """Take in a block of steps that started at time `start` from state y (n,)."""
+    def add(self, start: float, times: FloatArray, y: FloatArray, rows: FloatArray, turns: FloatArray) -> None:
+        """Take in a block of steps that started at time `start` from state y (n,), less some turns (n,)."""
         count, n = len(times), len(y)
         if count == 0:
             return
         self.steps += count
+        self.wound |= bool(np.any(turns))
         ends = rows[:, :n]
         wanted = self.problem.t_eval
         if wanted is None:
-            self._keep(times.copy(), ends.copy())
+            self._keep(times.copy(), ends.copy(), turns)
         if self.problem.dense or wanted is not None:
             knots = np.concatenate([[start], times])
             sizes = rows[:, n] * (1.0 if self.problem.t1 >= self.problem.t0 else -1.0)
@@ -131,8 +166,9 @@ class _Record:
             if wanted is not None:
                 low, high = min(start, times[-1]), max(start, times[-1])
                 inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
-                self._keep(inside, PiecewisePolynomial(knots, series)(inside))
+                self._keep(inside, PiecewisePolynomial(knots, series)(inside), turns)
             if self.problem.dense:
+                series[:, 0] += turns * _TURN
                 self.knots.append(times.copy())
                 self.series.append(series)
 
@@ -166,4 +202,5 @@ class _Record:
             rejected=0,
             evaluations=self.steps,
             dense=dense,
+            near=np.concatenate(self.near) if self.wound else None,
         )

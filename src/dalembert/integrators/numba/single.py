@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from ..gains import REDUCTION_BLIND
+from ..gains import BRANCH, REDUCTION_BLIND, SLOW
 from ..problem import FloatArray
 from ..status import Status
 from .code import call_code, row
@@ -21,7 +21,7 @@ __all__ = ["KINDS", "LOOP"]
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
-_MAX_CORRECTIONS = 10
+_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC, _LINEAR = 1e-8, 1e-4
 
@@ -40,14 +40,16 @@ def _projected(
 ) -> bool:
     """Add corrections to a row of `states` until they are small; return whether that came about."""
     change = 0.0
-    for _ in range(tries):
+    for attempt in range(tries):
         call_code(kernel, row(clock, 0), row(states, new), row(c, 0), 0, row(delta, 0))
-        change = finite = 0.0
+        change = finite = size = magnitude = 0.0
         for m in range(delta.shape[1]):
+            if delta[0, m] != 0.0:
+                size, magnitude = max(size, abs(delta[0, m])), max(magnitude, abs(states[new, m]))
             states[new, m] += delta[0, m]
-            change = max(change, abs(delta[0, m]) / (1e-3 + abs(states[new, m])))
+            change = max(change, abs(delta[0, m]) / (SLOW + abs(states[new, m])))
             finite += 0.0 * delta[0, m]
-        if finite != 0.0:
+        if finite != 0.0 or (attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)):
             return False
         if change <= _QUADRATIC:
             return True
@@ -117,7 +119,7 @@ def LOOP(
             before, t = t, t1 if last else t + direction * size
             clock[0, 0] = t
             if (position != 0 and not _projected(position, _MAX_CORRECTIONS, clock, states, new, c, delta)) or (
-                velocity != 0 and not _projected(velocity, 2, clock, states, new, c, delta)
+                velocity != 0 and not _projected(velocity, _LINEAR_CORRECTIONS, clock, states, new, c, delta)
             ):
                 # Go back, and try a smaller step where the step can.
                 smaller, t = REDUCTION_BLIND * size, before

@@ -12,6 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from dalembert.errors import OptionError
+from dalembert.integrators.gains import BRANCH, SLOW
 from dalembert.integrators.problem import FloatArray, IntegrationProblem, Kernel, Kernels, Solution
 from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.integrators.status import Status
@@ -243,6 +244,8 @@ class _Run:
                 return None
         if self.kernels.project_velocity is not None:
             size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
+            if size > BRANCH * (SLOW + magnitude):
+                return None
             if _LINEAR * magnitude < size < np.inf:
                 size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
             if not np.isfinite(size):

@@ -219,7 +219,7 @@ class HybridModel:
         request = Request(
             t0=t0,
             t1=t1,
-            x=self._start(t0, inputs.given_values(self.layout, initial), given),
+            x=self._start(t0, inputs.given_values(self.layout, initial, plain=True), given),
             parameters=given,
             c=p,
             t_eval=times,

@@ -1,0 +1,93 @@
+"""Unit quaternions as inputs of their own, whose length the graph knows to be one.
+
+On them e.e is the node 1, so that what a quaternion turns becomes as short as what angles turn, and the angular
+velocity in terms of e and e_dot is the one that it was solved for. Only derivatives along rates that keep the length
+may be taken of such values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..ir.graph import Node, unit_names
+from ..ir.linear import Matrix
+from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from .base import Projection
+
+__all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes"]
+
+
+def _held(equations: EquationsOfMotion) -> list[VelocityGroup]:
+    """Return the groups of quaternions whose length is among the constraints."""
+    labels = {row.label for row in equations.constraints}
+    return [group for group in equations.groups if group.norm in labels]
+
+
+def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
+    """Return equations in which quaternions of length one are on the unit sphere, without the constraints of that."""
+    held = _held(equations)
+    lost = [group for group in equations.groups if group.norm and group not in held]
+    if lost:
+        equations = replace(equations, groups=tuple(group for group in equations.groups if group not in lost))
+    if not held:
+        return equations
+    graph, q = equations.graph, list(equations.q)
+    for group in held:
+        names = unit_names([equations.symbols.coordinates[i] for i in group.coordinates])
+        for i, name in zip(group.coordinates, names, strict=True):
+            q[i] = graph.input(name)
+    values = {a: b for a, b in zip(equations.q, q, strict=True) if a is not b}
+
+    def moved(nodes: Sequence[Node]) -> tuple[Node, ...]:
+        return tuple(graph.substitute(nodes, values))
+
+    def matrix(rows: Matrix) -> list[list[Node]]:
+        return [list(moved(row)) for row in rows]
+
+    def choice(old: VelocityChoice) -> VelocityChoice:
+        rows, inverse = (tuple(moved(row) for row in table) for table in (old.rows, old.inverse))
+        return VelocityChoice(old.names, rows, inverse)
+
+    def row(old: ConstraintRow) -> ConstraintRow:
+        position = None if old.position is None else moved([old.position])[0]
+        drift, bias = moved([old.drift, old.bias])
+        return ConstraintRow(old.label, position, moved(old.jacobian), drift, bias)
+
+    norms = {group.norm for group in held}
+    return replace(
+        equations,
+        q=tuple(q),
+        mass_matrix=matrix(equations.mass_matrix),
+        forcing=moved(equations.forcing),
+        reactions=matrix(equations.reactions),
+        constraints=tuple(row(old) for old in equations.constraints if old.label not in norms),
+        groups=tuple(replace(group, choices=tuple(map(choice, group.choices))) for group in equations.groups),
+    )
+
+
+def from_unit_sphere(scene: EquationsOfMotion, equations: EquationsOfMotion, nodes: Sequence[Node]) -> list[Node]:
+    """Return nodes of `on_unit_sphere` in the coordinates of the scene."""
+    values = {b: a for a, b in zip(scene.q, equations.q, strict=True) if a is not b}
+    return scene.graph.substitute(nodes, values) if values else list(nodes)
+
+
+def unit_notes(equations: EquationsOfMotion) -> list[str]:
+    """Return what is done about the length of quaternions, for `explain()`."""
+    names = equations.symbols.coordinates
+    listed = [", ".join(names[i] for i in group.coordinates) for group in _held(equations)]
+    return [f"({e}) stays a unit quaternion: it is brought to length one after every step" for e in listed]
+
+
+def normalisation(equations: EquationsOfMotion, kept: Sequence[str], speeds: int) -> Projection | None:
+    """Return the Newton corrections that keep quaternions at length one, where the state has any."""
+    graph, held = equations.graph, _held(equations)
+    if not held:
+        return None
+    moves = dict.fromkeys(kept, graph.zero)
+    for group in held:
+        e = [equations.q[i] for i in group.coordinates]
+        share = graph.node(0.5) * (1 - graph.sum(x * x for x in e))
+        moves |= {equations.symbols.coordinates[i]: share * equations.q[i] for i in group.coordinates}
+    nothing = [graph.zero] * speeds
+    return Projection((*moves.values(), *nothing), tuple([graph.zero] * (len(moves) + speeds)))

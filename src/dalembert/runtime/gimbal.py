@@ -1,0 +1,177 @@
+"""Runs that meet the singularity of three angles: they end there, and say which angle has which value.
+
+Where constraints or other bodies make the motion regular at such an attitude, nothing is said of it: what counts is
+whether the mass matrix on the directions that the constraints leave free is singular there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..codegen.base import BlockResult, CaseBlock, FloatArray
+from ..errors import OptionError, list_names
+from ..integrators.problem import Solution
+from ..integrators.status import Status
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from ..reduction.gimbal import Gimbals
+from ..scene.orientation import with_quaternions
+from ..scene.scene import Scene
+from .singular import cut
+
+__all__ = ["locked", "locked_cases", "remedy"]
+
+_NEAR = 0.05
+"""Determinant below which a run that failed is taken to have failed for it."""
+
+_NOTHING = 1e-12
+_FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
+
+
+def locked(
+    program: Program, found: Gimbals, solution: Solution, c: FloatArray, steps: Solution
+) -> tuple[Solution, str]:
+    """Return a run ended before the first attitude at which its angles are singular, and where that was.
+
+    `steps` is the same run with its accepted steps for records.
+    """
+    if len(steps.t) == 0:
+        return solution, ""
+    failed = steps.status in _FAILED
+    values = interpret_rows(found.kernel, steps.t, steps.y, c)
+    place, group = _first(values, failed=failed)
+    if place < 0:
+        return solution, ""
+    where = (float(steps.t[place]), steps.y[place])
+    if not _singular(program, found, group, where, c, float(values[place, group])):
+        return solution, ""
+    value = float(values[place, group])
+    if failed and place == len(steps.t) - 1:
+        note = _where(program, found, group, where, c, value)
+        return replace(solution, status=Status.SINGULAR_COORDINATES), note
+    t = _located(found, group, steps, place, values, c)
+    note = _where(program, found, group, (t, steps.y[place]), c, value)
+    return cut(solution, t, Status.SINGULAR_COORDINATES), note
+
+
+def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: FloatArray) -> float:
+    """Return when a determinant vanishes before a step's end: by continuous output, else on a straight line."""
+    low, high = float(steps.t[place - 1]), float(steps.t[place])
+    before, after = abs(float(values[place - 1, group])), abs(float(values[place, group]))
+    if steps.dense is None or before == 0.0 or after == 0.0:
+        return low + (high - low) * (before / (before + after) if before + after else 0.0)
+    sign = np.sign(values[place - 1, group])
+    for _ in range(50):
+        t = np.array([0.5 * (low + high)])
+        if interpret_rows(found.kernel, t, steps.dense(t), c)[0, group] * sign > 0.0:
+            low = float(t[0])
+        else:
+            high = float(t[0])
+    return high
+
+
+def locked_cases(program: Program, found: Gimbals, block: CaseBlock, done: BlockResult) -> None:
+    """Give cases of a sweep whose angles locked the status that says so: a sign that changed, or an end near zero."""
+    status = done.ends[:, 1]
+    first = interpret_rows(found.kernel, block.spans[:, 0], block.y, block.c)
+    last = interpret_rows(found.kernel, done.ends[:, 0], done.y, block.c)
+    ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
+    with np.errstate(invalid="ignore"):
+        turned = np.any(first * last < 0.0, axis=1) & ran
+        stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
+    met = np.flatnonzero(turned | stopped)
+    if not len(met):
+        return
+    i = int(met[0])  # what is singular in one case is so in all
+    group = int(np.argmin(first[i] * last[i])) if turned[i] else int(np.nanargmin(np.abs(last[i])))
+    c = block.c[i if len(block.c) > 1 else 0]
+    if _singular(program, found, group, (float(done.ends[i, 0]), done.y[i]), c, float(last[i, group])):
+        status[met] = float(Status.SINGULAR_COORDINATES)
+
+
+def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
+    """Return the place after the first change of sign, or the end of a run that failed near zero; -1 for none."""
+    if not len(values):
+        return -1, 0
+    signs = np.where(np.abs(values) < _NOTHING, 0.0, np.sign(values))
+    for place in range(1, len(values)) if np.any(signs != signs[0]) else ():
+        for group in range(values.shape[1]):
+            if signs[place, group] != signs[place - 1, group] and np.isfinite(values[place, group]):
+                return place, group
+    if failed:
+        group = int(np.nanargmin(np.abs(values[-1]))) if np.any(np.isfinite(values[-1])) else 0
+        if abs(values[-1, group]) < _NEAR:
+            return len(values) - 1, group
+    return -1, 0
+
+
+def _singular(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+) -> bool:
+    """Return whether the mass matrix on the free directions is singular where the angle next to a state locks."""
+    layout, times = program.layout, np.array([where[0]])
+    n = len(layout.coordinates)
+    x = interpret_rows(program.kernel("expand"), times, where[1][np.newaxis], c)
+    x[:, n:] = 0.0
+    if found.decisive[group]:
+        place = layout.coordinates.index(found.decisive[group])
+        x[0, place] = _lock(float(x[0, place]), value)
+        value = 0.0
+    mass = interpret_rows(program.kernel("mass_matrix"), times, x, c).reshape(n, n)
+    free = np.eye(n)
+    if layout.constraints:
+        rows = interpret_rows(program.kernel("constraint_jacobian"), times, x, c).reshape(-1, n)
+        if not np.all(np.isfinite(rows)):
+            return True
+        _, sizes, directions = np.linalg.svd(rows)
+        free = directions[int(np.sum(sizes > 1e-9 * sizes.max(initial=1.0))) :]
+    if not np.all(np.isfinite(mass)) or not len(free):
+        return len(free) > 0
+    scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
+    free = np.linalg.qr((free * scale).T)[0].T
+    inner = (free / scale) @ mass @ (free / scale).T
+    return bool(np.linalg.eigvalsh(inner)[0] <= 4.0 * value * value + 1e-10)
+
+
+def _lock(angle: float, value: float) -> float:
+    """Return the angle next to one at which its determinant, the sine or cosine of it up to its sign, vanishes."""
+    half = 0.0 if abs(abs(math.sin(angle)) - abs(value)) < abs(abs(math.cos(angle)) - abs(value)) else 0.5
+    return math.pi * (round(angle / math.pi - half) + half)
+
+
+def _where(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+) -> str:
+    """Return which angle has which value, and when."""
+    layout, (t, y) = program.layout, where
+    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)[0]
+    listed = [found.decisive[group]] if found.decisive[group] else list(found.angles[group])
+    angles = {name: float(x[layout.coordinates.index(name)]) for name in listed}
+    if found.decisive[group]:
+        angles = {name: _lock(angle, value) for name, angle in angles.items()}
+    places = ", ".join(f"{name} = {_angle(angle)}" for name, angle in angles.items())
+    others = [name for name in found.angles[group] if name not in listed]
+    turned = f", where {list_names(others)} turn the body about the same line" if others else ""
+    return f"gimbal lock at t = {t:.6g}: {places}{turned}"
+
+
+def _angle(value: float) -> str:
+    """Return an angle as a multiple of pi/2 where it is near one."""
+    quarters = round(value / (math.pi / 2))
+    if abs(value - quarters * math.pi / 2) > _NEAR:
+        return f"{value:.6g}"
+    if quarters % 2 == 0:
+        return {0: "0", 1: "pi", -1: "-pi"}.get(quarters // 2, f"{quarters // 2} pi")
+    return {1: "pi/2", -1: "-pi/2"}.get(quarters, f"{quarters} pi/2")
+
+
+def remedy(scene: Scene) -> str:
+    """Return what to do about angles that lock in a scene."""
+    try:
+        with_quaternions(scene)
+    except OptionError:
+        return "declare the attitude with dalembert.free_orientation, or choose angles that are regular there"
+    return 'compile_model(scene, orientation="quaternion") passes it'

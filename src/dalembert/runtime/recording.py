@@ -1,0 +1,62 @@
+"""What a run that comes in stretches records: its accepted steps, or the times that were asked for."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.status import Status
+from ..ir.program import Program
+from ..results.trajectory import projected
+
+__all__ = ["Record"]
+
+
+@final
+class Record:
+    """Gathers stretches with continuous output to one solution without."""
+
+    def __init__(self, program: Program, problem: IntegrationProblem) -> None:
+        self._program, self._problem = program, problem
+        self._times: list[FloatArray] = []
+        self._states: list[FloatArray] = []
+        self._steps = self._rejected = self._evaluations = 0
+        self._status = Status.SUCCESS
+        self._wanted = 0
+
+    def add(self, part: Solution) -> None:
+        """Take down a stretch."""
+        self._steps += part.steps
+        self._rejected += part.rejected
+        self._evaluations += part.evaluations
+        self._status = part.status
+        t_eval = self._problem.t_eval
+        if t_eval is None:
+            first = 1 if self._times else 0
+            self._times.append(part.t[first:])
+            self._states.append(part.y[first:])
+        elif part.dense is not None and len(part.t):
+            forward = 1.0 if self._problem.t1 >= self._problem.t0 else -1.0
+            rest = t_eval[self._wanted :]
+            inside = rest[(rest - part.t[-1]) * forward <= 0.0]
+            states = projected(self._program, self._problem.constants, inside, part.dense(inside))
+            for k in (0, -1):
+                states[inside == part.t[k]] = part.y[k]
+            self._times.append(inside)
+            self._states.append(states)
+            self._wanted += len(inside)
+
+    def solution(self) -> Solution:
+        """Return what was recorded; the status is that of the last stretch."""
+        return Solution(
+            status=self._status,
+            t=np.concatenate(self._times) if self._times else np.empty(0),
+            y=np.concatenate(self._states) if self._states else np.empty((0, len(self._problem.y0))),
+            steps=self._steps,
+            rejected=self._rejected,
+            evaluations=self._evaluations,
+            dense=None,
+        )

@@ -1,0 +1,37 @@
+"""What else the start of a free orientation may be given in: angles and their rates, and the angular velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..ir.linear import matvec
+from ..ir.quaternions import spin_matrix
+from ..naming import rate_name
+from .model import Entry
+from .orientation import FreeOrientation
+
+__all__ = ["entries_of"]
+
+
+def entries_of(graph: Graph, orientations: Sequence[FreeOrientation]) -> tuple[Entry, ...]:
+    """Return the entries of free orientations, positions before rates."""
+    positions: list[Entry] = []
+    rates: list[Entry] = []
+    for orientation in orientations:
+        coordinates = tuple(str(e.func.__name__) for e in orientation.quaternion)
+        slopes = tuple(map(rate_name, coordinates))
+        if orientation.sequence is not None:
+            names = tuple(str(a.func.__name__) for a in orientation.angles)
+            angles = [graph.input(name) for name in names]
+            half = [graph.node(0.5) * angle for angle in angles]
+            values = orientation.sequence.quaternion([(graph.cos(a), graph.sin(a)) for a in half])
+            moving = {a: graph.input(rate_name(name)) for a, name in zip(angles, names, strict=True)}
+            positions.append(Entry(names, (), coordinates, tuple(values)))
+            rates.append(Entry(tuple(map(rate_name, names)), names, slopes, tuple(tangents(graph, values, moving))))
+        omega = [f"omega_{orientation.frame.name}_{axis}" for axis in "xyz"]
+        turning = spin_matrix([graph.input(name) for name in coordinates], body=True)
+        spun: list[Node] = [graph.node(0.5) * x for x in matvec(graph, turning, [graph.input(w) for w in omega])]
+        rates.append(Entry(tuple(omega), (), slopes, tuple(spun)))
+    return (*positions, *rates)
