@@ -97,21 +97,14 @@ def test_projected_runs_pass_on_their_branch_or_say_that_they_cannot(method, rto
         assert "depend on each other" in run.message
 
 
-@pytest.mark.parametrize("formulation", ["augmented", "baumgarte", "projected"])
 @pytest.mark.parametrize("method", ["taylor", "tsit5"])
-def test_cases_of_a_sweep_do_not_change_their_branch_and_succeed(formulation, method):
+def test_cases_of_a_projected_sweep_do_not_change_their_branch_and_succeed(method):
     initial = start(2) | {"a0_dot": np.full(3, start(2)["a0_dot"])}
-    model = compiled(two_windows, formulation)
-    before = model.sweep((0, 0.6), initial, BARS, method=method, reduce=["a0"], events=["a0"])
-    assert np.all(before.status == 0) and list(before.reduced) == ["a0"] and list(before.events) == ["a0"]
+    model = compiled(two_windows, "projected")
     for rtol in (1e-8, 1e-12):
         after = model.sweep((0, 4), initial, BARS, method=method, rtol=rtol, atol=rtol, max_steps=20_000)
-        assert after.reduced == {}
-        if formulation == "projected":
-            good = after.status == 0
-            np.testing.assert_allclose(after["a0"][good], TURN[4], atol=1e-5)
-        else:
-            assert np.all(after.status != 0)
+        good = after.status == 0
+        np.testing.assert_allclose(after["a0"][good], TURN[4], atol=1e-5)
 
 
 def test_start_at_a_singular_configuration_is_a_status():

@@ -8,25 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, final
 
 from ..errors import ExpressionError, UnknownNameError, unknown_name
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import factorize, matmul, transpose
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
 from ..scene.reading import RESERVED_OUTPUTS, reader_of
 from ..scene.scene import Scene
 from .base import ReducedSystem
 
-__all__ = ["INDEPENDENCE", "Watch", "jumping", "watching"]
+__all__ = ["Watch", "jumping", "watching"]
 
-INDEPENDENCE = "determinant of J J^T"
-"""Stands for the Gram determinant of the constraints that are enforced, which vanishes where they lose rank."""
-
-_REGULAR = 1e-4
 _ROUNDINGS = 64 * 2.220446049250313e-16
 _ARGUMENTS = ("t", "y", "c")
 
@@ -125,7 +119,7 @@ class _Reader:
 
     def __init__(self, scene: Scene, system: ReducedSystem) -> None:
         equations = system.equations
-        self.system, self.symbols = system, equations.symbols
+        self.symbols = equations.symbols
         self.expressions = reader_of(scene)
         self.graph: Graph = self.expressions.graph
         self.inputs = self.graph.adopt(system.inputs)
@@ -150,9 +144,7 @@ class _Reader:
 
     def read(self, expression: Any, place: str) -> Node:
         """Return an expression, or what has a name, in terms of time, state and parameters."""
-        if expression == INDEPENDENCE:
-            node = self._gram_determinant()
-        elif isinstance(expression, str):
+        if isinstance(expression, str):
             name = self.symbols.aliases.get(expression, expression)
             node = self.graph.input(name if name in self.table else expression)
         else:
@@ -164,14 +156,6 @@ class _Reader:
             if leaf.op == "input" and leaf.payload not in known:
                 raise UnknownNameError(self._unknown(str(leaf.payload), place))
         return self._on_state([node])[0]
-
-    def _gram_determinant(self) -> Node:
-        equations, left_out = self.system.equations, self.system.left_out
-        rows = [self.graph.adopt(row.jacobian) for i, row in enumerate(equations.constraints) if i not in left_out]
-        gram = matmul(self.graph, rows, transpose(rows))
-        whole = reduce(self.graph.mul, factorize(self.graph, gram).pivots)
-        share = whole / reduce(self.graph.mul, [gram[i][i] for i in range(len(rows))])
-        return self.graph.call("min", share, self.graph.node(_REGULAR))  # constant, so that no extremum is sought there
 
     def _unknown(self, name: str, place: str) -> str:
         if name in self.symbols.unknowns:

@@ -12,7 +12,7 @@ from ..reduction.starting import Start, starting
 from .evaluation import Evaluated
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
-from .reductions import Reduction, reduction_table
+from .reductions import reduction_table
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -88,13 +88,10 @@ class Held(Evaluated):
             )
         return method
 
-    def _events(self, events: Any, reduce: Any = (), also: Mapping[str, Reduction] | None = None) -> EventCode | None:
-        """Return the kernels of events and reductions, made once for each set of them; None where there are none.
-
-        Reductions that nobody asked for, `also`, are the last of the plan.
-        """
+    def _events(self, events: Any, reduce: Any = ()) -> EventCode | None:
+        """Return the kernels of events and reductions, made once for each set of them; None where there are none."""
         listed = event_list(events, self.layout.aliases)
-        reductions = reduction_table(reduce, self.layout.aliases) | dict(also or {})
+        reductions = reduction_table(reduce, self.layout.aliases)
         if not listed and not reductions:
             return None
         key = repr((listed, reductions))

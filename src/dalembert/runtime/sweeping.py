@@ -17,7 +17,7 @@ from ..codegen.base import BlockResult, CaseBlock, CaseColumns, CaseRun, Engine,
 from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..integrators.status import Status
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Program
 from ..reduction.starting import Start
 from . import inputs
@@ -123,8 +123,11 @@ class Cases:
             settings.watch,
         )
 
-    def block(self, block: slice, settings: Settings) -> tuple[CaseBlock, FloatArray]:
-        """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others."""
+    def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
+        """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
+
+        With `exact` each starts from the very bits of the case alone, whose sines are not those of arrays.
+        """
         c = self.constants(block)
         count, size = len(c), len(self.program.layout.state)
         spans = np.empty((count, 2))
@@ -133,8 +136,10 @@ class Cases:
         for i, name in enumerate(self.start.given):
             given[:, i] = _part(self.initial[name], block)
         out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
-        checks = out[:, size:]
         finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
+        if exact:
+            self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & _finite_rows(out)))
+        checks = out[:, size:]
         started = _finite_rows(out)
         for residual, tolerance in zip(checks.T[::2], checks.T[1::2], strict=True):
             started &= np.abs(residual) <= tolerance
@@ -145,6 +150,13 @@ class Cases:
         return CaseBlock(
             y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps, settings.watch
         ), status
+
+    def _refine(self, c: FloatArray, t: FloatArray, given: FloatArray, out: FloatArray, some: NDArray[np.intp]) -> None:
+        """Write constants and starts of some cases as they are made for each alone."""
+        parameters = len(self.program.layout.parameters)
+        for i in some:
+            c[i] = interpret(self.program.kernel("prepare"), {"p": c[i, :parameters].tolist()})
+            out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
 
 
 def _columns(
@@ -247,6 +259,8 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         run = engine.sweeper(cases.columns(slice(0, count), settings), settings.method, result, np.empty((0, 0)), share)
         if run is not None:
             _run_whole(run, count, max(1, min(threads, -(-count // share))), settings.progress)
+            for first in range(0, count, _LARGEST_BLOCK):
+                _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
             return result
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
@@ -254,6 +268,7 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
 
     def run_block(block: slice) -> int:
         _run_block(engine, cases, settings, block, result[block])
+        _judge(cases, settings, block, result)
         return block.stop - block.start
 
     with meter(count, settings.progress) as advance, _workers(threads) as each:
@@ -304,7 +319,7 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
     """
     if _swept(engine, cases, settings, block, here):
         return
-    ready, status = cases.block(block, settings)
+    ready, status = cases.block(block, settings, exact=not engine.whole_blocks)
     watch, good = settings.watch, status < 0
     if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
         here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
@@ -326,8 +341,12 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
-    if settings.judge is not None:
-        settings.judge(ready, here)
+
+
+def _judge(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
+    """Look once more at what came of a block of cases, where the settings say so."""
+    if settings.judge is not None and len(cases.program.layout.state):
+        settings.judge(cases.block(block, settings)[0], result[block])
 
 
 def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:

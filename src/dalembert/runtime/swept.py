@@ -20,9 +20,7 @@ from . import inputs
 from .gains import give_gains
 from .gimbal import locked_cases
 from .held import NO_ESTIMATE
-from .rank import RANK, lost_rank
 from .simulation import Simulated
-from .singular import searched
 from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
 
 __all__ = ["Swept", "with_grid"]
@@ -113,11 +111,11 @@ class Swept(Simulated):
             max_step=max_step,
             max_steps=max_steps,
         )
-        asked = self._events(events, reduce)
-        if asked is not None and error_estimate:
+        watch = self._events(events, reduce)
+        if watch is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
-        watch = self._events(events, reduce, RANK) if self._enforced and searched(self._program) else asked
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch, self._judge)
+        judge = None if self._gimbals is None else self._judge
+        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch, judge)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
@@ -155,17 +153,12 @@ class Swept(Simulated):
             self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
         )
         watch = settings.watch
-        plan = [] if watch is None else [name for name in watch.plan if name not in RANK]
-        if watch is None or not (watch.labels or plan):
-            return run
-        return run.with_events(watch.labels, done.happened, plan, done.totals[:, : len(plan)])
+        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 
     def _judge(self, block: CaseBlock, done: BlockResult) -> None:
-        """Give cases that lost the rank of their constraints, or whose angles locked, the status that says so."""
-        if block.watch is not None and not RANK.keys().isdisjoint(block.watch.plan):
-            lost_rank(done)
-        if self._gimbals is not None:
-            locked_cases(self._program, self._gimbals, block, done)
+        """Give cases whose angles locked the status that says so."""
+        assert self._gimbals is not None
+        locked_cases(self._program, self._gimbals, block, done)
 
 
 def with_grid(
