@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,9 @@ import numpy as np
 from cases import END, Problem
 
 import dalembert as da
-from dalembert.errors import ConstraintError, FormulationError, OptionError
+from dalembert.errors import ConstraintError, FormulationError, OptionError, PrecisionWarning
+
+warnings.simplefilter("ignore", PrecisionWarning)  # the tables go down to the floors, on purpose
 
 __all__ = ["Contender", "Prepared", "absolute", "available_backends", "own"]
 
