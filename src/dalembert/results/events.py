@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError, unknown_name
 from ..integrators.watched import Occurrence
+from .motion import Motion
 
 if TYPE_CHECKING:
-    from .hybrid import HybridTrajectory
     from .trajectory import Trajectory
-
-    Motion: TypeAlias = Trajectory | HybridTrajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]
 
@@ -49,11 +47,8 @@ class EventRecord:
 
     @property
     def y(self) -> FloatArray:
-        """State of the formulation (k, n_y) before jumps; of motions in phases, (q, q_dot)."""
-        from .trajectory import Trajectory
-
-        before = self.before
-        return before.y if isinstance(before, Trajectory) else np.hstack([before.q, before.qdot])
+        """State (k, n_y) before jumps."""
+        return self.before.y
 
     def __getitem__(self, key: Any) -> FloatArray:
         return self.before[key]

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
 from ..ir.program import Layout
 from .events import EventRecord, EventRecords
-from .trajectory import ENERGIES, RunStatistics, Trajectory
+from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
+from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
 __all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
 
@@ -45,7 +45,7 @@ class Part:
 
 
 @final
-class HybridTrajectory:
+class HybridTrajectory(Motion):
     """A simulated motion with contacts; what `dalembert.results.trajectory.Trajectory` is without.
 
     Attributes
@@ -54,6 +54,8 @@ class HybridTrajectory:
         Recorded times [s]; without ``t_eval`` those of the ends of phases are there twice.
     q, qdot : ndarray (n_t, n_q)
         Coordinates and their rates.
+    y : ndarray (n_t, 2 n_q)
+        Both, side by side.
     status : Status
         How the run ended.
     stats : RunStatistics
@@ -85,8 +87,9 @@ class HybridTrajectory:
         self.t = self._joined(lambda part: part.motion.t)
         self.q = self._joined(lambda part: part.motion.q)
         self.qdot = self._joined(lambda part: part.motion.qdot)
+        self.y = np.hstack([self.q, self.qdot])
 
-    def _joined(self, value: Callable[[Part], FloatArray]) -> FloatArray:
+    def _joined(self, value: Callable[[Part], Any]) -> Any:
         """Return what all parts give, in the order of the recorded times."""
         joined = np.concatenate([value(part) for part in self._parts])
         return joined if self._order is None else joined[self._order]
@@ -99,23 +102,8 @@ class HybridTrajectory:
     @property
     def constraint_violation(self) -> FloatArray:
         """See the class."""
-        return self._joined(lambda part: part.violation(part.motion))
-
-    @property
-    def success(self) -> bool:
-        """Whether the end of the span, or a terminal event, was reached."""
-        return self.status.success
-
-    @property
-    def message(self) -> str:
-        """How the run ended, as a sentence."""
-        note = self.stats.note
-        return f"{self.status.message} Note: {note}." if note else self.status.message
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self._layout.coordinates
+        violation: FloatArray = self._joined(lambda part: part.violation(part.motion))
+        return violation
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,19 +121,16 @@ class HybridTrajectory:
     def __getitem__(self, key: Any) -> FloatArray:
         name = self._layout.aliases.get(str(key), str(key))
         if not {name, str(key)} & {*self.names}:
-            hint = ""
-            if name in self._layout.unknowns:
-                hint = f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
-            raise UnknownNameError(unknown_name("output", str(key), self.names) + hint)
-        return self._joined(lambda part: part.motion[key])
+            raise UnknownNameError(unknown_name("output", str(key), self.names) + reaction_hint(self._layout, name))
+        values: FloatArray = self._joined(lambda part: part.motion[key])
+        return values
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return what a contact does at the recorded times (n_t,)."""
         if contact not in self.phases[0].modes:
             raise OptionError(unknown_name("contact", contact, self.phases[0].modes))
-        words = [np.full(len(part.motion.t), part.phase.modes[contact]) for part in self._parts]
-        joined = np.concatenate(words)
-        return joined if self._order is None else joined[self._order]
+        words: NDArray[np.str_] = self._joined(lambda part: np.full(len(part.motion.t), part.phase.modes[contact]))
+        return words
 
     @property
     def can_evaluate(self) -> bool:
@@ -202,27 +187,13 @@ class HybridTrajectory:
         MissingExtraError
             Without the package.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
         data: dict[str, Any] = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
         for contact in self.phases[0].modes:
             data[f"mode of {contact}"] = ("time", self.mode(contact))
         attrs = {"scene": self._name, "status": self.status.name}
-        return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attrs)
-
-    def plot(self, *names: Any) -> Figure:
-        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
-
-        Raises
-        ------
-        MissingExtraError
-            Without matplotlib.
-        """
-        from .plots import plot
-
-        return plot(self, [str(name) for name in names] or list(self.coordinates))
+        times = {"time": ("time", self.t, {"units": "s"})}
+        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
+        return dataset
 
 
 def joined_records(

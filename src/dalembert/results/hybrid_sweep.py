@@ -9,8 +9,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError, unknown_name
+from ..errors import OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
+from .motion import reaction_hint
 from .sweep import CaseResults, FloatArray, SweepStatistics
 
 __all__ = ["HybridSweep", "States"]
@@ -37,6 +38,11 @@ class States:
         case, mode = np.arange(count), np.full(count, -1)
         directions, sides = np.zeros((count, contacts, 2)), np.ones((count, contacts))
         return cls(np.full(count, np.nan), np.full((count, 2 * size), np.nan), case, mode, directions, sides)
+
+    def part(self, some: NDArray[np.intp]) -> States:
+        """Return some of them."""
+        case, mode = self.case[some], self.mode[some]
+        return States(self.t[some], self.x[some], case, mode, self.directions[some], self.sides[some])
 
 
 @final
@@ -80,9 +86,17 @@ class HybridSweep(CaseResults):
         found = words[states.mode]
         return found if self.t_eval is None else found.reshape(len(self), -1)
 
+    def _known(self, key: Any) -> str:
+        """Return the text of a name that can be asked for."""
+        layout, text, names = self._layout, str(key), self._names()
+        name = layout.aliases.get(text, text)
+        if name not in names and text not in names:
+            raise UnknownNameError(unknown_name("output", text, names) + reaction_hint(layout, name))
+        return text
+
     def _final(self, key: Any) -> FloatArray:
-        return self._value(str(key), self._last)
+        return self._value(self._known(key), self._last)
 
     def _sampled(self, key: Any) -> FloatArray:
         assert self._samples is not None
-        return self._value(str(key), self._samples).reshape(len(self), -1)
+        return self._value(self._known(key), self._samples).reshape(len(self), -1)

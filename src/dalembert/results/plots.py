@@ -12,21 +12,20 @@ from ..errors import MissingExtraError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .hybrid import HybridTrajectory
-    from .trajectory import Trajectory
+    from .motion import Motion
 
 __all__ = ["plot"]
 
 _POINTS_PER_STEP = 20
 
 
-def plot(trajectory: Trajectory | HybridTrajectory, names: Sequence[str]) -> Figure:
+def plot(trajectory: Motion, names: Sequence[str]) -> Figure:
     """Return a figure with one panel a name, drawn smoothly between the recorded times where that is possible."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
-    smooth: Trajectory | HybridTrajectory = trajectory
+    smooth = trajectory
     if trajectory.can_evaluate and len(trajectory.t) > 1:
         count = min(20_000, _POINTS_PER_STEP * len(trajectory.t))
         smooth = trajectory(np.linspace(trajectory.t[0], trajectory.t[-1], count))

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
 from .estimate import ErrorEstimate
+from .motion import ENERGIES, xarray_package
 
 if TYPE_CHECKING:
     import xarray
@@ -23,7 +24,6 @@ __all__ = ["CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistic
 
 FloatArray = NDArray[np.float64]
 _BLOCK = 65_536
-_ENERGIES = ("kinetic_energy", "potential_energy")
 
 
 @final
@@ -131,7 +131,7 @@ class CaseResults(ABC):
 
     def _names(self) -> tuple[str, ...]:
         layout = self._layout
-        return (*layout.coordinates, *layout.rates, *layout.outputs, "energy", *_ENERGIES)
+        return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
 
     def __repr__(self) -> str:
         return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
@@ -144,10 +144,6 @@ class CaseResults(ABC):
         MissingExtraError
             Without the package.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
         layout = self._layout
         shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
         dims: tuple[str, ...] = tuple(self.axes) or ("case",)
@@ -169,7 +165,8 @@ class CaseResults(ABC):
         for name, values in self.reduced.items():
             data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
         attrs = {"scene": self._name, "formulation": self._formulation}
-        return xarray.Dataset(data, coords=coords, attrs=attrs)
+        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
+        return dataset
 
 
 @final
@@ -274,6 +271,6 @@ class Sweep(CaseResults):
                 return "outputs", layout.outputs.index(output)
         if name == "energy":
             return "energy", None
-        if name in _ENERGIES:
-            return "energy", _ENERGIES.index(name)
+        if name in ENERGIES:  # after the first, which is the sum of the others
+            return "energy", ENERGIES.index(name) - 1
         raise UnknownNameError(unknown_name("output", text, dict.fromkeys((*self._names(), *layout.state))))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import DenseOutput
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence
@@ -19,33 +18,15 @@ from ..ir.periodic import angles_in
 from ..ir.program import Program
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
+from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
-__all__ = ["ENERGIES", "RunStatistics", "Trajectory", "projected"]
+__all__ = ["Trajectory", "projected"]
 
 FloatArray = NDArray[np.float64]
 Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
-ENERGIES = ("energy", "kinetic_energy", "potential_energy")
-
-
-@final
-@dataclass(frozen=True)
-class RunStatistics:
-    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds.
-
-    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration.
-    """
-
-    method: str
-    steps: int
-    rejected: int
-    evaluations: int
-    compile_seconds: float
-    run_seconds: float
-    note: str = ""
 
 
 def projected(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
@@ -58,7 +39,7 @@ def projected(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> 
 
 
 @final
-class Trajectory:
+class Trajectory(Motion):
     """A simulated motion.
 
     Attributes
@@ -91,6 +72,7 @@ class Trajectory:
         dense: DenseOutput | None,
     ) -> None:
         self._program, self._c, self._dense = program, constants, dense
+        self._layout = program.layout
         self._estimate: ErrorEstimate | None = None
         self.events = EventRecords()
         self._monitors: Monitors | None = None
@@ -154,25 +136,9 @@ class Trajectory:
         return self._estimate
 
     @property
-    def success(self) -> bool:
-        """Whether the end of the span, or a terminal event, was reached."""
-        return self.status.success
-
-    @property
-    def message(self) -> str:
-        """How the run ended, as a sentence."""
-        note = self.stats.note
-        return f"{self.status.message} Note: {note}." if note else self.status.message
-
-    @property
     def can_evaluate(self) -> bool:
         """Whether the run kept what it takes to evaluate it between the recorded times."""
         return self._dense is not None
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self._program.layout.coordinates
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,10 +167,8 @@ class Trajectory:
                 "potential_energy": potential,
             }
             return energies[name]
-        hint = ""
-        if name in layout.unknowns:
-            hint = f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
-        raise UnknownNameError(unknown_name("output", str(key), dict.fromkeys(self.names)) + hint)
+        known = unknown_name("output", str(key), dict.fromkeys(self.names))
+        raise UnknownNameError(known + reaction_hint(layout, name))
 
     def _on_scene(self, kernel: str) -> FloatArray:
         if kernel not in self._program:
@@ -277,13 +241,9 @@ class Trajectory:
         MissingExtraError
             Without the package.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
         layout = self._program.layout
         names = (*layout.coordinates, *layout.rates, *layout.outputs, "energy")
-        return xarray.Dataset(
+        dataset: xarray.Dataset = xarray_package().Dataset(
             {name: ("time", self[name]) for name in names},
             coords={"time": ("time", self.t, {"units": "s"})},
             attrs={
@@ -292,15 +252,4 @@ class Trajectory:
                 "status": self.status.name,
             },
         )
-
-    def plot(self, *names: Any) -> Figure:
-        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
-
-        Raises
-        ------
-        MissingExtraError
-            Without matplotlib.
-        """
-        from .plots import plot
-
-        return plot(self, [str(name) for name in names] or list(self.coordinates))
+        return dataset

@@ -19,7 +19,8 @@ from ..ir.interpret import interpret_rows
 from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
 from ..results.estimate import TIGHTER
-from ..results.trajectory import RunStatistics, Trajectory
+from ..results.motion import RunStatistics
+from ..results.trajectory import Trajectory
 from . import inputs
 from .assembly import assembled
 from .events import EventCode

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codegen.base import BlockResult, CaseBlock, CaseColumns, CaseRun, Engine, FloatArray
-from ..errors import MissingExtraError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..errors import MissingExtraError, OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..integrators.problem import IntegrationProblem
 from ..integrators.status import Status
 from ..ir.interpret import interpret, interpret_rows
@@ -23,7 +23,7 @@ from ..reduction.starting import Start
 from . import inputs
 from .events import EventCode
 
-__all__ = ["Cases", "Settings", "available_threads", "fitted", "meter", "run_cases", "single_problem"]
+__all__ = ["Cases", "Settings", "agreed", "available_threads", "fitted", "meter", "run_cases", "single_problem"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -157,6 +157,45 @@ class Cases:
         for i in some:
             c[i] = interpret(self.program.kernel("prepare"), {"p": c[i, :parameters].tolist()})
             out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
+
+
+def agreed(
+    cases: Cases,
+    *,
+    t_eval: Any,
+    method: str,
+    rtol: float,
+    atol: float,
+    max_step: float,
+    max_steps: int,
+    threads: int | None,
+    progress: bool,
+) -> Settings:
+    """Return the settings of a sweep, checked as those of a single run are.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For settings that make no sense, or not with these cases.
+    """
+    times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+    if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
+        raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+    count = available_threads() if threads is None else int(threads)
+    if count < 1:
+        raise OptionError(f"threads must be at least 1, not {threads!r}")
+    IntegrationProblem(
+        t0=float(cases.span["start"][0]),
+        t1=float(cases.span["end"][0]),
+        y0=np.zeros(0),
+        constants=np.zeros(0),
+        rtol=rtol,
+        atol=atol,
+        t_eval=times,
+        max_step=max_step,
+        max_steps=max_steps,
+    )
+    return Settings(times, method, rtol, atol, max_step, max_steps, count, progress)
 
 
 def _columns(

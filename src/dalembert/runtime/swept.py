@@ -11,7 +11,6 @@ import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
-from ..integrators.problem import IntegrationProblem
 from ..ir.program import Layout
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
@@ -21,7 +20,7 @@ from .gains import give_gains
 from .gimbal import locked_cases
 from .held import NO_ESTIMATE
 from .simulation import Simulated
-from .sweeping import Cases, Settings, available_threads, fitted, run_cases, single_problem
+from .sweeping import Cases, Settings, agreed, fitted, run_cases, single_problem
 
 __all__ = ["Swept", "with_grid"]
 
@@ -90,32 +89,26 @@ class Swept(Simulated):
         begin = time.perf_counter()
         chosen = self._method(method, rtol, atol, many=True)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
-        t_eval = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         given = (t_span, initial, parameters)
         if grid is not None:
             initial, parameters = with_grid(self.layout, grid, initial, parameters)
         cases = Cases(self._program, self._start, t_span, initial, parameters)
-        if t_eval is not None and any(len(ends) > 1 for ends in cases.span.values()):
-            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
-        count = available_threads() if threads is None else int(threads)
-        if count < 1:
-            raise OptionError(f"threads must be at least 1, not {threads!r}")
-        IntegrationProblem(
-            t0=float(cases.span["start"][0]),
-            t1=float(cases.span["end"][0]),
-            y0=np.zeros(0),
-            constants=np.zeros(0),
+        settings = agreed(
+            cases,
+            t_eval=t_eval,
+            method=chosen,
             rtol=rtol,
             atol=atol,
-            t_eval=t_eval,
             max_step=max_step,
             max_steps=max_steps,
+            threads=threads,
+            progress=progress,
         )
         watch = self._events(events, reduce)
         if watch is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
         judge = None if self._gimbals is None else self._judge
-        settings = Settings(t_eval, chosen, rtol, atol, max_step, max_steps, count, progress, watch, judge)
+        settings = replace(settings, watch=watch, judge=judge)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
@@ -129,7 +122,7 @@ class Swept(Simulated):
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
         if error_estimate:
-            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER, watch=None)
+            finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
             if method == "auto":
                 finer = fitted(self._engine, cases, finer)

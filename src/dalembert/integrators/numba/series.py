@@ -41,8 +41,7 @@ class StepCode:
     """Compiled code: the loop of `dalembert.integrators.numba.march`, and addresses of the kernels that it calls.
 
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
-    ``angles`` are
-    the components of the state that matter modulo a turn.
+    ``angles`` are the components of the state that matter modulo a turn.
     """
 
     loop: Callable[..., int]

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from ...errors import OptionError, ValueInputError, list_names
-from ...integrators.problem import IntegrationProblem
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
@@ -24,7 +23,7 @@ from .. import inputs
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
 from ..reductions import reduction_table
-from ..sweeping import Cases, Settings, available_threads
+from ..sweeping import Cases, agreed
 from ..swept import with_grid
 from .facts import FloatArray
 from .running import Modes, Request, simulate
@@ -278,10 +277,6 @@ class HybridModel:
                     f"event {event.label!r}: a sweep of a scene with contacts counts events, and may end at the first;"
                     " simulate its cases one by one for those that map the state, or end it later"
                 )
-        count = available_threads() if threads is None else int(threads)
-        if count < 1:
-            raise OptionError(f"threads must be at least 1, not {threads!r}")
-        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
         if grid is not None:
             initial, parameters = with_grid(self.layout, grid, initial, parameters)
         known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
@@ -289,20 +284,16 @@ class HybridModel:
         model = self._model(self._plain(OPEN if complete else CLOSED))
         program = model.stages.program
         cases = Cases(program, model._start, t_span, initial, parameters)
-        if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
-            raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
-        chosen = model._method(method, rtol, atol, many=True)
-        settings = Settings(times, chosen, float(rtol), float(atol), float(max_step), int(max_steps), count, progress)
-        IntegrationProblem(
-            t0=float(cases.span["start"][0]),
-            t1=float(cases.span["end"][0]),
-            y0=np.zeros(0),
-            constants=np.zeros(0),
-            rtol=rtol,
-            atol=atol,
-            t_eval=times,
-            max_step=max_step,
-            max_steps=max_steps,
+        settings = agreed(
+            cases,
+            t_eval=t_eval,
+            method=model._method(method, rtol, atol, many=True),
+            rtol=float(rtol),
+            atol=float(atol),
+            max_step=float(max_step),
+            max_steps=int(max_steps),
+            threads=threads,
+            progress=progress,
         )
         block, status = cases.block(slice(0, cases.count), settings)
         columns = {n: cases.parameters[n] for n in self.layout.parameters}
@@ -313,7 +304,7 @@ class HybridModel:
             x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
             p=np.zeros((cases.count, 0)) if p is None else p,
             status=status.astype(np.int64),
-            t_eval=times,
+            t_eval=settings.t_eval,
             events=listed,
             reductions=reduction_table(reduce, self.layout.aliases),
             options={
@@ -322,7 +313,7 @@ class HybridModel:
                 "atol": atol,
                 "max_step": max_step,
                 "max_steps": max_steps,
-                "threads": count,
+                "threads": settings.threads,
             },
             progress=progress,
             layout=self.layout,

@@ -17,7 +17,8 @@ from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
-from ...results.trajectory import RunStatistics, Trajectory
+from ...results.motion import RunStatistics
+from ...results.trajectory import Trajectory
 from ..events import Event, leaving
 from .facts import FloatArray
 from .settling import Instants, Laws, Settled

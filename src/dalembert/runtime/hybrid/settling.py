@@ -27,7 +27,8 @@ NOISE = 1e-8
 STOPPED = 1e-5
 """Share of the slip velocities of a run below which one along two directions has come to rest."""
 
-_NOTHING = 1e-4
+_LENGTH = 1.0001
+"""What gaps are compared with beside their own size."""
 
 
 @final
@@ -165,7 +166,7 @@ class Laws:
         return np.asarray(bad)
 
     def _gap_noise(self, facts: Facts, i: int) -> FloatArray:
-        return NOISE * (np.abs(facts.gap[:, i]) + _NOTHING + 1.0)
+        return NOISE * (np.abs(facts.gap[:, i]) + _LENGTH)
 
     def _standings(
         self,

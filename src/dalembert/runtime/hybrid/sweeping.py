@@ -17,6 +17,7 @@ from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
+from ...results.motion import ENERGIES
 from ...results.sweep import Sweep, SweepStatistics
 from .. import inputs
 from ..events import Event
@@ -136,7 +137,8 @@ class _Sweep:
         goal = self._goal(some)
         run = self._run(mode, some, goal)
         program = self.modes.model(mode).stages.program
-        x = interpret_rows(program.kernel("expand"), run.t, run.y, inputs.prepare_rows(program, self._rows(mode, some)))
+        c = inputs.prepare_rows(program, self._rows(mode, self._states(some)))
+        x = interpret_rows(program.kernel("expand"), run.t, run.y, c)
         passed = run.t - self.now.t[some]
         self._keep(run, some, passed)
         self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
@@ -160,13 +162,17 @@ class _Sweep:
             goal[more] = t_eval[self.next[some[more]]]
         return goal
 
-    def _rows(self, mode: Mode, some: NDArray[np.intp]) -> FloatArray:
-        """Return the parameters (k, n_p) of a mode's model."""
+    def _rows(self, mode: Mode, states: States) -> FloatArray:
+        """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
-        added = self.modes.added(mode, self.now.directions[some], self.now.sides[some])
-        own = {name: self.campaign.p[some, i] for i, name in enumerate(self.campaign.layout.parameters)}
-        columns = {**own, **added}
-        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(some), len(layout.parameters))
+        own = {name: self.campaign.p[states.case, i] for i, name in enumerate(self.campaign.layout.parameters)}
+        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
+        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))
+
+    def _states(self, some: NDArray[np.intp]) -> States:
+        """Return the present states of some cases."""
+        now = self.now
+        return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
 
     def _run(self, mode: Mode, some: NDArray[np.intp], goal: FloatArray) -> Sweep:
         before = time.perf_counter()
@@ -174,7 +180,7 @@ class _Sweep:
         self.compile_seconds += time.perf_counter() - before
         events = [replace(e, name=e.label) for e in self.campaign.events]
         events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
-        rows = self._rows(mode, some)
+        rows = self._rows(mode, self._states(some))
         run = model.sweep(
             (self.now.t[some], goal),
             {name: self.now.x[some, i] for i, name in enumerate(self.names)},
@@ -294,10 +300,10 @@ class _Sweep:
             compile_seconds=self.compile_seconds,
             run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
         )
-        now = self.now
-        last = States(now.t, now.x, np.arange(len(now.t)), self.mode, now.directions, now.sides)
+        count = len(self.mode)
+        last = self._states(np.arange(count))
         if self.samples is not None and campaign.t_eval is not None:
-            self.samples.case[:] = np.repeat(np.arange(len(now.t)), len(campaign.t_eval))
+            self.samples.case[:] = np.repeat(np.arange(count), len(campaign.t_eval))
         modes = [self.modes.named(mode) for mode in self.table]
         run = HybridSweep(
             self.modes.equations.name,
@@ -316,8 +322,8 @@ class _Sweep:
         happened = [np.column_stack([self.counts[n], self.first[n], self.last[n]]) for n in self.counts]
         for values in self.kept.values():
             values[failed] = np.nan
-        reduced = np.array(list(self.kept.values())).T.reshape(len(now.t), len(self.kept))
-        together = np.hstack(happened) if happened else np.empty((len(now.t), 0))
+        reduced = np.array(list(self.kept.values())).T.reshape(count, len(self.kept))
+        together = np.hstack(happened) if happened else np.empty((count, 0))
         return run.with_events(list(self.counts), together, list(self.kept), reduced)
 
     def _value(self, key: str, states: States) -> FloatArray:
@@ -331,22 +337,14 @@ class _Sweep:
             here = np.flatnonzero(states.mode == number)
             if not len(here):
                 continue
-            model = self.modes.model(mode)
-            program = model.stages.program
-            part = replace(self.now, directions=states.directions[here], sides=states.sides[here])
-            added = self.modes.added(mode, part.directions, part.sides)
-            own = {n: self.campaign.p[states.case[here], i] for i, n in enumerate(layout.parameters)}
-            columns = {**own, **added}
-            p = np.array([columns[n] for n in model.layout.parameters]).T.reshape(len(here), -1)
-            c = inputs.prepare_rows(program, p)
-            t, x = states.t[here], states.x[here]
-            if name in ("energy", "kinetic_energy", "potential_energy"):
-                kinetic, potential = interpret_rows(program.kernel("energy"), t, x, c).T
-                table = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
-                values[here] = table[name]
+            program, part = self.modes.model(mode).stages.program, states.part(here)
+            c = inputs.prepare_rows(program, self._rows(mode, part))
+            if name in ENERGIES:
+                kinetic, potential = interpret_rows(program.kernel("energy"), part.t, part.x, c).T
+                values[here] = dict(zip(ENERGIES, (kinetic + potential, kinetic, potential), strict=True))[name]
                 continue
-            output = key if key in model.layout.outputs else name
-            model.layout.outputs.index(output)
-            y = interpret_rows(program.kernel("initial"), t, x, c)
-            values[here] = interpret_rows(program.kernel("outputs"), t, y, c)[:, model.layout.outputs.index(output)]
+            outputs = program.layout.outputs
+            y = interpret_rows(program.kernel("initial"), part.t, part.x, c)
+            column = outputs.index(key if key in outputs else name)
+            values[here] = interpret_rows(program.kernel("outputs"), part.t, y, c)[:, column]
         return values

@@ -1,0 +1,127 @@
+"""What every simulated motion offers, however it was made; `trajectory` and `hybrid` have the rest."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError
+from ..integrators.status import Status
+from ..ir.program import Layout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "xarray_package"]
+
+FloatArray = NDArray[np.float64]
+ENERGIES = ("energy", "kinetic_energy", "potential_energy")
+
+
+@final
+@dataclass(frozen=True)
+class RunStatistics:
+    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds.
+
+    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration.
+    """
+
+    method: str
+    steps: int
+    rejected: int
+    evaluations: int
+    compile_seconds: float
+    run_seconds: float
+    note: str = ""
+
+
+class Motion(ABC):
+    """A motion at recorded times, by name.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        Recorded times [s].
+    y : ndarray (n_t, n)
+        State.
+    q, qdot : ndarray (n_t, n_q)
+        Coordinates and their rates.
+    status : Status
+        How the run ended.
+    stats : RunStatistics
+        What it cost.
+    """
+
+    t: FloatArray
+    y: FloatArray
+    q: FloatArray
+    qdot: FloatArray
+    status: Status
+    stats: RunStatistics
+    _layout: Layout
+
+    @abstractmethod
+    def __getitem__(self, key: Any) -> FloatArray: ...
+
+    @abstractmethod
+    def __call__(self, t: Any) -> Motion:
+        """Return the motion at other times."""
+
+    @property
+    @abstractmethod
+    def can_evaluate(self) -> bool:
+        """Whether the run kept what it takes to evaluate it between the recorded times."""
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span, or a terminal event, was reached."""
+        return self.status.success
+
+    @property
+    def message(self) -> str:
+        """How the run ended, as a sentence."""
+        note = self.stats.note
+        return f"{self.status.message} Note: {note}." if note else self.status.message
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._layout.coordinates
+
+    def plot(self, *names: Any) -> Figure:
+        """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
+        """
+        from .plots import plot
+
+        return plot(self, [str(name) for name in names] or list(self.coordinates))
+
+
+def reaction_hint(layout: Layout, name: str) -> str:
+    """Return how to get a reaction that was not asked for, or nothing for what is none."""
+    if name not in layout.unknowns:
+        return ""
+    return f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
+
+
+def xarray_package() -> Any:
+    """Return the package xarray.
+
+    Raises
+    ------
+    MissingExtraError
+        Without it.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+    return xarray
