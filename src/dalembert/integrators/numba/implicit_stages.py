@@ -267,19 +267,24 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
 def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
     """Write what Newton corrections are measured by.
 
-    Multipliers count the less the smaller the step is. No component is asked for more digits than rounding leaves,
-    which constraints, where there are any, divide by the step.
+    Multipliers count the less the smaller the step is. No component is asked for more digits than rounding leaves: of
+    systems with multipliers the state is positions and then velocities, each as exact as the largest of its kind, and
+    what rounding leaves of either the multipliers take up within a step.
     """
-    n, largest = work.shape[1], 0.0
-    for m in range(differential):
-        largest = max(largest, abs(work[y, m]))
+    n = work.shape[1]
+    kinds = 1 if differential == n else 2
+    count, largest = differential // kinds, 0.0
+    for kind in range(kinds):
+        size = 0.0
+        for m in range(kind * count, (kind + 1) * count):
+            size = max(size, abs(work[y, m]))
+        largest = max(largest, size)
+        noise = 1e-15 * size / tolerance
+        for m in range(kind * count, (kind + 1) * count):
+            work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m]))
     noise = 1e-15 * largest / tolerance
-    if differential < n:
-        noise /= min(1.0, abs(h))
-    for m in range(n):
-        work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m]))
-        if m >= differential:
-            work[SCALE, m] /= min(1.0, abs(h))
+    for m in range(differential, n):
+        work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m])) / min(1.0, abs(h))
 
 
 @compiled
