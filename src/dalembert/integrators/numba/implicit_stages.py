@@ -136,7 +136,9 @@ def newton(
     rate, before, factor_ = 0.0, 0.0, known_rate
     first = np.empty(n)
     second = np.empty(n, np.complex128)
-    for iteration in range(MAX_ITERATIONS):
+    # With multipliers every other iteration gains little: they follow what the one before has done to the state.
+    most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
+    for iteration in range(most):
         for i in range(3):
             for m in range(n):
                 work[POINT, m] = work[y, m] + work[Z + i, m]
@@ -181,12 +183,13 @@ def newton(
             if rate >= 0.99:
                 return DIVERGED, iteration + 1, rate
             factor_ = rate / (1.0 - rate)
-            if factor_ * size * rate ** (MAX_ITERATIONS - 2 - iteration) > tolerance:
+            hopeless = factor_ * size * rate ** max(most - 2 - iteration, 0) > tolerance
+            if hopeless and (iteration > 1 or differential == n):
                 return DIVERGED, iteration + 1, rate
         before = max(size, 1e-300)
         if factor_ * size <= tolerance:
             return CONVERGED, iteration + 1, rate
-    return DIVERGED, MAX_ITERATIONS, rate
+    return DIVERGED, most, rate
 
 
 @compiled
