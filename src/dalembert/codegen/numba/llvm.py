@@ -247,17 +247,21 @@ def _machine(level: int) -> Any:
     )
 
 
-def compile_object(source: str, level: int = 2) -> bytes:
-    """Return the object code of a module of LLVM assembly, for this machine."""
-    machine = _machine(level)
+def compile_object(source: str, *, straight: bool = True) -> bytes:
+    """Return the object code of a module of LLVM assembly, for this machine.
+
+    Code that is not `straight`, but loops translated from Python, goes through LLVM's optimisation passes.
+    """
+    machine = _machine(2)
     module = llvm.parse_assembly(source)
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
-    # the code is in the shape that it should have: nothing but inlining is worth its time
-    passes = llvm.create_new_module_pass_manager()
-    passes.add_always_inliner_pass()
-    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0)))
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0 if straight else 2))
+    passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
+    if straight:  # the code is in the shape that it should have: nothing but inlining is worth its time
+        passes.add_always_inliner_pass()
+    passes.run(module, builder)
     return bytes(machine.emit_object(module))
 
 

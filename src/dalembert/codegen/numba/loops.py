@@ -1,7 +1,6 @@
 """Integrator loops as machine code, made once per installation and called without numba.
 
-A loop is Python that numba compiles (`dalembert.integrators.numba.machine`); importing numba and loading what it
-keeps on disk would take longer than compiling a scene, so the code is kept as an object file of our own.
+A loop is Python that `dalembert.codegen.machine` translates; the code is kept as an object file.
 """
 
 from __future__ import annotations
@@ -37,11 +36,11 @@ def toolchain() -> str:
     return f"{__version__} {python} {version('numba')} {version('llvmlite')}"
 
 
-def library_code(name: str, text: Callable[[], str]) -> Compiled:
+def library_code(name: str, text: Callable[[], str], *, straight: bool = True) -> Compiled:
     """Return code that belongs to no scene, made of a module of assembly once per installation."""
     folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
     with _LOCK:
-        return load_object(object_code(folder, name, text))
+        return load_object(object_code(folder, name, text, straight=straight))
 
 
 @final
@@ -54,12 +53,12 @@ class Loop:
     @cached_property
     def _code(self) -> Compiled:
         def text() -> str:
-            from ...integrators.numba.machine import loop_assembly
+            from ..machine import loop_assembly
 
             module = importlib.import_module(f"dalembert.integrators.numba.{self._name}")
             return loop_assembly(module.LOOP, module.KINDS)
 
-        return library_code(self._name, text)
+        return library_code(self._name, text, straight=False)
 
     @cached_property
     def call(self) -> Any:

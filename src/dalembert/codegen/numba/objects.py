@@ -15,19 +15,20 @@ from .llvm import compile_object, target_name
 __all__ = ["object_code"]
 
 
-def object_code(folder: Path | None, name: str, text: Callable[[], str]) -> bytes:
+def object_code(folder: Path | None, name: str, text: Callable[[], str], *, straight: bool = True) -> bytes:
     """Return object code of a module of assembly: from `folder` where it is there and whole, else compiled and kept.
 
-    The file is named after `name` and the processor; with no folder, nothing is kept.
+    The file is named after `name` and the processor; with no folder, nothing is kept. See `compile_object` for
+    `straight`.
     """
     if folder is None:
-        return compile_object(text())
+        return compile_object(text(), straight=straight)
     key = hashlib.sha256(target_name().encode()).hexdigest()[:16]
     path = folder / f"{name}_{key}.o"
     held = _read(path)
     if held is not None:
         return held
-    code = compile_object(text())
+    code = compile_object(text(), straight=straight)
     _write(path, code)
     return code
 

@@ -1,77 +1,53 @@
-"""Calls of compiled kernels that take plain pointers, as `dalembert.codegen.numba.llvm` makes them."""
+"""What compiled loops are written in: Python that `dalembert.codegen.machine` translates, and calls of machine code.
+
+The functions below mean the same to Python itself, for which a loop is an ordinary function, only a slow one that no
+other thread may join.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import ctypes
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["call_code", "call_test", "element", "row", "take"]
+__all__ = ["bare", "call_code", "call_test", "element", "row", "take"]
+
+F = TypeVar("F", bound=Callable[..., object])
+
+_ADDRESSES = (ctypes.c_int64,) * 5
+_CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)
 
 
-@intrinsic
-def row(typingctx: Any, matrix: Any, number: Any) -> Any:
+def bare(function: F) -> F:
+    """Mark a function as one that `dalembert.codegen.machine` translates: it allocates nothing."""
+    function.bare = True  # type: ignore[attr-defined]
+    return function
+
+
+def row(matrix: NDArray[Any], number: int) -> int:
     """Return the address of a row of a C-contiguous matrix of doubles; the matrix must stay alive."""
-    signature = types.intp(matrix, types.intp)
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, values[0])
-        width = cgutils.unpack_tuple(builder, array.shape)[1]
-        pointer = builder.gep(array.data, [builder.mul(values[1], width)])
-        return builder.ptrtoint(pointer, ir.IntType(64))
-
-    return signature, generate
+    return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
 
 
-@intrinsic
-def call_code(typingctx: Any, address: Any, t: Any, y: Any, c: Any, s: Any, out: Any) -> Any:
+def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:
     """Call the code at ``address`` with five addresses of doubles."""
-    signature = types.void(*(types.intp,) * 6)
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        integer = ir.IntType(64)
-        function = ir.FunctionType(ir.VoidType(), [integer] * 5)
-        builder.call(builder.inttoptr(values[0], function.as_pointer()), list(values[1:]))
-        return context.get_dummy_value()
-
-    return signature, generate
+    _CODE(address)(t, y, c, s, out)
 
 
-@intrinsic
-def call_test(typingctx: Any, address: Any, t: Any, y: Any, c: Any, s: Any, out: Any) -> Any:
+def call_test(address: int, t: int, y: int, c: int, s: int, out: int) -> int:
     """Call the code at ``address`` with five addresses of doubles; return the whole number that it returns."""
-    signature = types.intp(*(types.intp,) * 6)
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        integer = ir.IntType(64)
-        function = ir.FunctionType(integer, [integer] * 5)
-        return builder.call(builder.inttoptr(values[0], function.as_pointer()), list(values[1:]))
-
-    return signature, generate
+    return int(_TEST(address)(t, y, c, s, out))
 
 
-@intrinsic
-def element(typingctx: Any, address: Any, index: Any) -> Any:
+def element(address: int, index: int) -> float:
     """Return the double at an index from an address."""
-    signature = types.float64(types.intp, types.intp)
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        pointer = builder.inttoptr(values[0], ir.DoubleType().as_pointer())
-        return builder.load(builder.gep(pointer, [values[1]]))
-
-    return signature, generate
+    return ctypes.c_double.from_address(address + 8 * index).value
 
 
-@intrinsic
-def take(typingctx: Any, array: Any, amount: Any) -> Any:
+def take(array: NDArray[np.int64], amount: int) -> int:
     """Add to the first element of an array of whole numbers, which threads share; return what it was."""
-    signature = types.intp(array, types.intp)
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        return builder.atomic_rmw("add", data, values[1], "monotonic")
-
-    return signature, generate
+    array[0] += amount
+    return int(array[0] - amount)

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
-from .code import call_code, row
-from .jit import bare
+from .code import bare, call_code, row
 
 __all__ = ["FAILED", "NONE", "WANTED", "correct"]
 

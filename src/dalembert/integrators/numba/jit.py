@@ -38,19 +38,6 @@ def compiled(function: F) -> F:
     )
 
 
-def bare(function: F) -> F:
-    """Compile as `compiled`, without reference counts: for loops that allocate nothing and own none of their arrays."""
-    options = njit(
-        nogil=True,
-        error_model="numpy",
-        fastmath={"contract"},
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        _nrt=False,
-    )
-    return cast(F, options(function))
-
-
 def compiled_and_cached(function: F, argument_types: tuple[Any, ...]) -> F:
     """Compile an entry point for the given argument types now, or load it from numba's disk cache."""
     options = njit(argument_types, nogil=True, error_model="numpy", fastmath={"contract"}, cache=True)

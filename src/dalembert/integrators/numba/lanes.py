@@ -12,18 +12,16 @@ they share.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
-from .code import call_code, call_test, element, row, take
+from .code import bare, call_code, call_test, element, row, take
 from .correcting import FAILED, NONE, WANTED, correct
-from .jit import MATRIX, VECTOR, bare
+from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
 from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .workspace import (
@@ -52,22 +50,21 @@ _RUNNING, _IDLE = -1, -2
 _NOW, _END, _NEXT = 0, 1, 2
 _ATTEMPTS, _REFUSED, _BEFORE, _FIRST = 0, 1, 2, 3
 
-_INTEGERS = types.Array(types.int64, 2, "C")
-_ROOM = types.NamedTuple((*(MATRIX,) * 6, _INTEGERS, *(MATRIX,) * 5), Room)
-_NOTHING = types.Tuple(())
+_ROOM = Group((*(MATRIX,) * 6, INTEGER_MATRIX, *(MATRIX,) * 5), Room._fields)
+_NOTHING = Group(())
 
 
-def kinds(watched: bool) -> tuple[Any, ...]:
+def kinds(watched: bool) -> tuple[Kind, ...]:
     """Return the types of the loop's arguments; without events, two of them are empty."""
     return (
-        types.UniTuple(types.intp, 7),
-        types.UniTuple(types.intp, 7),
+        Group((INTEGER,) * 7),
+        Group((INTEGER,) * 7),
         MATRIX,
-        _INTEGERS,
-        types.Array(types.int64, 1, "C"),
+        INTEGER_MATRIX,
+        INTEGERS,
         VECTOR,
         *(MATRIX,) * 3,
-        types.Array(types.boolean, 2, "C"),
+        ARRAY_OF_FLAGS,
         MATRIX,
         _ROOM,
         *((WATCH, SCRATCH) if watched else (_NOTHING, _NOTHING)),

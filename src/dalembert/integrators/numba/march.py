@@ -13,14 +13,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
 from ..status import Status
-from .code import call_code, row
-from .jit import MATRIX, VECTOR, bare
+from .code import bare, call_code, row
+from .kinds import INTEGER, INTEGERS, MATRIX, VECTOR, Group
 from .series import RUNNING
 
 __all__ = ["KINDS", "LOOP"]
@@ -31,7 +30,7 @@ _MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC = 1e-8
 
-KINDS = (types.UniTuple(types.intp, 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, types.int64[::1])
+KINDS = (Group((INTEGER,) * 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, INTEGERS)
 
 
 @bare
@@ -88,7 +87,7 @@ def _march(
         if k == 0:
             _advance(y, 0, rows, here, settings[0, 1] * size, low)
         else:
-            _advance(rows, here - 1, rows, here, settings[0, 1] * size, low)
+            _advance(rows, (k - 1) % rows.shape[0], rows, here, settings[0, 1] * size, low)
         state = row(rows, here)
         if size == rest:
             t, low[n] = t1, 0.0

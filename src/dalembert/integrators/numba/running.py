@@ -9,8 +9,7 @@ import numpy as np
 from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
 from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
-from .code import call_code, row
-from .jit import bare
+from .code import bare, call_code, row
 from .scan import SERIES, SLOPE_SERIES, sample, transformed
 from .workspace import QUICK, Scratch, Watch
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from ..problem import FloatArray
+from .code import bare
 from .correcting import NONE, WANTED, correct
-from .jit import MATRIX, VECTOR, bare
+from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, MATRIX, VECTOR, Group
 
 __all__ = ["KINDS", "LOOP"]
 
 KINDS = (
-    types.UniTuple(types.intp, 2),
-    *(MATRIX, VECTOR, types.Array(types.boolean, 2, "C"), MATRIX),
+    Group((INTEGER,) * 2),
+    *(MATRIX, VECTOR, ARRAY_OF_FLAGS, MATRIX),
     *(MATRIX,) * 4,
-    types.Array(types.int64, 2, "C"),
+    INTEGER_MATRIX,
 )
 
 

@@ -9,15 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from ..crossings import BEND, BENT, COEFFICIENTS, DEEPEST, DIVIDED, FLAT, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
-from .code import call_code, row
-from .jit import MATRIX, bare
+from .code import bare, call_code, row
+from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .workspace import Scratch, Watch
 
 __all__ = [
@@ -50,11 +49,9 @@ _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STAT
 _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
 _BUDGET, _TRIES = 8192, 200
-_INTEGERS = types.Array(types.int64, 1, "C")
 
-
-WATCH = types.NamedTuple((*(types.intp,) * 8, *(_INTEGERS,) * 4, *(types.intp,) * 3, *(_INTEGERS,) * 2), Watch)
-SCRATCH = types.NamedTuple((MATRIX,) * len(Scratch._fields), Scratch)
+WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2), Watch._fields)
+SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
 _THETA, _TOTAL = 3, 4
 
 

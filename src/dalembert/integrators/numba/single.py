@@ -7,14 +7,13 @@ remembers nothing; an attempt of a Runge-Kutta step may be rejected, and what it
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from ..gains import BRANCH, REDUCTION_BLIND, SLOW
 from ..problem import FloatArray
 from ..status import Status
-from .code import call_code, row
-from .jit import MATRIX, VECTOR, bare
+from .code import bare, call_code, row
+from .kinds import INTEGER, INTEGERS, MATRIX, VECTOR, Group
 
 __all__ = ["KINDS", "LOOP"]
 
@@ -26,11 +25,11 @@ _SMALLEST = 16.0 * 2.220446049250313e-16
 _QUADRATIC, _LINEAR = 1e-8, 1e-4
 
 KINDS = (
-    types.UniTuple(types.intp, 5),
-    types.UniTuple(types.intp, 3),
+    Group((INTEGER,) * 5),
+    Group((INTEGER,) * 3),
     VECTOR,
     *(MATRIX,) * 6,
-    types.Array(types.int64, 1, "C"),
+    INTEGERS,
 )
 
 
