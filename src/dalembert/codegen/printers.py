@@ -10,18 +10,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
+from ..ir.branches import only_in_branches
 from ..ir.program import Assignment, Kernel, Load, Operand
 
-__all__ = ["JAX", "JAX_STEPS", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
+__all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
+
+
+_UNGUARDED = ("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor")
+"""Operations whose derivatives are numbers wherever they are taken, or that have none."""
 
 
 @final
 @dataclass(frozen=True)
 class Printer:
-    """Prints the lines of a kernel."""
+    """Prints the lines of a kernel.
+
+    Attributes
+    ----------
+    name : str
+    formats : mapping of str to str
+        One an operation.
+    guard : str
+        Name of what applies a function that only branches of selections use (`only_in_branches`); empty where it does
+        not matter, because nothing is differentiated.
+    """
 
     name: str
     formats: Mapping[str, str]
+    guard: str = ""
 
     def operand(self, operand: Operand) -> str:
         """Return a name or an exact literal."""
@@ -37,9 +53,24 @@ class Printer:
         """Return the line of an operation."""
         return f"{line.target} = " + self.formats[line.op].format(*map(self.operand, line.args))
 
-    def lines(self, kernel: Kernel) -> list[str]:
-        """Return the body of a kernel without its outputs."""
-        return [*map(self.load, kernel.loads), *map(self.assignment, kernel.body)]
+    def guarded(self, line: Assignment) -> str:
+        """Return the line of an operation that only branches of selections use."""
+        if line.op in _UNGUARDED:
+            return self.assignment(line)
+        names = tuple(dict.fromkeys(arg for arg in line.args if isinstance(arg, str)))
+        expression = self.formats[line.op].format(*map(self.operand, line.args))
+        return f"{line.target} = {self.guard}(lambda {', '.join(names)}: {expression}, {', '.join(names)})"
+
+    def lines(self, kernel: Kernel, in_branches: frozenset[str] | None = None) -> list[str]:
+        """Return the body of a kernel without its outputs.
+
+        `in_branches` holds the targets that only branches use, where `kernel` is part of a longer one.
+        """
+        chosen = in_branches if in_branches is not None or not self.guard else only_in_branches(kernel)
+        if not self.guard or not chosen:
+            return [*map(self.load, kernel.loads), *map(self.assignment, kernel.body)]
+        body = (self.guarded(line) if line.target in chosen else self.assignment(line) for line in kernel.body)
+        return [*map(self.load, kernel.loads), *body]
 
     def outputs(self, kernel: Kernel) -> list[str]:
         """Return the outputs of a kernel."""
@@ -108,6 +139,7 @@ JAX = Printer(
         "less_equal": "jnp.where({} <= {}, 1.0, 0.0)",
         "select": "jnp.where({} != 0.0, {}, {})",
     },
+    guard="fn.guarded",
 )
 """Traced JAX, on ``jax.numpy`` and on `dalembert.codegen.jax.functions`, which it imports as ``fn``."""
 
@@ -122,5 +154,8 @@ JAX_STEPS = Printer(
     },
 )
 """Steps of integrators in traced JAX."""
+
+JAX_SERIES = Printer("jax series", {**JAX_STEPS.formats, "sqrt": JAX.formats["sqrt"]}, JAX.guard)
+"""What of these steps is differentiated."""
 
 PRINTERS = (PYTHON, NUMPY, JAX)

@@ -212,6 +212,7 @@ class CompiledModel(Swept):
         mode: str = "reverse",
         rtol: float = 1e-8,
         atol: float = 1e-10,
+        max_step: float = np.inf,
         max_steps: int = 4096,
     ) -> Any:
         """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
@@ -225,6 +226,9 @@ class CompiledModel(Swept):
             As for `simulate`.
         mode : str
             "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and ``jax.jacfwd``.
+        max_step : float
+            Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
+            motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.
         max_steps : int
             Attempted steps after which the run ends with a status.
 
@@ -244,7 +248,7 @@ class CompiledModel(Swept):
         if given is not None:
             names = [self.layout.aliases.get(str(name), str(name)) for name in given]
             start = self._start(inputs.given_values(self.layout, dict.fromkeys(names, 0.0)))
-        options = {"mode": mode, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        options = {"mode": mode, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
         return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ...ir.branches import only_in_branches
 from ...ir.program import Assignment, Kernel, Load
 from ..printers import JAX, Printer
 from .kernels import Function, compile_kernel
@@ -35,7 +36,8 @@ def blocked(kernel: Kernel, printer: Printer = JAX) -> Conditional:
     whole = compile_kernel(kernel, printer)
     if len(kernel.body) <= LARGEST_WHOLE:
         return lambda go: whole
-    blocks = [(part.loads, part.outputs, compile_kernel(part, printer)) for part in _parts(kernel)]
+    chosen = only_in_branches(kernel)
+    blocks = [(part.loads, part.outputs, compile_kernel(part, printer, chosen)) for part in _parts(kernel)]
     places = {"t": 0, "y": 1, "c": 2}
 
     def run(go: Any, *arguments: Any) -> tuple[Any, ...]:

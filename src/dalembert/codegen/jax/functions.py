@@ -3,17 +3,39 @@
 A root, a power and an arctangent have no derivative at zero, and the product of an infinite derivative with a tangent
 that is zero is NaN, which a body at rest or at zero angle would meet. Here such derivatives are taken to be zero
 (`dalembert.ir.derivatives.GUARDED` has the same convention). The argument is replaced before the function is
-applied, because a selection after it does not stop a NaN in reverse mode.
+applied, because a selection after it does not stop a NaN in reverse mode. For the same reason `guarded` wraps
+whatever only branches of selections use: a quotient in the branch that is not taken may divide by zero.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
-__all__ = ["acos", "asin", "atan2", "power", "sqrt"]
+__all__ = ["acos", "asin", "atan2", "guarded", "power", "sqrt"]
+
+
+def guarded(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return an element-by-element function of arrays, with derivatives 0 where they are not finite.
+
+    The cotangent of a branch that was not chosen is zero, and stays so only in products with numbers.
+    """
+    guard = jax.custom_jvp(function)
+
+    def push(values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        moved = jnp.zeros(())
+        for i, tangent in enumerate(tangents):
+            one = tuple(jnp.ones_like(v) if i == j else jnp.zeros_like(v) for j, v in enumerate(values))
+            partial = jax.jvp(function, values, one)[1]
+            moved = moved + jnp.where(jnp.isfinite(partial), partial, 0.0) * tangent
+        return function(*values), moved
+
+    guard.defjvp(push)
+    return guard(*(jnp.asarray(argument) for argument in arguments))
 
 
 def sqrt(a: Any) -> Any:

@@ -21,9 +21,13 @@ Function = Callable[..., tuple[Any, ...]]
 OnArrays = Callable[[Any, Any, Any], Any]
 
 
-def compile_kernel(kernel: Kernel, printer: Printer = JAX_STEPS) -> Function:
-    """Return a kernel that is no part of a generated module as a function of its arguments, giving its outputs."""
-    body = "\n    ".join([*printer.lines(kernel), f"return ({''.join(f'{o}, ' for o in printer.outputs(kernel))})"])
+def compile_kernel(kernel: Kernel, printer: Printer = JAX_STEPS, in_branches: frozenset[str] | None = None) -> Function:
+    """Return a kernel that is no part of a generated module as a function of its arguments, giving its outputs.
+
+    `in_branches` as for `Printer.lines`.
+    """
+    lines = printer.lines(kernel, in_branches)
+    body = "\n    ".join([*lines, f"return ({''.join(f'{o}, ' for o in printer.outputs(kernel))})"])
     namespace: dict[str, Any] = {"jnp": jnp, "fn": functions}
     exec(f"def kernel({', '.join(kernel.arguments)}):\n    {body}\n", namespace)
     function: Function = namespace["kernel"]

@@ -20,7 +20,7 @@ from ...integrators.tableaus import TABLEAUS
 from ...ir.program import Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
-from ..printers import JAX
+from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
 
@@ -47,7 +47,7 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     if method == "taylor":
         known = recurrences(program.kernel("rhs"))
         attempts = TaylorAttempts(compile_kernel(step_kernel(known, order, dense=False)))
-        series = compile_kernel(series_kernel(known, order))
+        series = compile_kernel(series_kernel(known, order), JAX_SERIES)
         return Pieces(attempts, on_rows, False, attempts, on_rows, _SeriesSteps(series, order, projections))
     whole = tuple((_on_one_row(kernels[name]), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
@@ -59,6 +59,22 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
+    """Return the ends of steps on the constraints."""
+    return project(projections(steps.go), steps.t + steps.h, ends, steps.c)[0]
+
+
+def _correction(projections: Callable[[Any], Projections], steps: Steps, at: Rows, c: Rows) -> Rows:
+    """Return states, on the constraints already, after one correction of each kind.
+
+    To first order that is what all of them do: the derivative of a Newton iteration that has converged is that of one
+    more, as its derivative there is a projection.
+    """
+    for correct, _ in projections(steps.go):
+        at = tuple(a + b for a, b in zip(at, correct(steps.t + steps.h, at, c), strict=True))
+    return at
 
 
 @final
@@ -82,10 +98,7 @@ class _PairSteps:
 
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
-        return self._projected(steps, self._stages(steps)[1], steps.c)
-
-    def _projected(self, steps: Steps, ends: Rows, c: Rows) -> Rows:
-        return project(self._projections(steps.go), steps.t + steps.h, ends, c)[0]
+        return _settled(self._projections, steps, self._stages(steps)[1])
 
     def _stages(self, steps: Steps) -> tuple[Rows, Rows]:
         """Return the slopes (stages, k) and the ends of steps before they are projected."""
@@ -100,10 +113,11 @@ class _PairSteps:
         points = tuple(a + h * jnp.tensordot(self._matrix, k, 1) for a, k in zip(y, slopes, strict=True))
         times = t + self._tableau.c[: self._count, np.newaxis] * h
         matrices = jnp.moveaxis(jacobians(lambda at: slopes_of(self._rhs(go), times, at, c), points), 1, 0)
-        places = times, points, ends
         if not self._projections(go):
-            return (h, matrices), places
-        return (h, matrices, jacobians(lambda at: self._projected(steps, at, c), ends)), places
+            return (h, matrices), (times, points, ends)
+        ends = _settled(self._projections, steps, ends)
+        held = jacobians(lambda at: _correction(self._projections, steps, at, c), ends)
+        return (h, matrices, held), (times, points, ends)
 
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
         """See `Linear`: changes (stages, n_y) of the slopes, and (n_y,) of the projection."""
@@ -112,7 +126,7 @@ class _PairSteps:
         shift = jnp.stack([rate.T for rate in rates], axis=-1)
         if not self._projections(steps.go):
             return (shift,)
-        moves = jax.jvp(lambda *c: self._projected(steps, ends, c), steps.c, dc)[1]
+        moves = jax.jvp(lambda *c: _correction(self._projections, steps, ends, c), steps.c, dc)[1]
         return shift, jnp.stack(moves, axis=-1)
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
@@ -145,7 +159,7 @@ class _PairSteps:
         rates = tuple(slopes[..., i].T for i in range(len(points)))
         found: Rows = jax.vjp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), *steps.c)[1](rates)
         if self._projections(steps.go):
-            moved = jax.vjp(lambda *c: self._projected(steps, ends, c), *steps.c)[1](tuple(ahead.T))
+            moved = jax.vjp(lambda *c: _correction(self._projections, steps, ends, c), *steps.c)[1](tuple(ahead.T))
             found = tuple(a + b for a, b in zip(found, moved, strict=True))
         return found
 
@@ -169,9 +183,10 @@ class _SeriesSteps:
 
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
-        return self._ends(steps, steps.y, steps.c)
+        return _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
 
     def _ends(self, steps: Steps, y: Rows, c: Rows) -> Rows:
+        """Return the ends of steps before they are projected."""
         t, h = steps.t, steps.h
         values, each = self._series(t, y, c), self._order + 1
         new = []
@@ -180,25 +195,40 @@ class _SeriesSteps:
             for value in reversed(values[i * each + 1 : (i + 1) * each]):
                 total = h * (value + total)
             new.append(row + total)
-        return project(self._projections(steps.go), t + h, tuple(new), c)[0]
+        return tuple(new)
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
-        """See `Linear`: derivatives (n_y, n_y)."""
-        return jacobians(lambda at: self._ends(steps, at, steps.c), steps.y), None
+        """See `Linear`: derivatives (n_y, n_y) of the step, and (n_y, n_y) of the projection."""
+        step = jacobians(lambda at: self._ends(steps, at, steps.c), steps.y)
+        if not self._projections(steps.go):
+            return (step,), None
+        ends = _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
+        held = jacobians(lambda at: _correction(self._projections, steps, at, steps.c), ends)
+        return (step, held), ends
 
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
-        """See `Linear`: changes (n_y,) of the end."""
-        return jnp.stack(jax.jvp(lambda *c: self._ends(steps, steps.y, c), steps.c, dc)[1], axis=-1)
+        """See `Linear`: changes (n_y,) of the end, and of the projection."""
+        step = jnp.stack(jax.jvp(lambda *c: self._ends(steps, steps.y, c), steps.c, dc)[1], axis=-1)
+        if places is None:
+            return (step,)
+        moves = jax.jvp(lambda *c: _correction(self._projections, steps, places, c), steps.c, dc)[1]
+        return step, jnp.stack(moves, axis=-1)
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
         """See `Linear`."""
-        return along @ dy + shift
+        end = along[0] @ dy + shift[0]
+        return along[1] @ end + shift[1] if along[1:] else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
-        """See `Linear`: the cotangent of the end."""
-        return ahead @ along, ahead
+        """See `Linear`: the cotangents of the end, before it is projected and after."""
+        end = ahead @ along[1] if along[1:] else ahead
+        return end @ along[0], (end, ahead)
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
         """See `Linear`."""
-        found: Rows = jax.vjp(lambda *c: self._ends(steps, steps.y, c), *steps.c)[1](tuple(within.T))
+        end, ahead = within
+        found: Rows = jax.vjp(lambda *c: self._ends(steps, steps.y, c), *steps.c)[1](tuple(end.T))
+        if places is not None:
+            moved = jax.vjp(lambda *c: _correction(self._projections, steps, places, c), *steps.c)[1](tuple(ahead.T))
+            found = tuple(a + b for a, b in zip(found, moved, strict=True))
         return found

@@ -76,7 +76,7 @@ class Solve:
         The compiled program.
     start : Start or None
         From given values to the state.
-    method, mode, rtol, atol, max_steps
+    method, mode, rtol, atol, max_step, max_steps
         As for `CompiledModel.solve_fn`.
 
     Attributes
@@ -86,16 +86,28 @@ class Solve:
     """
 
     def __init__(
-        self, program: Program, start: Start | None, method: str, *, mode: str, rtol: float, atol: float, max_steps: int
+        self,
+        program: Program,
+        start: Start | None,
+        method: str,
+        *,
+        mode: str,
+        rtol: float,
+        atol: float,
+        max_step: float,
+        max_steps: int,
     ) -> None:
         if mode not in MODES:
             raise OptionError(unknown_name("mode", str(mode), MODES))
         if method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {method!r}")
+        if not max_step > 0.0:
+            raise OptionError(f"max_step must be a positive number of seconds, not {max_step!r}")
         self._options: dict[str, Any] = {
             "mode": mode,
             "rtol": float(rtol),
             "atol": float(atol),
+            "max_step": float(max_step),
             "max_steps": int(max_steps),
         }
         self._program, self._start, self._method = program, start, method
@@ -134,7 +146,8 @@ class Solve:
             return implicit_motion(self._kernels, self._method, t, y0, c, **options)
         rtol, atol = options["rtol"], options["atol"]
         tolerance = clipped_tolerance(rtol, atol)
-        limits = Limits(rtol, max(atol, SMALLEST_SCALE), max(atol / tolerance, 1e-300), options["max_steps"])
+        floor = max(atol / tolerance, 1e-300)
+        limits = Limits(rtol, max(atol, SMALLEST_SCALE), floor, options["max_step"], options["max_steps"])
         pieces = pieces_of(
             self._program, self._kernels, self._method, order_for(tolerance) if self._method == "taylor" else 0
         )

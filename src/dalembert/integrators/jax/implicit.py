@@ -21,11 +21,21 @@ _CHECKPOINTS = 16
 
 
 def implicit_motion(
-    kernels: Kernels, method: str, t: Any, y0: Any, c: Any, *, mode: str, rtol: float, atol: float, max_steps: int
+    kernels: Kernels,
+    method: str,
+    t: Any,
+    y0: Any,
+    c: Any,
+    *,
+    mode: str,
+    rtol: float,
+    atol: float,
+    max_step: float,
+    max_steps: int,
 ) -> tuple[Any, Any]:
     """Return the states (n_t, n_y) at the times t, and the status; see `dalembert.integrators.jax.motion`."""
     direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
-    settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, jnp.inf)
+    settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, max_step)
     still = jax.lax.stop_gradient
     fixed = still(settings)
     solver = solver_for(kernels, method)

@@ -57,11 +57,12 @@ class Pieces:
 @final
 @dataclass(frozen=True)
 class Limits:
-    """Tolerances, the least scale of Taylor steps, and how many steps may be attempted."""
+    """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted."""
 
     rtol: float
     atol: float
     floor: float
+    max_step: float
     max_steps: int
 
 
@@ -131,7 +132,7 @@ class Motion:
 
     def _batch(self, t0: Any, t1: Any, y: Any, c: Any) -> Batch:
         limits = self._limits
-        return Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, jnp.inf, limits.max_steps)
+        return Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
 
     def _one(self, room: int, t0: Any, t1: Any, y: Any, c: Any) -> Record:
         """Run one case, as one of a batch where it is vectorised."""
