@@ -19,6 +19,7 @@ from .mechanics.equations import EquationsOfMotion
 from .naming import rate_name
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
+from .reduction.keeping import keeping
 from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
@@ -47,6 +48,7 @@ class Stages:
     seconds: dict[str, float]
     options: CompileOptions
     mode: Mode | None = None
+    kept: tuple[str, ...] = ()
 
 
 def compile_model(
@@ -107,22 +109,38 @@ def compile_model(
     return _compile(scene, options)
 
 
-def recompile(stages: Stages, without: tuple[int, ...]) -> CompiledModel:
-    """Return the model of the same scene that does not enforce some constraints, by number, but watches them.
+def recompile(stages: Stages, without: tuple[int, ...] = (), kept: tuple[str, ...] | None = None) -> CompiledModel:
+    """Return the model of the same scene with less, or more, done after each step.
 
-    They are those that a run found to follow from the others.
+    Parameters
+    ----------
+    stages : Stages
+        Of the model.
+    without : tuple of int
+        Constraints that a run found to follow from the others; they are watched, but not enforced.
+    kept : tuple of str, optional
+        First integrals that are kept at their initial values; by default as before.
+
+    Raises
+    ------
+    FormulationError
+        Where the formulation cannot keep first integrals.
     """
     options = replace(stages.options, formulation=stages.program.formulation)
-    return compile_mode(stages.scene, options, stages.mode, without)
+    return compile_mode(stages.scene, options, stages.mode, without, stages.kept if kept is None else kept)
 
 
 def compile_mode(
-    scene: Scene, options: CompileOptions, mode: Mode | None, without: tuple[int, ...] = ()
+    scene: Scene,
+    options: CompileOptions,
+    mode: Mode | None,
+    without: tuple[int, ...] = (),
+    kept: tuple[str, ...] = (),
 ) -> CompiledModel:
     """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
     from .runtime.hybrid import HybridModel
 
-    model = _compile(scene, options, without, mode)
+    model = _compile(scene, options, without, mode, kept)
     assert not isinstance(model, HybridModel)
     return model
 
@@ -133,7 +151,11 @@ def compile_modes(scene: Scene, options: CompileOptions) -> CompiledModel | Hybr
 
 
 def _compile(
-    scene: Scene, options: CompileOptions, without: tuple[int, ...] = (), mode: Mode | None = None
+    scene: Scene,
+    options: CompileOptions,
+    without: tuple[int, ...] = (),
+    mode: Mode | None = None,
+    kept: tuple[str, ...] = (),
 ) -> CompiledModel | HybridModel:
     from .codegen import backend_named
     from .runtime.model import CompiledModel
@@ -152,11 +174,13 @@ def _compile(
         equations = watch("mode", lambda: in_mode(equations, mode))
         names += [point.output for point in equations.watchpoints]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
+    if kept:
+        reduced = watch("keep", lambda: keeping(reduced, kept))
     program = watch("lower", lambda: lower(reduced))
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode)
+    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
     return CompiledModel(stages, engine, methods)
 
 

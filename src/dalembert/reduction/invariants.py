@@ -18,7 +18,7 @@ from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
 from ..mechanics.equations import EquationsOfMotion
 
-__all__ = ["Candidates", "candidates"]
+__all__ = ["Candidates", "candidates", "integrals", "why_not"]
 
 
 @final
@@ -84,3 +84,38 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
         lower_kernel(graph, "invariants", nodes, inputs, arguments=arguments),
         lower_kernel(graph, "changes", [*rates, *sizes], inputs, arguments=arguments),
     )
+
+
+def integrals(equations: EquationsOfMotion) -> dict[str, Node]:
+    """Return the energy and the momenta that are not zero, by the names of `candidates`, as nodes of the equations."""
+    graph = equations.graph
+    momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
+    named = zip(equations.symbols.coordinates, momenta, strict=True)
+    found = {"energy": equations.kinetic_energy + equations.potential_energy}
+    return found | {f"p_{name}": momentum for name, momentum in named if not momentum.is_zero}
+
+
+def why_not(equations: EquationsOfMotion, name: str) -> str:
+    """Return why a candidate is not conserved, for messages."""
+    graph, time = equations.graph, {equations.time: equations.graph.one}
+    moving = [row.label for row in equations.constraints if not row.drift.is_zero]
+    if name != "energy":
+        x = name.removeprefix("p_")
+        held = [
+            row.label
+            for row in equations.constraints
+            if not row.jacobian[equations.symbols.coordinates.index(x)].is_zero
+        ]
+        if held:
+            return f"constraints act along {x!r}: {', '.join(held)}"
+        return f"a force acts along {x!r}, or the kinetic or potential energy depends on it"
+    if moving:
+        return f"constraints that move do work: {', '.join(moving)}"
+    energies = [equations.kinetic_energy, equations.potential_energy]
+    if not all(change.is_zero for change in tangents(graph, energies, time)):
+        return "the scene is moved in a way that time prescribes"
+    momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
+    at_rest = graph.substitute(momenta, dict.fromkeys(equations.qdot, graph.zero))
+    if not all(momentum.is_zero for momentum in at_rest):
+        return "bodies are moved in a way that is prescribed"
+    return "forces without a potential energy do work, such as friction, dampers, or springs given as loads alone"

@@ -229,7 +229,7 @@ class _Starting:
         """Return the state of the formulation, projected onto the constraints where the formulation can."""
         graph, system = self.graph, self.system
         state = self._at(graph.adopt(system.initial))
-        projection = system.projection or system.start_projection
+        projection = system.start_projection or system.projection
         if projection is None:
             return state
         inputs, places = graph.adopt(list(system.places)), list(system.places.values())

@@ -254,4 +254,4 @@ class CompiledModel(Swept):
     def __reduce__(self) -> tuple[Any, ...]:
         from ..compiler import compile_mode
 
-        return compile_mode, (self.stages.scene, self.stages.options, self.stages.mode)
+        return compile_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)

@@ -27,6 +27,7 @@ from .events import EventCode
 from .gains import with_gains
 from .gimbal import locked, remedy
 from .held import NO_ESTIMATE, Held, span_of
+from .keeping import kept_names, kept_values, refuse_jumps
 from .monitors import conserved
 from .prepared import PreparedRun
 from .recording import Record
@@ -48,7 +49,7 @@ class Simulated(Held):
         rows = range(len(self.layout.constraints))
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
-        self._candidates: Candidates | None = None
+        self._keepers: dict[tuple[str, ...], Simulated] = {}
 
     @cached_property
     def _gimbals(self) -> Gimbals | None:
@@ -104,6 +105,7 @@ class Simulated(Held):
         dense: bool = True,
         error_estimate: bool = False,
         events: Any = (),
+        project_invariants: Any = False,
     ) -> Trajectory:
         """Simulate one trajectory.
 
@@ -134,6 +136,9 @@ class Simulated(Held):
         events : sequence of Event, SymPy expressions or names
             What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
             ``trajectory.events``, by name. A sign change at the very start is none.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep at their initial values by a correction after every step, together with the
+            constraints: names as in ``trajectory.invariants``, or True for all that are conserved.
 
         Returns
         -------
@@ -145,6 +150,13 @@ class Simulated(Held):
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
+        if project_invariants is not False:
+            refuse_jumps(events, self.layout.aliases)
+            keeper, further = self._keeping(project_invariants, span_of(t_span)[0], initial, parameters)
+            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+            options |= {"events": events, "error_estimate": error_estimate}
+            return keeper.simulate(t_span, initial, {**parameters, **further}, **options)
         begin = time.perf_counter()
         chosen = self._method(method, rtol, atol)
         t0, t1 = span_of(t_span)
@@ -171,7 +183,7 @@ class Simulated(Held):
         if isinstance(able, Trajectory):
             return able
         if able is not self:
-            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
             options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
             options |= {"events": events, "error_estimate": error_estimate}
             return able.simulate(t_span, initial, parameters, **options)
@@ -185,6 +197,27 @@ class Simulated(Held):
             twin = self._run(finer, again, time.perf_counter(), automatic=method == "auto")
             run.with_twin(twin)
         return run
+
+    def _keeping(
+        self, wanted: Any, t0: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+    ) -> tuple[Simulated, dict[str, float]]:
+        """Return the model that keeps first integrals after every step, and its further parameters for a start."""
+        c = inputs.constants(self._program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, initial)
+        y = inputs.initial_state(self._start(values), t0, values, c, self._program)
+        keeper, names = self._keeper(wanted, c, t0, y)
+        rows = c[np.newaxis], np.array([t0]), y[np.newaxis]
+        found = kept_values(names, self._program, self._conservable, *rows)
+        return keeper, {name: float(column[0]) for name, column in found.items()}
+
+    def _keeper(self, wanted: Any, c: FloatArray, t0: float, y: FloatArray) -> tuple[Simulated, tuple[str, ...]]:
+        """Return the model that keeps first integrals, compiled once for each set of them, and their names."""
+        from ..compiler import recompile
+
+        names = kept_names(wanted, self.stages.equations, self._program, self._conservable, c, t0, y)
+        if names not in self._keepers:
+            self._keepers[names] = recompile(self.stages, self.stages.reduced.left_out, names)
+        return self._keepers[names], names
 
     def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> Simulated | Trajectory:
         """Return the model that enforces no constraint which follows from others around the start of a problem.
@@ -288,10 +321,13 @@ class Simulated(Held):
         return integrate_watched(stretches, problem, watch.watched(problem.constants))
 
     def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
-        """Return the first integrals of a motion; what may be conserved is derived once."""
-        if self._candidates is None:
-            self._candidates = candidates(self.stages.equations)
-        return conserved(self._program, self._candidates, c, t, q, qdot)
+        """Return the first integrals of a motion."""
+        return conserved(self._program, self._conservable, c, t, q, qdot)
+
+    @cached_property
+    def _conservable(self) -> Candidates:
+        """What may be conserved, derived when it is first asked for."""
+        return candidates(self.stages.equations)
 
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""

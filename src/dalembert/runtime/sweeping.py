@@ -106,6 +106,12 @@ class Cases:
             p[:, i] = _part(self.parameters[name], block)
         return inputs.prepare_rows(self.program, p)
 
+    def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
+        settings = Settings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
+        block, status = self.block(slice(0, self.count), settings, exact=True)
+        return block.y, block.c, block.spans[:, 0], status
+
     def columns(self, block: slice, settings: Settings) -> CaseColumns:
         """Return a block of cases as they were given."""
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval

@@ -19,6 +19,7 @@ from . import inputs
 from .gains import give_gains
 from .gimbal import locked_cases
 from .held import NO_ESTIMATE
+from .keeping import kept_values, refuse_jumps
 from .simulation import Simulated
 from .sweeping import Cases, Settings, agreed, fitted, run_cases, single_problem
 
@@ -46,6 +47,7 @@ class Swept(Simulated):
         error_estimate: bool = False,
         events: Any = (),
         reduce: Any = (),
+        project_invariants: Any = False,
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -75,6 +77,8 @@ class Swept(Simulated):
             What to keep of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
             expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
             for cases that failed.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
 
         Returns
         -------
@@ -86,6 +90,13 @@ class Swept(Simulated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong for all cases.
         """
+        if project_invariants is not False:
+            refuse_jumps(events, self.layout.aliases)
+            keeper, further = self._keeping_cases(project_invariants, t_span, initial, parameters, grid)
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+            options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
+            return keeper.sweep(t_span, initial, {**parameters, **further}, **options)
         begin = time.perf_counter()
         chosen = self._method(method, rtol, atol, many=True)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
@@ -112,7 +123,7 @@ class Swept(Simulated):
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
-            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
             options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
             options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
             return able.sweep(*given, **options)
@@ -128,6 +139,27 @@ class Swept(Simulated):
                 finer = fitted(self._engine, cases, finer)
             done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
         return done
+
+    def _keeping_cases(
+        self,
+        wanted: Any,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        grid: Grid | None,
+    ) -> tuple[Swept, dict[str, FloatArray]]:
+        """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
+        if grid is not None:
+            initial, parameters = with_grid(self.layout, grid, initial, parameters)
+        cases = Cases(self._program, self._start, t_span, initial, parameters)
+        y, c, t, status = cases.starts()
+        able = np.flatnonzero(status < 0)
+        if not len(able):
+            raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
+        first = able[0]
+        keeper, names = self._keeper(wanted, c[first], float(t[first]), y[first])
+        assert isinstance(keeper, Swept)
+        return keeper, kept_values(names, self._program, self._conservable, c, t, y)
 
     def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
         """Run all cases; the run time counts from `begin`."""

@@ -164,6 +164,14 @@ class HybridModel:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
         return inputs.parameter_vector(self.layout, parameters)
 
+    def _refuse_keeping(self, wanted: Any) -> None:
+        if wanted is not False:
+            raise OptionError(
+                f"project_invariants: friction takes energy, and impacts and changes of contact change what else may be"
+                f" conserved in {self.name!r} ({list_names(self.contacts)}). Leave it out, or run a model of one"
+                " mode, as mode() gives it"
+            )
+
     def simulate(
         self,
         t_span: tuple[float, float],
@@ -179,6 +187,7 @@ class HybridModel:
         max_steps: int = 1_000_000,
         dense: bool = True,
         events: Any = (),
+        project_invariants: Any = False,
     ) -> HybridTrajectory:
         """Simulate one trajectory, phase after phase.
 
@@ -196,8 +205,10 @@ class HybridModel:
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
-            For input that is wrong, each naming what, what is allowed and what to do.
+            For input that is wrong, each naming what, what is allowed and what to do; `project_invariants` is, for
+            contacts.
         """
+        self._refuse_keeping(project_invariants)
         t0, t1 = span_of(t_span)
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
@@ -246,6 +257,7 @@ class HybridModel:
         progress: bool = False,
         events: Any = (),
         reduce: Any = (),
+        project_invariants: Any = False,
     ) -> HybridSweep:
         """Simulate many cases, each with its own phases, steps and status; one that fails never touches its neighbours.
 
@@ -267,8 +279,9 @@ class HybridModel:
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError
-            For input that is wrong for all cases.
+            For input that is wrong for all cases; `project_invariants` is, for contacts.
         """
+        self._refuse_keeping(project_invariants)
         inputs.warn_below_floor(rtol, atol)
         listed = event_list(events, self.layout.aliases)
         for event in listed:

@@ -1,0 +1,125 @@
+"""First integrals that a run is asked to keep: which they are, their initial values, and a time scale of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import OptionError, UnknownNameError, list_names, unknown_name
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from ..mechanics.equations import EquationsOfMotion
+from ..reduction.invariants import Candidates, why_not
+from ..reduction.keeping import TIME_SCALE, initial_name
+from .events import event_list
+from .monitors import conserved
+
+__all__ = ["kept_names", "kept_values", "refuse_jumps"]
+
+_SMALL = 1e-5
+"""Share of the state by which it is moved for differences."""
+
+
+def kept_names(
+    wanted: Any,
+    equations: EquationsOfMotion,
+    program: Program,
+    found: Candidates,
+    c: FloatArray,
+    t: float,
+    y: FloatArray,
+) -> tuple[str, ...]:
+    """Return the names of the first integrals to keep: all that are conserved, or those that are asked for.
+
+    Parameters
+    ----------
+    wanted : True, a name, or an iterable of names
+    equations, program, found
+        Of the model.
+    c, t, y
+        Constants (n_c,), time and state (n_y,) at a start.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no candidate.
+    OptionError
+        For what is not conserved, with the reason, and where nothing is.
+    """
+    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
+    size = len(program.layout.coordinates)
+    able = tuple(conserved(program, found, c, np.array([t]), x[:, :size], x[:, size:]))
+    if wanted is True:
+        if not able:
+            raise OptionError(
+                f"project_invariants: nothing is known to be conserved in {program.name!r}. The energy is not:"
+                f" {why_not(equations, 'energy')}"
+            )
+        return able
+    given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
+    names = [str(name) for name in given]
+    unknown = [unknown_name("first integral", name, found.names) for name in names if name not in found.names]
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    lost = [f"{name!r} is not conserved: {why_not(equations, name)}" for name in names if name not in able]
+    if lost:
+        raise OptionError(
+            f"project_invariants: {'; '.join(lost)}. What is conserved in {program.name!r}:"
+            f" {list_names(able) or 'nothing that is known'}"
+        )
+    return tuple(name for name in found.names if name in names)
+
+
+def refuse_jumps(events: Any, aliases: Any) -> None:
+    """Refuse events that jump: first integrals change there.
+
+    Raises
+    ------
+    OptionError
+        Naming them.
+    """
+    jumps = [event.label for event in event_list(events, aliases) if event.apply is not None]
+    if jumps:
+        raise OptionError(
+            f"project_invariants keeps first integrals at their initial values, and the state jumps at the events"
+            f" {list_names(jumps)}: leave out one of the two"
+        )
+
+
+def kept_values(
+    names: Iterable[str], program: Program, found: Candidates, c: FloatArray, t: FloatArray, y: FloatArray
+) -> dict[str, FloatArray]:
+    """Return the parameters that `keeping` adds, for starts at t (k,) in y (k, n_y) with constants c (k, n_c)."""
+    with np.errstate(all="ignore"):
+        x = _rows(program, "expand", t, y, c)
+        values = np.stack([interpret_rows(found.values, t[i : i + 1], x[i : i + 1], c[i])[0] for i in range(len(t))])
+        given = {initial_name(name): np.nan_to_num(values[:, found.names.index(name)]) for name in names}
+        return given | {TIME_SCALE: _time_scale(program, c, t, y)}
+
+
+def _rows(program: Program, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+    """Return a kernel's outputs case by case, so that those of a case are the bits of the case alone."""
+    return np.stack(
+        [interpret_rows(program.kernel(kernel), t[i : i + 1], y[i : i + 1], c[i])[0] for i in range(len(t))]
+    )
+
+
+def _time_scale(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
+    """Return times (k,) over which motions change, as powers of two: for y' = f, of |f| over |f' f' f|.
+
+    An oscillation about an equilibrium of the frequency w has 1/w, in whatever phase it starts.
+    """
+    slope = _rows(program, "rhs", t, y, c)
+    along = slope
+    size = np.maximum(1.0, np.max(np.abs(y), axis=1, initial=0.0))
+    for _ in range(2):
+        length = np.max(np.abs(along), axis=1, initial=0.0)
+        share = (_SMALL * size / np.where(length > 0.0, length, 1.0))[:, np.newaxis]
+        along = (_rows(program, "rhs", t, y + share * along, c) - slope) / share
+    ratio = np.linalg.norm(along, axis=1) / np.linalg.norm(slope, axis=1)
+    fine = np.isfinite(ratio) & (ratio > 1e-12)
+    scale: FloatArray = np.where(fine, np.exp2(-np.round(0.5 * np.log2(np.where(fine, ratio, 1.0)))), 1.0)
+    return scale

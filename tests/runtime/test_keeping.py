@@ -1,0 +1,197 @@
+"""`project_invariants`: first integrals keep their initial values, with the constraints, in single runs and sweeps."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import FormulationError, OptionError, UnknownNameError
+from hard_cases import hard_case
+
+LOOSE = {"rtol": 1e-6, "atol": 1e-8}
+KEPT = [
+    ("double pendulum, angles", "minimal", {"energy"}, 20.0),
+    ("double pendulum, Cartesian", "projected", {"energy"}, 20.0),
+    ("heavy top, fast precession", "minimal", {"energy"}, 10.0),
+    ("heavy top, fast precession", "projected", {"energy"}, 10.0),
+    ("sleigh, b = 0", "projected", {"energy", "p_theta"}, 100.0),
+    ("edge plate falling flat", "projected", {"energy", "p_x", "p_y", "p_psi"}, 0.5),
+    ("knife edge on an incline", "minimal", {"energy", "p_phi"}, 20.0),
+    ("slider-crank", "projected", {"energy"}, 2.0),
+]
+METHODS = ("taylor", "dop853", "tsit5", "radau")
+
+
+@cache
+def model_of(name, formulation, backend="numba"):
+    return da.compile_model(hard_case(name).scene, formulation=formulation, backend=backend)
+
+
+def simulate(name, formulation, end, backend="numba", **options):
+    case = hard_case(name)
+    options = LOOSE | options
+    return model_of(name, formulation, backend).simulate((0.0, end), case.initial, case.parameters, **options)
+
+
+def change(run):
+    return max(np.max(np.abs(x - x[0])) / max(1.0, abs(x[0])) for x in run.invariants.values())
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("name", "formulation", "names", "end"), KEPT)
+def test_they_are_kept_together_with_the_constraints(name, formulation, names, end, method):
+    run = simulate(name, formulation, end, method=method, project_invariants=True)
+    assert run.success, run.message
+    assert set(run.invariants) == names
+    size = max(1.0, float(np.max(np.abs(run.qdot))))
+    assert change(run) < 1e-11 * size
+    assert np.max(np.abs(run.constraint_violation), initial=0.0) < 1e-13 * size
+    assert np.max(np.abs(run.velocity_violation), initial=0.0) < 1e-12 * size
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("name", "formulation", "end"), [(name, form, end) for name, form, _, end in KEPT[:6]])
+def test_the_motion_stays_within_its_error(name, formulation, end, method):
+    """The correction is as small as what it corrects; both runs differ from a tight one by as much."""
+    end = min(end, 5.0)
+    tight = simulate(name, formulation, end, rtol=1e-13, atol=1e-15, t_eval=[end])
+    gaps = [
+        np.max(np.abs(simulate(name, formulation, end, method=method, project_invariants=keep).q[-1] - tight.q[-1]))
+        for keep in (False, True)
+    ]
+    assert gaps[1] < 3 * gaps[0] + 1e-9
+
+
+def test_one_of_them_by_name():
+    run = simulate("edge plate falling flat", "projected", 0.5, method="dop853", project_invariants="p_psi")
+    drift = {name: np.max(np.abs(x - x[0])) for name, x in run.invariants.items()}
+    assert drift["p_psi"] < 1e-14 < 1e-9 < drift["energy"]
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_continuous_output_meets_the_steps_and_keeps_them_too(method):
+    run = simulate("double pendulum, Cartesian", "projected", 5.0, method=method, project_invariants=True)
+    np.testing.assert_allclose(run(run.t).y, run.y, rtol=0, atol=1e-11)  # a correction leaves its square
+    between = run(0.5 * (run.t[1:] + run.t[:-1]))
+    assert change(between) < 1e-9
+    assert np.max(np.abs(between.constraint_violation)) < 1e-10
+
+
+@pytest.mark.parametrize("backend", ["numpy", "jax"])
+def test_other_backends(backend):
+    pytest.importorskip(backend)
+    run = simulate("sleigh, b = 0", "projected", 10.0, backend, project_invariants=True)
+    assert run.success and change(run) < 1e-13
+
+
+def test_error_growth_of_a_pendulum():
+    """Without it the period drifts with the energy, and the phase with the square of time."""
+    case, end = hard_case("pendulum, Cartesian (IFToMM A01)"), 100.0
+    exact = case.expected([end])[0][:2]
+    gap = {
+        keep: np.max(np.abs(simulate(
+            "pendulum, Cartesian (IFToMM A01)", "projected", end, method="tsit5", rtol=1e-7, atol=1e-9,
+            project_invariants=keep,
+        ).q[-1] - exact))
+        for keep in (False, True)
+    }  # fmt: skip
+    assert gap[True] < 0.2 * gap[False]
+
+
+def test_at_rest_where_the_gradient_of_the_energy_vanishes():
+    """Hanging still, and from rest at the top of the swing."""
+    model, p = model_of("double pendulum, angles", "minimal"), hard_case("double pendulum, angles").parameters
+    names = ("theta1", "theta2", "theta1_dot", "theta2_dot")
+    still = model.simulate((0, 10), dict.fromkeys(names, 0.0), p, project_invariants=True)
+    assert still.success and np.all(still.q == 0.0)
+    run = model.simulate((0, 10), dict.fromkeys(names, 0.0) | {"theta1": 0.5}, p, project_invariants=True, **LOOSE)
+    assert run.success and change(run) < 1e-11
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_sweeps_are_single_runs(method):
+    case = hard_case("edge plate falling flat")
+    model, speeds = model_of("edge plate falling flat", "projected"), np.array([0.0, 0.1, np.nan, 0.4, 0.2])
+    options = LOOSE | {"method": method, "project_invariants": True}
+    sweep = model.sweep((0, 0.3), {**case.initial, "x_dot": speeds}, case.parameters, **options)
+    assert sweep.status[2] != 0
+    for i in (0, 1, 3, 4):
+        run = model.simulate((0, 0.3), {**case.initial, "x_dot": speeds[i]}, case.parameters, **options)
+        assert sweep.status[i] == 0
+        assert change(run) < 1e-12
+        np.testing.assert_allclose([sweep.final[name][i] for name in ("theta", "psi_dot")],
+                                   [run[name][-1] for name in ("theta", "psi_dot")], rtol=1e-11)  # fmt: skip
+
+
+def test_neighbours_in_a_sweep_do_not_matter():
+    case, model = hard_case("edge plate falling flat"), model_of("edge plate falling flat", "projected")
+    speeds = np.linspace(0.0, 0.5, 9)
+
+    def finals(some):
+        sweep = model.sweep(
+            (0, 0.3), {**case.initial, "x_dot": some}, case.parameters, method="taylor", project_invariants=True
+        )
+        return np.stack([sweep.final[name] for name in model.layout.state], axis=1)
+
+    np.testing.assert_array_equal(finals(speeds)[3:5], finals(speeds[3:5]))
+
+
+def test_grids():
+    case, model = hard_case("edge plate falling flat"), model_of("edge plate falling flat", "projected")
+    rest = {name: value for name, value in case.initial.items() if str(name) not in ("x_dot", "y_dot")}
+    grid = da.grid(x_dot=np.array([0.0, 0.2]), y_dot=np.array([0.0, 0.1, 0.3]))
+    sweep = model.sweep((0, 0.3), rest, case.parameters, grid=grid, project_invariants=["energy"])
+    assert np.all(sweep.status == 0) and len(sweep.status.ravel()) == 6
+
+
+def test_what_was_chosen_is_explained():
+    keeper = model_of("edge plate falling flat", "projected")._keepers
+    if not keeper:
+        simulate("edge plate falling flat", "projected", 0.1, project_invariants=True)
+    text = next(iter(model_of("edge plate falling flat", "projected")._keepers.values())).explain()
+    assert "kept at their initial values after every step: " in text
+
+
+# -- what is refused ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted", "why"),
+    [
+        ("stiff flyball governor", "energy", r"'energy' is not conserved: forces without a potential energy"),
+        ("sphere on a turntable", True, r"nothing is known to be conserved .* constraints that move do work: nonhol"),
+        ("edge plate falling flat", "p_theta", r"'p_theta' is not conserved: constraints act along|a force acts along"),
+        ("knife edge on an incline", ["p_x"], r"'p_x' is not conserved: constraints act along 'x': nonholonomic"),
+    ],
+)
+@pytest.mark.parametrize("how", ["simulate", "sweep"])
+def test_what_is_not_conserved_is_refused_with_the_reason(name, wanted, why, how):
+    case = hard_case(name)
+    with pytest.raises(OptionError, match=why):
+        getattr(model_of(name, "auto"), how)((0, 1), case.initial, case.parameters, project_invariants=wanted)
+
+
+def test_unknown_names():
+    with pytest.raises(UnknownNameError, match=r"unknown first integral 'enrgy'.*Did you mean 'energy'"):
+        simulate("sleigh, b = 0", "projected", 1.0, project_invariants=["enrgy"])
+
+
+@pytest.mark.parametrize("formulation", ["baumgarte", "ggl", "augmented"])
+def test_formulations_that_do_not_project(formulation):
+    with pytest.raises(FormulationError, match=rf"'{formulation}' do not.*minimal"):
+        simulate("sleigh, b = 0", formulation, 1.0, project_invariants=True)
+
+
+def test_jumps():
+    event = da.Event("theta1", apply={"theta1_dot": "-theta1_dot"}, name="bounce")
+    with pytest.raises(OptionError, match="jumps at the events bounce"):
+        simulate("double pendulum, angles", "minimal", 1.0, events=[event], project_invariants=True)
+
+
+def test_contacts():
+    scene = da.scenes.bouncing_ball()
+    model = da.compile_model(scene, backend="numpy")
+    for how in (model.simulate, model.sweep):
+        with pytest.raises(OptionError, match="friction takes energy, and impacts"):
+            how((0, 1), {}, {}, project_invariants=True)
