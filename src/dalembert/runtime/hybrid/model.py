@@ -26,6 +26,7 @@ from ..reductions import reduction_table
 from ..sweeping import Cases, agreed
 from ..swept import with_grid
 from .facts import FloatArray
+from .quick import Quick
 from .running import Modes, Request, simulate
 from .settling import Laws
 from .sweeping import Campaign, sweep
@@ -51,7 +52,7 @@ class HybridModel:
     def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
         self._scene, self._options, self._equations = scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
-        self._laws = Laws(contact_data(equations), equations.contacts)
+        self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, interpret_rows))
         self._modes = Modes(equations, self._laws, self._model)
         self.contacts = tuple(contact.name for contact in equations.contacts)
         first = self._model(self._plain(OPEN))
