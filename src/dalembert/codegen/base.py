@@ -14,7 +14,8 @@ from ..errors import FormulationError, OptionError
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import integrate_watched
-from ..ir.program import Program
+from ..ir.interpret import interpret_rows
+from ..ir.program import Kernel, Program
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
@@ -170,6 +171,13 @@ class Engine(ABC):
     @abstractmethod
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
+
+    def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return the outputs (k, n_out) of any kernel of (t, y, c) at times (k,), states (k, n) and constants (k, n_c).
+
+        What is not finite stays so.
+        """
+        return interpret_rows(kernel, t, y, c)
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better.

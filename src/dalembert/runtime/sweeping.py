@@ -28,6 +28,7 @@ __all__ = ["Cases", "Settings", "agreed", "available_threads", "fitted", "meter"
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
+_LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
 
 
@@ -299,14 +300,8 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
-    if watch is None and not wanted:
-        share = min(_LARGEST_SHARE, max(1, count // (threads * _SHARES_PER_THREAD)))
-        run = engine.sweeper(cases.columns(slice(0, count), settings), settings.method, result, np.empty((0, 0)), share)
-        if run is not None:
-            _run_whole(run, count, max(1, min(threads, -(-count // share))), settings.progress)
-            for first in range(0, count, _LARGEST_BLOCK):
-                _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
-            return result
+    if not wanted and _whole(engine, cases, settings, result, threads):
+        return result
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
@@ -325,6 +320,27 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     return result
 
 
+def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> bool:
+    """Run all cases in threads that share them, where the engine makes them itself; return whether that is so.
+
+    What is watched is reduced from the constants of all cases of a part, so these are of a limited size.
+    """
+    count = cases.count
+    length = max(1, count) if settings.watch is None else _LARGEST_PART
+    share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
+    for first in range(0, count, length):
+        part = slice(first, min(first + length, count))
+        run = _columns_run(engine, cases, settings, part, result[part], share)
+        if run is None:
+            return False
+        size = part.stop - first
+        if not _run_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress):
+            break
+    for first in range(0, count, _LARGEST_BLOCK):
+        _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
+    return True
+
+
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     """Return threads that are kept: starting them takes longer than a hundred cases."""
@@ -335,13 +351,13 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
 
 
-def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> None:
-    """Let threads do the work, while this one waits, so that it can be interrupted; few cases need no thread."""
+def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
+    """Let threads do the work, while this one waits; few cases need no thread. Return whether it came to its end."""
     if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
         run.work()
         run.finish()
-        return
-    shown, pool = 0, _pool(threads)
+        return True
+    shown, pool, whole = 0, _pool(threads), True
     with meter(count, progress) as advance:
         workers = [pool.submit(run.work) for _ in range(threads)]
         try:
@@ -351,10 +367,11 @@ def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> None:
                 shown = begun
             advance(count - shown)
         except KeyboardInterrupt:
-            run.turn[0] = count
+            run.turn[0], whole = count, False
     for worker in workers:
         worker.result()
     run.finish()
+    return whole
 
 
 def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
@@ -396,22 +413,39 @@ def _judge(cases: Cases, settings: Settings, block: slice, result: BlockResult) 
 
 def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:
     """Run one block of cases where the engine makes them itself; return whether that is so."""
-    columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
-    constants, done = np.empty((count, cases.program.layout.constants)), here
-    if watch is not None:
-        happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
-        done = replace(here, happened=happened, totals=totals)
-    run = engine.sweeper(columns, settings.method, done, constants, count)
+    run = _columns_run(engine, cases, settings, block, here, len(here.y))
     if run is None:
         return False
     run.work()
     run.finish()
-    if watch is not None:
-        spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
-        first = done.happened[:, 1::3]
-        here.happened[:] = done.happened[:, : 3 * watch.reported]
-        here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, first)
     return True
+
+
+def _columns_run(
+    engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult, share: int
+) -> CaseRun | None:
+    """Return the run of a block of cases that the engine makes itself, None where that is not its way.
+
+    The totals of the results are the reductions.
+    """
+    columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
+    if watch is None and settings.t_eval is None:
+        return engine.sweeper(columns, settings.method, here, np.empty((0, 0)), share)
+    constants, done = np.empty((count, cases.program.layout.constants)), here
+    if watch is not None:
+        happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
+        done = replace(here, happened=happened, totals=totals)
+    run = engine.sweeper(columns, settings.method, done, constants, share)
+    if run is None or watch is None:
+        return run
+
+    def finish() -> None:
+        run.finish()
+        spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+        here.happened[:] = done.happened[:, : 3 * watch.reported]
+        here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
+
+    return replace(run, finish=finish)
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

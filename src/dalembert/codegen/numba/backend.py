@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...integrators.choosing import runge_kutta_pays
 from ...integrators.digest import generator_digest
 from ...integrators.gains import SMALLEST_SCALE
-from ...integrators.numba.workspace import POINT_LANES, Watch, unwatched
+from ...integrators.numba.workspace import POINT_LANES, Watch, aligned, unwatched
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.reductions import KINDS
 from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
@@ -72,6 +72,7 @@ class NumbaEngine(Engine):
         self._parameters = len(program.layout.parameters)
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
+        self._further: dict[int, tuple[Kernel, int]] = {}
         self._watches: dict[tuple[EventCode, str, tuple[int, int], int], Watch] = {}
 
     @property
@@ -100,6 +101,18 @@ class NumbaEngine(Engine):
         function = self._compiled(kernel)
         for i in range(len(y)):
             function(t[i], y[i], c, out[i])
+        return out
+
+    def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """See `Engine.rows`."""
+        lanes = native_lanes()
+        if id(kernel) not in self._further:  # the kernel is kept, so that no other can have its number
+            self._further[id(kernel)] = kernel, self.steps.further(kernel, lanes)
+        _, code = self._further[id(kernel)]
+        out = np.empty((len(t), len(kernel.outputs)))
+        if len(t):
+            room = [aligned(size, lanes) for size in (1, y.shape[1], c.shape[1], out.shape[1])]
+            loop_named("rows")(code, *(np.ascontiguousarray(a) for a in (t, y, c)), out, *room)
         return out
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:

@@ -20,7 +20,7 @@ from ...mechanics.equations import ContactRow
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
 from .facts import Facts, FloatArray, Level, Outcome
 
-__all__ = ["Choice", "Standing", "choose"]
+__all__ = ["Choice", "Option", "Standing", "Trial", "choose", "contested", "judge", "options_of"]
 
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
@@ -84,7 +84,7 @@ Option = tuple[str, int, int]
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """A combination that was tried: its mode, margins (k,), directions, sides and motion."""
 
     mode: Mode
@@ -112,15 +112,15 @@ def choose(
         On which side constraints that never open were pushed just before. The others are only tried where these
         contradict something.
     """
-    every = list(product(*(_options(c, s) for c, s in zip(facts.contacts, standings, strict=True))))
-    tried: list[_Trial] = []
+    every = options_of(facts.contacts, standings)
+    tried: list[Trial] = []
     if sides is not None and any(side_name(contact) is not None for contact in facts.contacts):
         same = [c for c in every if all(side == 1 for _, side, _ in c)]
         tried = [_try(facts, standings, level, c, directions, sides) for c in same]
         if np.all(np.any([trial.margin >= 0.0 for trial in tried], axis=0)):
-            return _judge(facts, tried)
+            return judge(facts.contacts, tried)
     others = np.ones((len(facts), len(facts.contacts)))
-    return _judge(facts, [_try(facts, standings, level, c, directions, others) for c in every])
+    return judge(facts.contacts, [_try(facts, standings, level, c, directions, others) for c in every])
 
 
 def _try(
@@ -130,7 +130,7 @@ def _try(
     combination: Sequence[Option],
     directions: FloatArray,
     sides: FloatArray,
-) -> _Trial:
+) -> Trial:
     """Return what comes of a combination, whose sides are relative to the given ones."""
     mode = tuple(state for state, _, _ in combination)
     sides = sides * np.array([float(side) for _, side, _ in combination])
@@ -140,12 +140,13 @@ def _try(
         along = _turned(facts, level, combination, sides, along, begins)
     outcome = facts.solve(level, mode, along, sides)
     margin = _margin(facts, standings, level, combination, outcome, along, sides)
-    return _Trial(mode, margin, along, sides, outcome.motion)
+    return Trial(mode, margin, along, sides, outcome.motion)
 
 
-def _judge(facts: Facts, tried: Sequence[_Trial]) -> Choice:
+def judge(contacts: Sequence[ContactRow], tried: Sequence[Trial]) -> Choice:
     """Return the first combination that contradicts nothing, or why there is none."""
     margins = np.array([trial.margin for trial in tried])
+    count = margins.shape[1]
     strict = margins >= 0.0
     allowed = np.where(np.any(strict, axis=0), strict, margins >= -ROUNDING)
     some = np.any(allowed, axis=0)
@@ -155,12 +156,12 @@ def _judge(facts: Facts, tried: Sequence[_Trial]) -> Choice:
     several = np.sum(clear, axis=0) > 1
     if np.any(several):
         for b, a in combinations(range(len(tried)), 2):
-            for i, contact in enumerate(facts.contacts):
-                apart = np.full(len(facts), (tried[a].mode[i] == OPEN) != (tried[b].mode[i] == OPEN))
+            for i, contact in enumerate(contacts):
+                apart = np.full(count, (tried[a].mode[i] == OPEN) != (tried[b].mode[i] == OPEN))
                 if side_name(contact) is not None:
                     apart |= tried[a].sides[:, i] != tried[b].sides[:, i]
                 status[clear[a] & clear[b] & apart] = int(Status.CONTACT_AMBIGUOUS)
-    number, case = np.argmax(allowed, axis=0), np.arange(len(facts))
+    number, case = np.argmax(allowed, axis=0), np.arange(count)
     return Choice(
         mode=np.where(status == Status.SUCCESS, number, -1),
         modes=[trial.mode for trial in tried],
@@ -169,6 +170,11 @@ def _judge(facts: Facts, tried: Sequence[_Trial]) -> Choice:
         status=status,
         motion=np.array([trial.motion for trial in tried])[number, case],
     )
+
+
+def options_of(contacts: Sequence[ContactRow], standings: Sequence[Standing]) -> list[tuple[Option, ...]]:
+    """Return every combination of what contacts may do, in the order of preference."""
+    return list(product(*(_options(c, s) for c, s in zip(contacts, standings, strict=True))))
 
 
 def _options(contact: ContactRow, standing: Standing) -> list[Option]:
@@ -252,7 +258,7 @@ def _margin(
     never = np.zeros(len(facts), np.bool_)
     shared = {i: never.copy() for i, state in enumerate(mode) if state == STICK}  # where others hold it too
     conditions: list[FloatArray] = [np.ones(len(facts))]
-    for i, j in _pairs(facts.contacts, standings, mode):
+    for i, j in contested(facts.contacts, standings, mode):
         together, ratio = facts.coupling(level, mode, i, j)
         if mode[i] == mode[j] == STICK:
             shared[i], shared[j] = shared[i] | together, shared[j] | together
@@ -293,7 +299,7 @@ def _forward(facts: Facts, level: Level, mode: Mode, outcome: Outcome, along: Fl
     return _share(forward, speed * np.max(_size(facts.slip_jacobian[:, facts.places[i]]), axis=1) + held)
 
 
-def _pairs(contacts: Sequence[ContactRow], standings: Sequence[Standing], mode: Mode) -> list[tuple[int, int]]:
+def contested(contacts: Sequence[ContactRow], standings: Sequence[Standing], mode: Mode) -> list[tuple[int, int]]:
     """Return contacts along one direction that stick now, of which one at least is to go on sticking."""
     able = [
         i

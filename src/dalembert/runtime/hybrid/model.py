@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import OptionError, ValueInputError, list_names
 from ...ir.interpret import interpret_rows
-from ...ir.program import Layout
+from ...ir.program import Kernel, Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...options import CompileOptions
 from ...reduction.contact_data import contact_data
@@ -26,6 +26,7 @@ from ..reductions import reduction_table
 from ..sweeping import Cases, agreed
 from ..swept import with_grid
 from .facts import FloatArray
+from .quick import Quick
 from .running import Modes, Request, simulate
 from .settling import Laws
 from .sweeping import Campaign, sweep
@@ -51,7 +52,7 @@ class HybridModel:
     def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
         self._scene, self._options, self._equations = scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
-        self._laws = Laws(contact_data(equations), equations.contacts)
+        self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
         self._modes = Modes(equations, self._laws, self._model)
         self.contacts = tuple(contact.name for contact in equations.contacts)
         first = self._model(self._plain(OPEN))
@@ -86,6 +87,10 @@ class HybridModel:
 
             self._models[mode] = compile_mode(self._scene, self._options, mode)
         return self._models[mode]
+
+    def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""
+        return self._model(self._plain(OPEN))._engine.rows(kernel, t, y, c)
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.

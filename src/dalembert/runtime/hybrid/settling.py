@@ -16,8 +16,9 @@ from ...integrators.status import Status
 from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.contact_data import ContactData
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
-from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing, choose
+from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Choice, Standing, choose
 from .facts import Facts, FloatArray, facts_at
+from .quick import Quick
 
 __all__ = ["Instants", "Laws", "Settled"]
 
@@ -85,6 +86,30 @@ class Settled:
     speeds: FloatArray
     status: NDArray[np.int64]
 
+    @classmethod
+    def copied(cls, now: Instants, speeds: FloatArray) -> Settled:
+        """Return cases of which nothing is decided yet."""
+        count = len(now.t)
+        x, directions, sides = now.x.copy(), now.directions.copy(), now.sides.copy()
+        return cls([], np.full(count, -1), x, directions, sides, speeds, np.zeros(count, np.int64))
+
+    def put(self, cases: NDArray[np.intp], other: Settled) -> None:
+        """Replace what is said of some cases."""
+        for name in ("x", "directions", "sides", "speeds", "status"):
+            getattr(self, name)[cases] = getattr(other, name)
+        self.mode[cases] = -1
+        for number, mode in enumerate(other.table):
+            self.take(mode, cases[other.mode == number])
+
+    def record(self, cases: NDArray[np.intp], choice: Choice) -> None:
+        """Take down what was chosen for some cases."""
+        self.status[cases] = choice.status
+        self.directions[cases], self.sides[cases] = choice.directions, choice.sides
+        for number, mode in enumerate(choice.modes):
+            here = choice.mode == number
+            if np.any(here):
+                self.take(mode, cases[here])
+
     def take(self, mode: Mode, cases: NDArray[np.intp]) -> None:
         """Put cases into a mode."""
         if mode not in self.table:
@@ -100,10 +125,12 @@ class Laws:
     ----------
     data : ContactData
     contacts : sequence of ContactRow
+    quick : Quick
+        Decisions by kernels, where these do.
     """
 
-    def __init__(self, data: ContactData, contacts: Sequence[ContactRow]) -> None:
-        self.data, self.contacts = data, tuple(contacts)
+    def __init__(self, data: ContactData, contacts: Sequence[ContactRow], quick: Quick) -> None:
+        self.data, self.contacts, self.quick = data, tuple(contacts), quick
 
     def facts(self, t: FloatArray, x: FloatArray, c: FloatArray) -> Facts:
         """Return the facts of cases."""
@@ -120,23 +147,71 @@ class Laws:
 
     def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
+        tried = None if mode is None else self._quickly(now, mode, fired)
+        if tried is None:
+            return self._slowly(now, mode, fired)
+        settled, sure = tried
+        left = np.flatnonzero(~sure)
+        if len(left):
+            settled.put(left, self._slowly(now.part(left), mode, fired))
+        return settled
+
+    def _quickly(
+        self, now: Instants, mode: Mode, fired: Sequence[Watchpoint]
+    ) -> tuple[Settled, NDArray[np.bool_]] | None:
+        """Return how cases go on as kernels say, and for which of them that is sure (k,); None where they cannot say.
+
+        A contact that closes may be struck, and where two slip or some may in a plane, zero is a matter of size.
+        """
+        meets = {point.contact for point in fired if point.kind == "meet"}
+        if mode.count(SLIP) > 1 or any(len(contact.tangential) > 1 for contact in self.contacts) or meets:
+            return None
+        slip = self.quick.slips(now.t, now.x, now.c)
+        slips, count = np.stack([slip, np.zeros_like(slip)], axis=2), len(now.t)
+        result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
+        table, codes = self._coded(None, slips, now, mode, fired, result.speeds)
+        known = not any(point.kind == "turn" for point in fired)
+        sure = np.ones(count, np.bool_)
+        for code in np.unique(codes):
+            some = np.flatnonzero(codes == code)
+            whole = len(some) == count
+            here = now if whole else now.part(some)
+            directions = _turned_along(slips if whole else slips[some], here.directions)
+            cases = here.t, here.x, here.c
+            found = self.quick.choose(table[code], cases, directions, here.sides, known=known)
+            if found is None:
+                return None
+            sure[some] = found.sure
+            result.x[some, here.x.shape[1] // 2 :] = found.rates
+            result.record(some, found.choice)
+        return result, sure
+
+    def _coded(
+        self,
+        facts: Facts | None,
+        slips: FloatArray,
+        now: Instants,
+        mode: Mode | None,
+        fired: Sequence[Watchpoint],
+        speeds: FloatArray,
+    ) -> tuple[dict[int, list[Standing]], NDArray[np.intp]]:
+        """Return a number for each case, and what it says of how its contacts stand."""
+        k, table = len(self.contacts), list[Standing]()
+        codes = np.array([self._standings(facts, slips, i, mode, fired, speeds, table) for i in range(k)]).T
+        mixed = codes.reshape(len(now.t), k) @ (len(table) ** np.arange(k))
+        _, firsts = np.unique(mixed, return_index=True)
+        return {int(mixed[i]): [table[code] for code in codes[i]] for i in firsts}, mixed
+
+    def _slowly(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
+        """Return how cases go on, by linear systems that may be singular."""
         facts = self.facts(now.t, now.x, now.c)
         count, k = len(facts), len(self.contacts)
         speeds = np.maximum(now.speeds, self._speeds(facts, now, mode))
-        table: list[Standing] = []
-        codes = np.array([self._standings(facts, now, i, mode, fired, speeds, table) for i in range(k)]).T
-        result = Settled(
-            [],
-            np.full(count, -1),
-            now.x.copy(),
-            now.directions.copy(),
-            now.sides.copy(),
-            speeds,
-            np.zeros(count, np.int64),
-        )
-        mixed = codes.reshape(count, k) @ (len(table) ** np.arange(k))
-        for some in (np.flatnonzero(mixed == number) for number in np.unique(mixed)):
-            alike = [table[code] for code in codes[some[0]]]
+        slips = np.stack([facts.slips(i) for i in range(k)], axis=1)
+        table, codes = self._coded(facts, slips, now, mode, fired, speeds)
+        result = Settled.copied(now, speeds)
+        for code, alike in table.items():
+            some = np.flatnonzero(codes == code)
             here = facts if len(some) == count else facts.part(some)
             known = mode is not None and not any(point.kind == "turn" for point in fired)
             self._group(here, now.part(some), alike, result, some, known=known)
@@ -170,16 +245,19 @@ class Laws:
 
     def _standings(
         self,
-        facts: Facts,
-        now: Instants,
+        facts: Facts | None,
+        slips: FloatArray,
         i: int,
         mode: Mode | None,
         fired: Sequence[Watchpoint],
         speeds: FloatArray,
         table: list[Standing],
     ) -> NDArray[np.intp]:
-        """Return how a contact stands in each case (k,), as numbers in `table`, which grows."""
-        contact, count = self.contacts[i], len(facts)
+        """Return how a contact stands in each case (k,), as numbers in `table`, which grows.
+
+        The facts are needed where nothing is known before, and where a gap closes.
+        """
+        contact, count = self.contacts[i], len(slips)
         mine = [point for point in fired if point.contact == i]
         kinds = {point.kind for point in mine}
         before = None if mode is None else mode[i]
@@ -189,12 +267,13 @@ class Laws:
                 table.append(standing)
             return table.index(standing)
 
-        sliding, still = self._closed(facts, i, before, mine, speeds)
+        sliding, still = self._closed(facts, slips, i, before, mine, speeds)
         codes = np.where(sliding, number(Standing(SLIDING)), number(still))
         if contact.constraint is None or before not in (None, OPEN):
             return np.full(count, number(Standing(LIFTING))) if "lift" in kinds else codes
         if before == OPEN and "meet" not in kinds:
             return np.full(count, number(Standing(FREE)))
+        assert facts is not None
         rate, noise = facts.gap_rate(i), self._rate_noise(facts, i)
         struck = np.where(sliding, number(Standing(SLIDING, struck=True)), number(Standing(still.kind, struck=True)))
         codes = np.where(rate < -noise, struck, codes)
@@ -209,10 +288,16 @@ class Laws:
         return NOISE * np.sum(np.abs(facts.jacobian[:, row] * facts.qdot), axis=1)
 
     def _closed(
-        self, facts: Facts, i: int, before: str | None, mine: Sequence[Watchpoint], speeds: FloatArray
+        self,
+        facts: Facts | None,
+        slips: FloatArray,
+        i: int,
+        before: str | None,
+        mine: Sequence[Watchpoint],
+        speeds: FloatArray,
     ) -> tuple[NDArray[np.bool_], Standing]:
         """Return in which cases a contact slides if it is closed (k,), and how it stands in the others."""
-        contact, never = self.contacts[i], np.zeros(len(facts), np.bool_)
+        contact, never = self.contacts[i], np.zeros(len(slips), np.bool_)
         if not contact.tangential or contact.regularization is not None:
             return never, Standing(TOUCHING)
         broken = [point.sign for point in mine if point.kind == "break"]
@@ -223,9 +308,10 @@ class Laws:
             return never, Standing(GRIPPED)
         scale = speeds[:, i]
         if before is None:
+            assert facts is not None
             rows = facts.slip_jacobian[:, facts.places[i]]
             scale = np.maximum(scale, np.max(np.sum(np.abs(rows * facts.qdot[:, np.newaxis]), axis=2), axis=1))
-        return ~(_length(facts.slips(i)) <= (STOPPED if stopped else NOISE) * scale), Standing(GRIPPED)
+        return ~(_length(slips[:, i]) <= (STOPPED if stopped else NOISE) * scale), Standing(GRIPPED)
 
     # -- one group of cases that stand alike ----------------------------------------------
 
@@ -246,15 +332,11 @@ class Laws:
             self._strike(facts, now, standings, directions, result, some)
             return
         choice = choose(facts, standings, facts.accelerating(), directions, now.sides if known else None)
-        result.status[some] = choice.status
-        result.directions[some], result.sides[some] = choice.directions, choice.sides
+        result.record(some, choice)
         for number, mode in enumerate(choice.modes):
             here = np.flatnonzero(choice.mode == number)
-            if not len(here):
-                continue
-            if STICK in mode or any(standing.kind == TOUCHING for standing in standings):
+            if len(here) and (STICK in mode or any(standing.kind == TOUCHING for standing in standings)):
                 x[here, size:] = (facts if len(here) == len(facts) else facts.part(here)).held(mode)
-            result.take(mode, some[here])
         result.x[some] = x
 
     def _strike(
@@ -311,13 +393,14 @@ class Laws:
 
     def _directions(self, facts: Facts, before: FloatArray) -> FloatArray:
         """Return unit vectors along the slip velocities, the former ones where there is none."""
-        directions = before.copy()
-        for i in range(len(self.contacts)):
-            slips = facts.slips(i)
-            size = _length(slips)[:, None]
-            directions[:, i] = np.where(size > 0.0, slips / np.where(size > 0.0, size, 1.0), directions[:, i])
-        return directions
+        return _turned_along(np.stack([facts.slips(i) for i in range(len(self.contacts))], axis=1), before)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(vectors**2, axis=-1)))
+
+
+def _turned_along(slips: FloatArray, before: FloatArray) -> FloatArray:
+    """Return unit vectors along slip velocities (k, n_contacts, 2), the former ones where there is none."""
+    size = _length(slips)[:, :, None]
+    return np.where(size > 0.0, slips / np.where(size > 0.0, size, 1.0), before)
