@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from numba import types
-
 from ..problem import FloatArray
-from .code import call_code, row
-from .jit import MATRIX, VECTOR, bare
+from .code import bare, call_code, row
+from .kinds import INTEGER, MATRIX, VECTOR
 
 __all__ = ["KINDS", "LOOP"]
 
-KINDS = (types.intp, VECTOR, *(MATRIX,) * 3, *(MATRIX,) * 4)
+KINDS = (INTEGER, VECTOR, *(MATRIX,) * 3, *(MATRIX,) * 4)
 
 
 @bare
