@@ -28,7 +28,8 @@ def LOOP(
     The last four are room: (1, lanes), (n_y, lanes), (n_c, lanes) and (n, lanes).
     """
     lanes, count = clock.shape[1], t.size
-    for first in range(0, count, lanes):
+    first = 0
+    while first < count:
         for lane in range(lanes):
             i = min(first + lane, count - 1)
             clock[0, lane] = t[i]
@@ -40,3 +41,4 @@ def LOOP(
         for lane in range(min(lanes, count - first)):
             for m in range(out.shape[1]):
                 out[first + lane, m] = found[m, lane]
+        first += lanes
