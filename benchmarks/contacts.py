@@ -26,6 +26,7 @@ END, TOLERANCE = 8.0, {"rtol": 1e-9, "atol": 1e-11}
 PLATE = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81}
 START = {"x": -0.5 / math.tan(0.5), "theta": 0.5, "theta_dot": 0.0, "x_dot": 0.0}
 WITH, WITHOUT = "plate on its corner, with friction", "the same without friction"
+SLOWLY = "plate on its corner, with friction, pushed slowly"
 
 
 def _free_plate() -> da.Scene:
@@ -39,9 +40,10 @@ def _free_plate() -> da.Scene:
 def measure_contacts(count: int, rounds: int) -> list[Record]:
     """Return records of `count` plates that are pushed and pulled over 8 s: time, steps, phases, steps a second.
 
-    With friction, mu varies from 0.7 to 0.9, and most of the motions stick and slip fifteen times; without, the length
-    varies by one percent.
+    With friction, mu varies from 0.7 to 0.9, and most of the motions stick and slip fifteen times; pushed slowly, they
+    have fewer and longer phases. Without friction, the length varies by one percent.
     """
+    slow = da.compile_model(corner_plate(4 + 7 * sin(TIME / 2)))
     rough = da.compile_model(corner_plate(4 + 7 * sin(3 * TIME)))
     free = da.compile_model(_free_plate())
     mu, length = np.linspace(0.7, 0.9, count), np.linspace(1.0, 1.01, count)
@@ -52,8 +54,8 @@ def measure_contacts(count: int, rounds: int) -> list[Record]:
     def single(model: Any, parameters: dict[str, Any]) -> Callable[[], Any]:
         return lambda: model.simulate((0.0, END), START, {**PLATE, **parameters}, dense=False, **TOLERANCE)
 
-    sweeps = {WITH: swept(rough, {"mu": mu}), WITHOUT: swept(free, {"l": length})}
-    runs = {WITH: single(rough, {"mu": 0.8}), WITHOUT: single(free, {})}
+    sweeps = {WITH: swept(rough, {"mu": mu}), SLOWLY: swept(slow, {"mu": mu}), WITHOUT: swept(free, {"l": length})}
+    runs = {WITH: single(rough, {"mu": 0.8}), SLOWLY: single(slow, {"mu": 0.8}), WITHOUT: single(free, {})}
     done = {name: task() for name, task in sweeps.items()}  # compiles
     alone = {name: task() for name, task in runs.items()}
     for name, result in done.items():

@@ -52,7 +52,7 @@ _BUDGET, _TRIES = 8192, 200
 
 WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2), Watch._fields)
 SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
-_THETA, _TOTAL = 3, 4
+_THETA = 3
 
 
 @bare
@@ -109,28 +109,30 @@ def sample(
         room.clock[0, j] = t + work[_THETA, j] * h
     for u in range(used.size):
         m = used[u]
-        top = room.series[m, degree]
-        for j in range(8):
-            work[_TOTAL, j] = top
+        a = b = c0 = d = e = f = g = w = room.series[m, degree]  # in registers: stored sums wait for each other
         for k in range(degree - 1, -1, -1):
-            a = room.series[m, k]
-            for j in range(8):
-                work[_TOTAL, j] = work[_TOTAL, j] * work[_THETA, j] + a
-        for j in range(8):
-            room.point[m, j] = work[_TOTAL, j]
+            term = room.series[m, k]
+            a, b = a * work[_THETA, 0] + term, b * work[_THETA, 1] + term
+            c0, d = c0 * work[_THETA, 2] + term, d * work[_THETA, 3] + term
+            e, f = e * work[_THETA, 4] + term, f * work[_THETA, 5] + term
+            g, w = g * work[_THETA, 6] + term, w * work[_THETA, 7] + term
+        point = room.point[m]
+        point[0], point[1], point[2], point[3] = a, b, c0, d
+        point[4], point[5], point[6], point[7] = e, f, g, w
     call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
 
 
 @bare
 def transformed(matrix: FloatArray, room: Scratch, e: int, to: int) -> None:
     """Write the product of a matrix, given transposed, and the values of an expression to a row of ``work``."""
-    work = room.work
-    for k in range(8):
-        work[to, k] = 0.0
+    work = room.work[to]
+    a = b = c = d = p = q = r = s = 0.0  # in registers: stored sums wait for each other
     for j in range(8):
-        value = room.values[e, j]
-        for k in range(8):
-            work[to, k] += matrix[j, k] * value
+        value, column = room.values[e, j], matrix[j]
+        a, b, c, d = a + column[0] * value, b + column[1] * value, c + column[2] * value, d + column[3] * value
+        p, q, r, s = p + column[4] * value, q + column[5] * value, r + column[6] * value, s + column[7] * value
+    work[0], work[1], work[2], work[3] = a, b, c, d
+    work[4], work[5], work[6], work[7] = p, q, r, s
 
 
 @bare

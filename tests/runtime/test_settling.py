@@ -1,0 +1,46 @@
+"""Contacts are settled by kernels as they are by linear systems."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import dalembert as da
+from dalembert.integrators.status import Status
+from dalembert.mechanics.equations import Watchpoint
+from dalembert.runtime.hybrid.settling import Instants
+from hard_cases.contacts import corner_plate, loose_plate
+
+MU = sp.Symbol("mu", positive=True)
+CASES = 200
+SCENES = {
+    "stops": (lambda: corner_plate(7), ("slip",), [Watchpoint("", 0, "stop")]),
+    "breaks": (lambda: corner_plate(7), ("stick",), [Watchpoint("", 0, "break", 1)]),
+    "turns": (lambda: corner_plate(7), ("slip",), [Watchpoint("", 0, "turn")]),
+    "lifts": (lambda: corner_plate(7, contact=True), ("slip",), [Watchpoint("", 0, "lift")]),
+    "one of two lifts": (lambda: loose_plate(3, corner=MU), ("closed", "slip"), [Watchpoint("", 0, "lift")]),
+    "one of two stops": (lambda: loose_plate(3, corner=MU), ("closed", "slip"), [Watchpoint("", 1, "stop")]),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_kernels_decide_as_linear_systems_do(name):
+    scene, mode, fired = SCENES[name]
+    model = da.compile_model(scene(), backend="numpy")
+    laws, layout, rng = model._modes.laws, model.layout, np.random.default_rng(7)
+    theta, rate = rng.uniform(0.3, 1.2, CASES), rng.normal(size=CASES)
+    if any(point.kind in ("stop", "break") for point in fired):
+        rate = 0.0 * rate
+    given = {"x": -0.5 / np.tan(theta), "y": 0 * theta, "theta": theta, "theta_dot": rate, "y_dot": 0 * theta}
+    given["x_dot"] = 0.5 * rate / np.sin(theta) ** 2
+    x = np.column_stack([given[n] for n in (*layout.coordinates, *layout.rates)])
+    values = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81, "mu": rng.uniform(0.1, 1.0, CASES)}
+    p = np.column_stack([np.broadcast_to(values[n], CASES) for n in layout.parameters])
+    now = Instants.starting(np.zeros(CASES), x, p, len(mode))
+    quick, sure = laws._quickly(now, mode, fired)
+    slow = laws._slowly(now, mode, fired)
+    np.testing.assert_array_equal(quick.status[sure], slow.status[sure])
+    good = np.flatnonzero(sure & (slow.status == Status.SUCCESS))
+    assert len(good) > CASES / 10  # not every state is one in which this can happen
+    assert [quick.table[i] for i in quick.mode[good]] == [slow.table[i] for i in slow.mode[good]]
+    for field in ("x", "directions", "sides", "speeds"):
+        np.testing.assert_allclose(getattr(quick, field)[good], getattr(slow, field)[good], rtol=1e-12, atol=1e-12)
