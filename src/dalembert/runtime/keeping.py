@@ -47,7 +47,7 @@ def kept_names(
     UnknownNameError
         For a name that is no candidate.
     OptionError
-        For what is not conserved, with the reason, and where nothing is.
+        For what is not conserved, with the reason, and where nothing is; and where no name is given.
     """
     x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
     size = len(program.layout.coordinates)
@@ -60,7 +60,12 @@ def kept_names(
             )
         return able
     given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
-    names = [str(name) for name in given]
+    names = [str(name) for name in given if name is not None]
+    if not names:
+        raise OptionError(
+            "project_invariants: no first integral is named. Give names, True for all that are conserved, or False."
+            f" What is conserved in {program.name!r}: {list_names(able) or 'nothing that is known'}"
+        )
     unknown = [unknown_name("first integral", name, found.names) for name in names if name not in found.names]
     if unknown:
         raise UnknownNameError("\n".join(unknown))
