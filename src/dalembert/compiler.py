@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
-from .errors import SceneError
 from .ir.lower import lower
 from .ir.program import Program
 from .mechanics.derive import derive
@@ -27,6 +26,8 @@ from .scene.orientation import with_quaternions
 from .scene.reading import read
 
 if TYPE_CHECKING:
+    from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
+
     from .codegen.base import RenderedModule
     from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
@@ -52,7 +53,7 @@ class Stages:
 
 
 def compile_model(
-    source: Scene,
+    source: Scene | System | KanesMethod | LagrangesMethod,
     *,
     backend: str = "numba",
     formulation: str = "auto",
@@ -65,8 +66,9 @@ def compile_model(
 
     Parameters
     ----------
-    source : Scene
-        The scene; it is copied, so that later changes to it do not reach the model.
+    source : Scene, or System, KanesMethod or LagrangesMethod of SymPy
+        The scene; it is copied, so that later changes to it do not reach the model. For what SymPy's systems become,
+        see `Scene.from_sympy`.
     backend : str
         "numba" (default), "jax" or "numpy".
     formulation : str
@@ -97,10 +99,11 @@ def compile_model(
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
     """
-    if not isinstance(source, Scene):
-        raise SceneError(type(source).__name__, [f"compile_model takes a Scene, not {source!r}"])
-    options = CompileOptions(backend, formulation, tuple(outputs), cache, gains, orientation)
-    scene = source.copy()
+    scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
+    asked = _names(outputs)
+    speeds = [u.func.__name__ for u in scene.speeds]
+    outputs = (*outputs, *(name for name in speeds if name not in asked))
+    options = CompileOptions(backend, formulation, outputs, cache, gains, orientation)
     if orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]

@@ -9,8 +9,10 @@ from ..ir.derivatives import tangents
 from ..ir.graph import Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
-from .equations import ConstraintRow, ContactRow, EquationsOfMotion
+from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from .given import given_powers
 from .kinematics import Kinematics
+from .lagrangian import lagrangian_powers
 from .quasi_velocities import velocity_groups
 from .quaternions import quaternion_groups
 from .virtual_power import powers
@@ -27,7 +29,10 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         When a reaction enters an action otherwise than linearly.
     """
     kinematics = Kinematics(model)
-    power = powers(kinematics)
+    if model.lagrangian is not None:
+        power = lagrangian_powers(kinematics)
+    else:
+        power = powers(kinematics) if model.given is None else given_powers(kinematics)
     forcing, reactions = _split(model, power.forcing)
     holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
@@ -44,10 +49,18 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         constraints=rows,
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.gravity_potential + model.potential,
-        groups=(*quaternion_groups(kinematics), *velocity_groups(kinematics)),
+        groups=_groups(kinematics),
         outputs=model.outputs,
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
     )
+
+
+def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
+    """Return the quasi-velocities of the frames of a scene, and its own speeds for coordinates that have none."""
+    groups = [*quaternion_groups(kinematics), *velocity_groups(kinematics)]
+    taken = {i for group in groups for i in group.coordinates}
+    own = [group for group in kinematics.model.speeds if not taken & {*group.coordinates}]
+    return (*groups, *(VelocityGroup(g.coordinates, (VelocityChoice(g.names, g.rows),)) for g in own))
 
 
 def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:

@@ -102,7 +102,7 @@ class _Starting:
         if lacking:
             raise InitialStateError(
                 f"initial values are missing for {list_names(lacking)}: with {list_names(there)}, all of"
-                f" {list_names((*entry.names, *entry.needs))} are needed to orient a body; or give"
+                f" {list_names((*entry.names, *entry.needs))} are needed; or give"
                 f" {list_names(entry.targets)} instead"
             )
         twice = [name for name in entry.targets if name in self.given or name in self.entered]
@@ -213,7 +213,7 @@ class _Starting:
 
     def _refuse(self, what: str, names: Sequence[str], why: str) -> None:
         others = [list_names(entry.names) for entry in self.symbols.entries if set(entry.targets) & set(names)]
-        instead = f". In place of {what} of a quaternion, {' or '.join(others)} may be given" if others else ""
+        instead = f". In their place, {' or '.join(others)} may be given" if others else ""
         raise InitialStateError(
             f"initial values are missing for the {what} {list_names(names)}: {why}, and nothing defaults to zero"
             f"{instead}"

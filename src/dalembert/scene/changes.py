@@ -17,6 +17,7 @@ from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
 from .identity import vanishes
+from .interop import without_speeds
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def substituted(expression: Any, imposed: Sequence[tuple[Any, Any]]) -> Any:
 
 def release(scene: Scene, coordinate: Any, target: Any, direction: Any) -> Scene:
     """See `Scene.release`."""
+    scene = without_speeds(scene)
     faults = _release_faults(scene, coordinate, target, direction)
     if faults:
         raise SceneError(scene.name, faults)
@@ -131,6 +133,7 @@ def _component(scene: Scene, point: Point, direction: Vector) -> Any:
 
 def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
     """See `Scene.impose`."""
+    scene = without_speeds(scene)
     if coordinate not in scene.coordinates:
         known = list_names(str(q.func.__name__) for q in scene.coordinates)
         raise SceneError(scene.name, [f"{coordinate} is no coordinate of the scene, so it cannot be imposed ({known})"])

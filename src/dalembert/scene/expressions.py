@@ -69,6 +69,11 @@ class ExpressionReader:
         except sp.SympifyError:
             return self.fault(f"{expression!r} is not a SymPy expression")
 
+    def define(self, leaves: Mapping[Any, Node]) -> None:
+        """Let SymPy objects be read as these nodes from now on, whatever they were read as before."""
+        self.leaves.update(leaves)
+        self._known.clear()
+
     def fault(self, text: str) -> Node:
         """Take down a fault at the present place; return zero in its stead."""
         line = f"{self._place}: {text}"

@@ -20,10 +20,14 @@ __all__ = [
     "ContactModel",
     "Entry",
     "FrameModel",
+    "GivenBody",
+    "GivenLoad",
+    "GivenMotion",
     "Piece",
     "Pieces",
     "PointModel",
     "SceneModel",
+    "SpeedGroup",
     "SymbolTable",
 ]
 
@@ -89,6 +93,60 @@ class Action:
     at: int | None
     force: Pieces
     torque: Pieces
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class GivenBody:
+    """A body of which velocities are given: mass, velocity of the mass centre, angular velocity, and central inertia.
+
+    The inertia (None for a particle) is that on the frame with number `frame`, on which it need not be constant.
+    """
+
+    name: str
+    mass: Node
+    velocity: Pieces
+    spin: Pieces
+    frame: int
+    inertia: tuple[Components, Components, Components] | None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class GivenLoad:
+    """A force with the velocity of its point, or a torque with the angular velocity of its frame."""
+
+    name: str
+    vector: Pieces
+    velocity: Pieces
+
+
+@final
+@dataclass(frozen=True)
+class GivenMotion:
+    """Velocities that a scene says, in place of positions that they would follow from."""
+
+    bodies: tuple[GivenBody, ...]
+    loads: tuple[GivenLoad, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SpeedGroup:
+    """Speeds that kinematic equations tie to the rates of as many coordinates.
+
+    Attributes
+    ----------
+    names : tuple of str
+    coordinates : tuple of int
+        Numbers of the coordinates.
+    rows : tuple of tuple of Node
+        The speeds are rows . rates + something of coordinates and time.
+    """
+
+    names: tuple[str, ...]
+    coordinates: tuple[int, ...]
+    rows: tuple[tuple[Node, ...], ...]
 
 
 @final
@@ -187,7 +245,11 @@ class SymbolTable:
 @final
 @dataclass(frozen=True)
 class SceneModel:
-    """Everything of a scene that the derivation needs, as graph nodes."""
+    """Everything of a scene that the derivation needs, as graph nodes.
+
+    Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
+    gives its Lagrangian, `given` holds the loads.
+    """
 
     name: str
     graph: Graph
@@ -202,3 +264,6 @@ class SceneModel:
     nonholonomic: tuple[ConstraintModel, ...]
     outputs: Mapping[str, Node]
     contacts: tuple[ContactModel, ...] = ()
+    speeds: tuple[SpeedGroup, ...] = ()
+    given: GivenMotion | None = None
+    lagrangian: Node | None = None

@@ -17,6 +17,7 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..errors import OptionError, SceneError, list_names
 from .angle_sequences import AngleSequence, recognised
+from .interop import without_speeds
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -138,6 +139,7 @@ def with_quaternions(scene: Scene) -> Scene:
             f"orientation='quaternion' does not rewrite friction and contacts, which scene {scene.name!r} has: leave"
             " the option out, and orient the body with dalembert.free_orientation"
         )
+    scene = without_speeds(scene)
     found: list[FreeOrientation] = []
     reasons = []
     for body in scene.bodies:

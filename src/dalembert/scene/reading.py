@@ -21,6 +21,7 @@ from .belonging import foreign_points
 from .contacts import read_contacts
 from .entries import entries_of
 from .expressions import ExpressionReader
+from .given import located, read_given
 from .model import (
     Action,
     BodyModel,
@@ -28,6 +29,7 @@ from .model import (
     ConstraintModel,
     ContactModel,
     FrameModel,
+    GivenMotion,
     Piece,
     Pieces,
     PointModel,
@@ -35,6 +37,7 @@ from .model import (
     SymbolTable,
 )
 from .scene import Joint, Scene, Unknown
+from .speeds import read_speeds
 from .tree import Tree
 
 __all__ = ["read", "reader_of"]
@@ -81,6 +84,9 @@ class _SceneReader:
         self.coordinates = self._coordinates()
         self.expressions = ExpressionReader(self.graph, self._leaves())
         self._impose()
+        self.speeds, self._starts, self._names = read_speeds(
+            self.expressions, self.coordinates, scene.speeds, scene.kinematic_equations, self.faults.append
+        )
         self.angles = [Angles(self.expressions, item) for item in scene.orientations if item.angles]
         self._free = {item.frame: item for item in scene.orientations if item.angles}
         self.frames = Tree(scene.frame, "_dcm_dict")
@@ -91,14 +97,16 @@ class _SceneReader:
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
         scene = self.scene
-        bodies = [self._body(body) for body in scene.bodies]
-        if not scene.bodies:
+        given, lagrangian = self._given()
+        placed = lagrangian is None and (given is None or located(scene))
+        bodies = [self._body(body) for body in scene.bodies] if placed else []
+        if not scene.bodies and lagrangian is None:
             self.faults.append("the scene has no bodies; add some with add_bodies")
         names = list(scene.body_names())
         for name in sorted({name for name in names if names.count(name) > 1}):
             self.faults.append(f"two bodies are called {name!r}; give each its own name")
         actions = [self._joint(joint, names) for joint in scene.joints]
-        actions += [self._load(load, place) for place, load in enumerate(scene.loads)]
+        actions += [self._load(load, place) for place, load in enumerate(scene.loads)] if placed else []
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
         potential = self.graph.sum(
             self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
@@ -112,7 +120,7 @@ class _SceneReader:
             if isinstance(item, sp.Basic)
         }
         contacts, closing = self._contacts()
-        extra |= self._angle_outputs(outputs)
+        extra |= self._named_outputs(outputs)
         symbols = self._symbols()
         if not self.faults:
             self.faults += foreign_points(
@@ -141,6 +149,9 @@ class _SceneReader:
             nonholonomic=tuple(nonholonomic),
             outputs=extra,
             contacts=tuple(contacts),
+            speeds=self.speeds,
+            given=given,
+            lagrangian=lagrangian,
         )
 
     # -- symbols --------------------------------------------------------------------------
@@ -159,10 +170,10 @@ class _SceneReader:
             self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
         return tuple(good)
 
-    def _angle_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
-        """Return the angles that quaternions stand for, and their rates, by name, where they are asked for."""
+    def _named_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
+        """Return angles that quaternions stand for, their rates, and speeds, by name, where they are asked for."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
-        found: dict[str, Node] = {}
+        found: dict[str, Node] = {u.func.__name__: leaves[u] for u in self.scene.speeds}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
@@ -193,7 +204,10 @@ class _SceneReader:
         unknowns = tuple(self.expressions.unknowns)
         taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
         taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
-        for kind, names in (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates)):
+        speeds = [u.func.__name__ for u in self.scene.speeds]
+        taken.update(dict.fromkeys(speeds, "a speed"))
+        kinds = (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates), ("speed", speeds))
+        for kind, names in kinds:
             for name in names:
                 if name in taken and taken[name] != f"a {kind}":
                     self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
@@ -206,7 +220,10 @@ class _SceneReader:
             name = angle.func.__name__
             aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
             aliases |= {name: name, rate_name(name): rate_name(name)}
-        entries = entries_of(self.graph, self.scene.orientations)
+        for u in self.scene.speeds:
+            name = u.func.__name__
+            aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
+        entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
         return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases, entries)
 
     # -- geometry -------------------------------------------------------------------------
@@ -309,6 +326,24 @@ class _SceneReader:
 
     # -- contents -------------------------------------------------------------------------
 
+    def _given(self) -> tuple[GivenMotion | None, Node | None]:
+        """Return the velocities and the Lagrangian of a scene that came from SymPy with them."""
+        scene = self.scene
+        if not scene.velocities and scene.lagrangian is None:
+            return None, None
+        for what, items in (("joints", scene.joints), ("contacts", scene.contacts), ("friction", scene.frictions)):
+            if items:
+                self.faults.append(f"a scene that gives velocities or a Lagrangian, no positions, cannot have {what}")
+        given = read_given(scene, self._vector, self.expressions.read, self._rows, self._frame)
+        lagrangian = scene.lagrangian
+        return given, None if lagrangian is None else self._scalar(lagrangian, "Lagrangian")
+
+    def _rows(self, matrix: Any, place: str) -> tuple[Components, Components, Components]:
+        rows = [self._components(matrix[i, :], place) for i in range(3)]
+        if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
+            self.faults.append(f"{place}: the matrix is not symmetric")
+        return rows[0], rows[1], rows[2]
+
     def _body(self, body: Any) -> BodyModel | None:
         if not isinstance(body, RigidBody | Particle):
             self.faults.append(f"{body!r} is not a RigidBody or Particle")
@@ -318,12 +353,9 @@ class _SceneReader:
             mass = self.expressions.read(body.mass, f"mass of {place}")
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
-        matrix = body.central_inertia.to_matrix(body.frame)
-        rows = [self._components(matrix[i, :], f"inertia of {place}") for i in range(3)]
-        if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
-            self.faults.append(f"{place}: the inertia matrix is not symmetric")
+        inertia = self._rows(body.central_inertia.to_matrix(body.frame), f"inertia of {place}")
         mass = self.expressions.read(body.mass, f"mass of {place}")
-        return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, (rows[0], rows[1], rows[2]))
+        return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
 
     def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
         if not isinstance(joint, Joint):

@@ -15,7 +15,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import SceneError
-from . import changes
+from . import changes, interop
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
 
@@ -121,6 +121,36 @@ class Scene:
         self.releases: tuple[changes.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
+        self.speeds: tuple[Expr, ...] = ()
+        self.kinematic_equations: tuple[Expr, ...] = ()
+        self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
+        self.lagrangian: Expr | None = None
+
+    @classmethod
+    def from_sympy(cls, source: Any, *, name: str | None = None) -> Scene:
+        """Return the scene of a ``System``, a ``KanesMethod`` or a ``LagrangesMethod`` of SymPy.
+
+        Bodies, coordinates, generalized speeds, loads, actuators and constraints are taken over, and nothing that SymPy
+        derives from them. Speeds that are no rates keep their names: initial values may be given in them, and they
+        are results. A speed that no kinematic equation has, such as ``u``, is the rate of a further coordinate
+        ``u_integral``. Bodies at rest and loads on them, which do nothing, are left out.
+
+        Where the velocities that SymPy has are the rates of positions, the scene is like any other. Otherwise, and for
+        a Lagrangian, it can be compiled, but holds no positions to draw or to put joints and contacts at.
+
+        Parameters
+        ----------
+        source : System, KanesMethod or LagrangesMethod
+            With its bodies; equations need not have been formed.
+        name : str, optional
+            Name of the scene; that of the class by default.
+
+        Raises
+        ------
+        SceneError
+            For what cannot be taken over.
+        """
+        return interop.scene_from_sympy(source, name)
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""

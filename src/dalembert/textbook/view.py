@@ -12,6 +12,7 @@ from sympy.physics.mechanics import Point
 from ..errors import ConstraintError, SceneError, list_names
 from ..naming import rate_name
 from ..scene import Scene, Unknown
+from ..scene.interop import without_speeds
 from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian
@@ -54,6 +55,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     """
     if not isinstance(scene, Scene):
         raise SceneError(type(scene).__name__, [f"lagrange takes a Scene, not {scene!r}"])
+    scene = without_speeds(scene)
     read(scene)
     return LagrangeView(scene.copy(), kinetic_energy)
 
