@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -12,7 +13,7 @@ from dalembert.codegen.numba.llvm import Compiled, compile_object, fma_name, loa
 from dalembert.ir.recurrences import recurrences
 from dalembert.ir.taylor import clipped_tolerance, order_for, step_kernel
 
-__all__ = ["flops_of_step", "peak_flops"]
+__all__ = ["flops_of_step", "multiply_adds", "peak_flops"]
 
 _CHAINS, _REPETITIONS = 12, 20_000_000
 """Independent sums, enough to hide the latency of a multiply-add; and turns of the loop."""
@@ -21,8 +22,8 @@ _WEIGHTS = {"fma": 2, "sin": 0, "cos": 0}
 """Sines and cosines are left out, so that the share reported is rather too small."""
 
 
-def _assembly() -> str:
-    lanes, chains = native_lanes(), range(_CHAINS)
+def _assembly(count: int) -> str:
+    lanes, chains = native_lanes(), range(count)
     v, fma = f"<{lanes} x double>", fma_name(lanes)
     one = f"<{', '.join(['double 1.0'] * lanes)}>"
     small = f"<{', '.join(['double 0x3CB0000000000000'] * lanes)}>"
@@ -50,15 +51,28 @@ done:
 
 
 @cache
-def _code() -> Compiled:
-    return load_object(compile_object(_assembly()))
+def _code(chains: int) -> Compiled:
+    return load_object(compile_object(_assembly(chains)))
+
+
+def multiply_adds(chains: int) -> Callable[[], float]:
+    """Return what gives the seconds of a multiply-add of a pack, in so many chains in which each waits for the last."""
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)(_code(chains).address("peak"))
+    room, count = (ctypes.c_double * (chains * native_lanes()))(), 600_000 // chains
+
+    def run() -> float:
+        begin = time.thread_time()
+        function(ctypes.addressof(room), count)
+        return (time.thread_time() - begin) / (count * chains)
+
+    return run
 
 
 @cache
 def peak_flops(threads: int) -> float:
     """Return the largest of three measurements, in operations a second; a multiply-add counts as two."""
     lanes = native_lanes()
-    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)(_code().address("peak"))
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)(_code(_CHAINS).address("peak"))
 
     def run() -> None:
         room = (ctypes.c_double * (_CHAINS * lanes))()

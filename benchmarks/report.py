@@ -165,6 +165,16 @@ def markdown(result: Record) -> str:
     )
 
 
+def _fewer_cases(records: Sequence[Record]) -> list[str]:
+    """Return a line that says who ran fewer cases than the others, if anyone did."""
+    most = max(r["cases"] for r in records)
+    few = [r for r in records if r["cases"] < most]
+    if not few:
+        return []
+    names = ", ".join(dict.fromkeys(r["label"] for r in few))
+    return [f"{names}: with {few[0]['cases']:,} cases, and fewer tolerances, where {most:,} take longer than a limit."]
+
+
 def _ratio_rows(records: Sequence[Record], kind: str, reference: str, labels: Sequence[str] = ()) -> list[list[str]]:
     """Return rows of time and ratio at equal errors, a row a scene and contender."""
     rows = []
@@ -285,6 +295,7 @@ def readme_section(result: Record) -> str:
             f"`model.sweep()` of {result['sweeps'][0]['cases']:,} cases, the whole call, at equal error: microseconds"
             " of a case (times those of dalembert's Taylor method on two threads):",
             _markdown_table(_EQUAL, _ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
+            *_fewer_cases(result["sweeps"]),
             _chains_in_short(result["derivation"]),
             "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (loops of"
             " the library are compiled too) and with what that left behind:",

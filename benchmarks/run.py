@@ -31,7 +31,7 @@ from measure import growth_exponent, machine
 from memory import SWEEPS, sweep_memory
 from precision import work_precision
 from startup import first_trajectory, import_seconds
-from sweeps import CASES, coverage, measure_sweeps, unequal_cases
+from sweeps import CASES, FEWER, coverage, measure_sweeps, unequal_cases
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ class Extent:
     sweep_tolerances: tuple[float, ...]
     sweep_rounds: int
     sweep_slowest: float
+    sweep_fewer: int | None
     coverage_cases: int
     imports: int
 
@@ -79,6 +80,7 @@ QUICK = Extent(
     sweep_tolerances=(1e-6,),
     sweep_rounds=5,
     sweep_slowest=0.2,
+    sweep_fewer=None,
     coverage_cases=40,
     imports=2,
 )
@@ -101,6 +103,7 @@ FULL = Extent(
     sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
     sweep_rounds=9,
     sweep_slowest=0.6,
+    sweep_fewer=FEWER,
     coverage_cases=200,
     imports=5,
 )
@@ -153,6 +156,7 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         slowest=extent.sweep_slowest,
         say=say,
         count=extent.sweep_cases,
+        fewer=extent.sweep_fewer,
     )
     say("friction and contacts")
     contacts = measure_contacts(extent.contact_cases, extent.sweep_rounds)

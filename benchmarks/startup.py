@@ -16,6 +16,15 @@ __all__ = ["first_trajectory", "import_seconds"]
 
 Record = dict[str, Any]
 
+_BYTECODE = """
+import sys
+import dalembert as da
+model = da.compile_model(da.scenes.chaplygin_sleigh(), backend=sys.argv[1])
+initial = {"x": 0, "y": 0, "theta": 0.2, "theta_dot": 2.0, "x_dot": 0.98}
+for what, b in ((model.sweep, [0.2, 0.3, 0.4]), (model.simulate, 0.3)):
+    what((0, 1), initial, {"m": 1, "b": b, "I_C": 0.5})
+"""
+
 _CHILD = """
 import json, sys, time
 begin = time.perf_counter()
@@ -39,11 +48,12 @@ print(json.dumps({
 
 
 def _child(code: str, *arguments: str, **environment: str) -> tuple[float, str]:
-    """Run Python in a new process; return its seconds from start to end, and what it printed."""
+    """Run Python in a new process, which may keep bytecode; return its seconds, and what it printed."""
+    held = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     begin = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
-        env={**os.environ, **environment},
+        env={**held, **environment},
         capture_output=True,
         text=True,
         check=False,
@@ -58,14 +68,17 @@ def first_trajectory(backend: str, repetitions: int = 1, what: str = "simulate")
     """Return the seconds of the sleigh's first trajectory, or first sweep, in a first and in a second process.
 
     Both caches (dalembert's and numba's, thus also the library's own integrator loop) are empty folders
-    before the first process of each repetition. Medians over the repetitions.
+    before the first process of each repetition. Python's bytecode is there, as an installer leaves it. Medians over the
+    repetitions.
     """
     runs: dict[str, list[Record]] = {"first process": [], "second process": []}
-    for _ in range(repetitions):
-        with tempfile.TemporaryDirectory() as folder:
-            caches = {"DALEMBERT_CACHE_DIR": f"{folder}/modules", "NUMBA_CACHE_DIR": f"{folder}/numba"}
+    with tempfile.TemporaryDirectory() as folder:
+        bytecode = {"PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
+        _child(_BYTECODE, backend, DALEMBERT_CACHE_DIR=f"{folder}/none", NUMBA_CACHE_DIR=f"{folder}/none", **bytecode)
+        for i in range(repetitions):
+            caches = {"DALEMBERT_CACHE_DIR": f"{folder}/modules{i}", "NUMBA_CACHE_DIR": f"{folder}/numba{i}"}
             for samples in runs.values():
-                wall, text = _child(_CHILD, backend, what, **caches)
+                wall, text = _child(_CHILD, backend, what, **caches, **bytecode)
                 samples.append({**json.loads(text), "process": wall})
     return {name: _medians(samples) for name, samples in runs.items()}
 

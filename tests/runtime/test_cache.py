@@ -46,8 +46,8 @@ def stamps(folder):
 
 
 def homes(folder):
-    """Return the folders of generated modules, without that of the library's own loops."""
-    return [path for path in sorted(folder.iterdir()) if not path.name.startswith("loops_")]
+    """Return the folders of generated modules, without those of the library's own loops and of texts."""
+    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(("loops_", "texts"))]
 
 
 def test_environment_variable_says_where_the_cache_is(folder, monkeypatch):
@@ -121,6 +121,18 @@ SPOILS = {
 def test_damaged_source_is_rebuilt_with_a_warning(folder, expected, spoil):
     use()
     (path,) = files(folder, "kernels.py")
+    good = path.read_bytes()
+    path.write_bytes(SPOILS[spoil](good))
+    with pytest.warns(CacheWarning, match="damaged and is rebuilt"):
+        result = use()
+    np.testing.assert_array_equal(result, expected)
+    assert path.read_bytes() == good
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_damaged_text_is_rendered_anew_with_a_warning(folder, expected, spoil):
+    use()
+    (path,) = [path for path in files(folder, "*") if path.parent.name == "texts"]
     good = path.read_bytes()
     path.write_bytes(SPOILS[spoil](good))
     with pytest.warns(CacheWarning, match="damaged and is rebuilt"):

@@ -13,6 +13,7 @@ from typing import Any
 
 from .. import __version__
 from ..ir.program import Kernel, Layout, Program, describe_counts
+from ..runtime.cache import kept_text
 from .printers import Printer
 
 __all__ = ["digest_of", "render_source", "template_directory", "template_variables"]
@@ -42,9 +43,17 @@ def template_variables(program: Program, printer: Printer, options: str) -> dict
     }
 
 
-def render_source(template: str, program: Program, printer: Printer, options: str = "") -> str:
-    """Return the text of the module that `template` makes of `program`."""
-    import jinja2  # a tenth of a second that importing the library should not cost
+def render_source(template: str, program: Program, printer: Printer, options: str = "", *, cache: bool = False) -> str:
+    """Return the text of the module that `template` makes of `program`; with `cache`, it is kept on disk."""
+    variables = template_variables(program, printer, options)
+    if not cache:
+        return _rendered(template, variables)
+    text = (template_directory() / template).read_text(encoding="utf-8")
+    return kept_text(digest_of("text", __version__, text, repr(variables)), lambda: _rendered(template, variables))
+
+
+def _rendered(template: str, variables: dict[str, Any]) -> str:
+    import jinja2  # a tenth of a second that importing the library, or a scene known from before, should not cost
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_directory()),
@@ -54,7 +63,7 @@ def render_source(template: str, program: Program, printer: Printer, options: st
         keep_trailing_newline=True,
         autoescape=False,
     )
-    return environment.get_template(template).render(template_variables(program, printer, options))
+    return environment.get_template(template).render(variables)
 
 
 def digest_of(*parts: str) -> str:

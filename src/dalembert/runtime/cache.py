@@ -8,6 +8,7 @@ that is not what it should be is rebuilt with a warning.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import importlib.util
 import linecache
 import os
@@ -22,7 +23,7 @@ from types import ModuleType
 from ..errors import CacheWarning
 from ..naming import Namer
 
-__all__ = ["ENVIRONMENT_VARIABLE", "directory", "keep", "load", "load_in_memory", "rebuilding", "store"]
+__all__ = ["ENVIRONMENT_VARIABLE", "directory", "keep", "kept_text", "load", "load_in_memory", "rebuilding", "store"]
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_CACHE_DIR"
 
@@ -51,12 +52,33 @@ def store(name: str, digest: str, source: str) -> Path:
     if held is not None:
         warnings.warn(f"the cached module {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
         _discard(path)
+    _write(path, source)
+    return path
+
+
+def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(source)
+    with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
     os.replace(temporary, path)
-    return path
+
+
+def kept_text(digest: str, make: Callable[[], str]) -> str:
+    """Return the text that `make` gives and `digest` determines: from the cache, with its checksum, or made and kept.
+
+    A damaged text is made anew with a warning; where the cache cannot be used, nothing is kept, of which `keep` warns.
+    """
+    path = directory() / "texts" / digest
+    with contextlib.suppress(OSError):
+        checksum, _, text = path.read_bytes().decode("utf-8", "replace").partition("\n")
+        if hashlib.sha256(text.encode()).hexdigest() == checksum:
+            return text
+        warnings.warn(f"the cached text {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
+    text = make()
+    with contextlib.suppress(OSError):
+        _write(path, f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+    return text
 
 
 def _discard(path: Path) -> None:

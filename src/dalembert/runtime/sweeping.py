@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,9 @@ from ..ir.program import Program
 from ..reduction.starting import Start
 from . import inputs
 from .events import EventCode
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "fitted", "meter", "run_cases", "single_problem"]
 
@@ -344,6 +346,8 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     """Return threads that are kept: starting them takes longer than a hundred cases."""
+    from concurrent.futures import ThreadPoolExecutor
+
     return ThreadPoolExecutor(threads, thread_name_prefix="dalembert")
 
 
@@ -357,6 +361,8 @@ def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
         run.work()
         run.finish()
         return True
+    from concurrent.futures import wait
+
     shown, pool, whole = 0, _pool(threads), True
     with meter(count, progress) as advance:
         workers = [pool.submit(run.work) for _ in range(threads)]
@@ -457,6 +463,8 @@ def _workers(threads: int) -> Iterator[Each]:
     if threads == 1:
         yield map
         return
+    from concurrent.futures import ThreadPoolExecutor, as_completed
+
     with ThreadPoolExecutor(threads) as pool:
         try:
             yield lambda run, blocks: (

@@ -23,7 +23,6 @@ from ...integrators.numba.workspace import POINT_LANES, Watch, aligned, unwatche
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.reductions import KINDS
 from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
-from ...integrators.tableaus import DOP853, TABLEAUS
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Program
 from ...ir.runge_kutta import memory_size
@@ -53,6 +52,7 @@ from .sweeps import SweepShape, case_run
 if TYPE_CHECKING:
     from ...integrators.numba.implicit import ImplicitCode
     from ...integrators.numba.series import StepCode
+    from ...integrators.tableau import Tableau
     from ...runtime.events import EventCode
 
 __all__ = ["NumbaBackend"]
@@ -147,8 +147,7 @@ class NumbaEngine(Engine):
             return implicit.integrate(self._implicit(), problem, self._multipliers(problem))
         from ...integrators.numba import explicit
 
-        tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
-        run = explicit.integrate(explicit.Addresses(*self._kernels()), tableau, problem)
+        run = explicit.integrate(explicit.Addresses(*self._kernels()), _pair(method), problem)
         assert isinstance(run, Solution)
         return run
 
@@ -172,7 +171,7 @@ class NumbaEngine(Engine):
             return super().integrate_automatic(problem, method)
         from ...integrators.numba import explicit
 
-        tried = explicit.integrate(explicit.Addresses(*self._kernels()), DOP853, problem, watched=True)
+        tried = explicit.integrate(explicit.Addresses(*self._kernels()), _pair(method), problem, watched=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -250,7 +249,7 @@ class NumbaEngine(Engine):
             tolerance = clipped_tolerance(rtol, atol)
             order = order_for(tolerance)
             return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [max(atol / tolerance, 1e-300)]
-        tableau = next(tableau for tableau in TABLEAUS if tableau.name == method)
+        tableau = _pair(method)
         memory = memory_size(self._sizes["rhs"], self.steps.carried)
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
@@ -264,7 +263,7 @@ class NumbaEngine(Engine):
             if len(self._watches) >= _MOST_WATCHES:
                 self._watches.clear()
             steps, values = self.steps, code.watch.values
-            tableau = next((tableau for tableau in TABLEAUS if tableau.name == method), None)
+            tableau = None if method == "taylor" else _pair(method)
             jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
             (degree, memory), n = shape, self._sizes["rhs"]
             step = StepShape(degree, n, n + 2 + memory, in_time=tableau is None)
@@ -317,6 +316,13 @@ class NumbaEngine(Engine):
         return StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
 
 
+def _pair(name: str) -> Tableau:
+    """Return a Runge-Kutta pair by its name; those who take Taylor steps do not wait until all pairs are checked."""
+    from ...integrators.tableaus import TABLEAUS
+
+    return next(tableau for tableau in TABLEAUS if tableau.name == name)
+
+
 def _components(kernel: Kernel) -> NDArray[np.int64]:
     """Return which components of the state a kernel reads."""
     return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
@@ -337,7 +343,7 @@ class NumbaBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render_source("numba.py.j2", program, PYTHON, OPTIONS)
+        source = render_source("numba.py.j2", program, PYTHON, OPTIONS, cache=cache)
         digest = digest_of(self.name, toolchain(), generator_digest(), source)
         return RenderedModule(self.name, program, source, digest)
 

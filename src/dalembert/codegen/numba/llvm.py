@@ -23,6 +23,7 @@ __all__ = [
     "assembly",
     "compile_object",
     "fma_name",
+    "instructions",
     "load_object",
     "native_lanes",
     "prelude",
@@ -252,8 +253,18 @@ def compile_object(source: str, *, straight: bool = True) -> bytes:
 
     Code that is not `straight`, but loops translated from Python, goes through LLVM's optimisation passes.
     """
-    machine = _machine(2)
-    module = llvm.parse_assembly(source)
+    machine, module = _compiled(source, straight)
+    return bytes(machine.emit_object(module))
+
+
+def instructions(source: str) -> str:
+    """Return what `compile_object` makes of straight code, as this machine's assembler has it: for those who look."""
+    machine, module = _compiled(source, True)
+    return str(machine.emit_assembly(module))
+
+
+def _compiled(source: str, straight: bool) -> tuple[Any, Any]:
+    machine, module = _machine(2), llvm.parse_assembly(source)
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
@@ -262,7 +273,7 @@ def compile_object(source: str, *, straight: bool = True) -> bytes:
     if straight:  # the code is in the shape that it should have: nothing but inlining is worth its time
         passes.add_always_inliner_pass()
     passes.run(module, builder)
-    return bytes(machine.emit_object(module))
+    return machine, module
 
 
 @final

@@ -11,9 +11,9 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import cache, cached_property
-from importlib.metadata import version
 from typing import Any, final
 
+import llvmlite
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,9 +31,9 @@ _LOCK = threading.Lock()
 
 @cache
 def toolchain() -> str:
-    """Return the versions that compiled code depends on."""
+    """Return the versions that compiled code depends on; numba keeps its own under its version."""
     python = ".".join(map(str, sys.version_info[:3]))
-    return f"{__version__} {python} {version('numba')} {version('llvmlite')}"
+    return f"{__version__} {python} {llvmlite.__version__}"
 
 
 def library_code(name: str, text: Callable[[], str], *, straight: bool = True) -> Compiled:

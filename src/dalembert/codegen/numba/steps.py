@@ -61,13 +61,13 @@ class StepLibrary:
     def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
         """Return the address of a Taylor step; with `dense`, one that also writes its series."""
         name = f"taylor{order}{'_series' if dense else ''}"
-        return self._entry(name, lanes, lambda: self._taylor_text(name, order, lanes, dense), name)
+        return self._entry(name, lanes, lambda: self.taylor_text(name, order, lanes, dense), name)
 
     def series_lines(self, order: int) -> int:
         """Return the lines of the recurrences of a Taylor step, unrolled."""
         return self._known_recurrences().unrolled_lines(order)
 
-    def _taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
+    def taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
         """Return a Taylor step: unrolled where it is short, else with loops, and the longest with few lines besides."""
         known, lines = self._known_recurrences(), self.series_lines(order)
         if lines <= _LARGEST_STRAIGHT or order < LEAST_ORDER:

@@ -1,0 +1,168 @@
+"""What bounds a Taylor sweep: operations of a step that are no multiply-adds, its chain of waiting ones, its code.
+
+    python benchmarks/bound.py      prints the tables of docs/speed.md
+
+Times are in slots: a slot is the time of one multiply-add of a pack at the machine's measured peak, so that a step of F
+operations a lane that takes S slots reaches the share F / (2 S) of the peak.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from cases import PROBLEMS
+from contenders import absolute
+from peak import flops_of_step, multiply_adds
+from sweeps import BATCHES, CASES, END
+
+import dalembert as da
+from dalembert.codegen.machine import loop_assembly
+from dalembert.codegen.numba.llvm import compile_object, instructions, load_object, native_lanes
+from dalembert.codegen.numba.loops import packed
+from dalembert.integrators.numba.code import bare, call_code, row
+from dalembert.integrators.numba.kinds import INTEGER, MATRIX
+from dalembert.integrators.numba.workspace import aligned
+from dalembert.ir.program import Kernel
+from dalembert.ir.recurrences import recurrences
+from dalembert.ir.taylor import clipped_tolerance, order_for, step_kernel
+from dalembert.runtime.inputs import constants
+
+TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
+
+# Slots of what is no instruction itself, and how many cycles it waits: counted in what `vector_functions` prints and,
+# for divisions, from Intel's tables for 512-bit packs (a division keeps its unit busy for 16 cycles).
+_SLOTS = {"div": 32, "sqrt": 40, "sincos": 46, "rough_log2": 9, "rough_exp2": 15, "min": 1, "max": 1, "select": 2}
+_CYCLES = {"div": 24, "sqrt": 32, "sin": 75, "cos": 75, "rough_log2": 17, "rough_exp2": 36, "abs": 1, "neg": 1}
+
+
+def census(kernel: Kernel) -> Counter[str]:
+    """Return how many operations of each kind a kernel has; a sine and a cosine of one angle count once."""
+    pairs = {line.args[0] for line in kernel.body if line.op in ("sin", "cos")}
+    counts = Counter(line.op for line in kernel.body if line.op not in ("sin", "cos"))
+    counts["sincos"] = len(pairs)
+    return counts
+
+
+def slots_of(counts: Counter[str]) -> int:
+    """Return the slots that the operations of a step take where nothing waits; signs and sizes are free."""
+    free = ("neg", "abs")
+    return sum(number * _SLOTS.get(kind, 1) for kind, number in counts.items() if kind not in free)
+
+
+def chain(kernel: Kernel) -> float:
+    """Return the cycles of the longest chain of operations that wait for each other, 4 for each but those listed."""
+    ready: dict[Any, float] = {}
+    for line in kernel.body:
+        begun = max((ready.get(argument, 0.0) for argument in line.args if isinstance(argument, str)), default=0.0)
+        ready[line.target] = begun + _CYCLES.get(line.op, 4)
+    return max(ready.values())
+
+
+@bare
+def chained(step: int, count: int, clock, states, constants, settings) -> None:
+    """Take steps, each from the end of that before."""
+    half = states.shape[0] // 2
+    for _i in range(count):
+        call_code(step, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, half))
+        call_code(step, row(clock, 0), row(states, half), row(constants, 0), row(settings, 0), row(states, 0))
+
+
+@bare
+def apart(step: int, count: int, clock, states, constants, settings) -> None:
+    """Take the same step again and again, so that one need not wait for another."""
+    half = states.shape[0] // 2
+    for _i in range(2 * count):
+        call_code(step, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, half))
+
+
+def stepping(loop: Any, step: int, y: Any, c: Any, rtol: float) -> Callable[[], float]:
+    """Return what gives the seconds of a step of a pack."""
+    lanes, count = native_lanes(), 1000
+    code = load_object(compile_object(loop_assembly(loop, (INTEGER, INTEGER, *(MATRIX,) * 4)), straight=False))
+    n = len(y)
+    clock, states, constants, settings = (aligned(k, lanes) for k in (1, 2 * (n + 2), len(c), 3))
+    constants[:], settings[:] = c[:, None], np.array([0.05, 1.0, absolute(rtol) / rtol])[:, None]
+    words = packed((step, count, clock, states, constants, settings))
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.address("entry"))
+
+    def run() -> float:
+        states[:n] = y[:, None]
+        begin = time.thread_time()
+        function(words.ctypes.data)
+        return (time.thread_time() - begin) / (2 * count)
+
+    run.held = code, words, clock, states, constants, settings  # type: ignore[attr-defined]
+    return run
+
+
+def code_of(text: str) -> dict[str, int]:
+    """Return what the assembly of a step has: vector instructions, of them arithmetic, and moves to and from memory."""
+    lines = [line.strip() for line in instructions(text).splitlines() if re.match(r"\s+v\w+", line)]
+    arithmetic = [line for line in lines if re.match(r"v(fn?m|add|sub|mul|div|sqrt)\w*p[ds]", line)]
+    spills = [line for line in lines if re.match(r"vmov\w*", line) and "(%rsp)" in line]
+    loads = [line for line in arithmetic if "(" in line and "(%rip)" not in line]
+    return {"vector": len(lines), "arithmetic": len(arithmetic), "stack": len(spills), "with a load": len(loads)}
+
+
+def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
+    """Return two rows: what a step consists of, and how long it takes."""
+    batch = BATCHES[name](CASES)
+    model = da.compile_model(PROBLEMS[name].build())
+    program, steps = model.stages.program, model._engine.steps
+    order = order_for(clipped_tolerance(rtol, absolute(rtol)))
+    kernel = step_kernel(recurrences(program.kernel("rhs")), order, dense=False)
+    counts, flops = census(kernel), flops_of_step(model, rtol)
+    alone = counts["add"] + counts["sub"] + counts["mul"]
+    rest = sum(counts.values()) - alone - sum(counts[kind] for kind in ("fma", "div", "sqrt", "sincos", "neg", "abs"))
+    text = steps.taylor_text("step", order, native_lanes(), False)
+    looped = "br label" in text.split("@step(", 1)[1].split("slow", 1)[0]
+    code = {} if looped else code_of(text)
+    made = [f"{name}, {rtol:.0e}", *map(str, (order, flops, counts["fma"], alone, counts["div"] + counts["sqrt"]))]
+    made += [str(counts["sincos"]), str(rest), str(slots_of(counts)), f"{chain(kernel):.0f}"]
+    made += [str(code[key]) if code else "loop" for key in ("vector", "with a load", "stack")]
+
+    parameters = {key: float(np.mean(value)) for key, value in batch.parameters.items()}
+    start = {key: float(np.mean(value)) for key, value in batch.initial.items()}
+    y, c = model.state(start, parameters), constants(program, model.parameter_vector(parameters))
+    address = steps.taylor(order, native_lanes(), dense=False)
+    options = {"method": "taylor", "rtol": rtol, "atol": absolute(rtol), "threads": 1}
+
+    def sweep() -> float:
+        begin = time.process_time()
+        done = model.sweep((0.0, END), batch.initial, batch.parameters, **options)
+        return (time.process_time() - begin) * native_lanes() / int(done.steps.sum())
+
+    tasks = [sweep, *(stepping(loop, address, y, c, rtol) for loop in (chained, apart)), *map(multiply_adds, (12, 1))]
+    least = [math.inf] * len(tasks)
+    for _ in range(ROUNDS):  # the least of many: what others do on the machine only adds
+        least = [min(known, task()) for known, task in zip(least, tasks, strict=True)]
+    whole, turn, independent, slot, wait = least
+    issue, waiting = slots_of(counts) * slot, chain(kernel) * wait / 4
+    shares = [flops / 2 * slot / t for t in (issue, waiting, independent, turn, whole)]
+    return made, [f"{name}, {rtol:.0e}", *(f"{100 * share:.0f} %" for share in shares)]
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
+
+
+def main() -> None:
+    """Print the tables."""
+    found = [measured(name, rtol) for name in BATCHES for rtol in TOLERANCES]
+    head = ["step of", "order", "flops", "multiply-adds", "sums and products alone", "divisions", "sine pairs", "other"]
+    head += ["slots", "chain, cycles", "vector instructions", "with a load", "stack moves"]
+    print(table(head, [row for row, _ in found]), end="\n\n")
+    head = ["share of peak", "if nothing waited", "if only the chain counted", "step, independent", "step, in turn"]
+    print(table([*head, "sweep, one thread"], [row for _, row in found]))
+
+
+if __name__ == "__main__":
+    main()
