@@ -1,7 +1,7 @@
 """The jax backend: single runs beside diffrax used by hand, gradients, and compile times.
 
-``python benchmarks/jax_speed.py`` prints ratios; `measure` returns them for ``run.py --jax``. Sweeps of this backend
-stand beside those of the others in `sweeps`.
+``python benchmarks/jax_speed.py`` prints them, with ``--compile`` the last alone; `measure` is for ``run.py --jax``.
+Sweeps of this backend stand beside those of the others in `sweeps`.
 """
 
 from __future__ import annotations
@@ -87,8 +87,15 @@ def gradients(say: Callable[[str], None]) -> dict[str, Any]:
     return {"parameters": len(names), "run": timings["run"].median, "ratio": ratio, "first": firsts}
 
 
+def _spent(task: Callable[[], Any]) -> float:
+    """Return the CPU seconds of a task, of all threads."""
+    begin = time.process_time()
+    task()
+    return time.process_time() - begin
+
+
 def compile_times(sizes: Sequence[int], say: Callable[[str], None]) -> list[dict[str, float]]:
-    """Return seconds of the first evaluation and of the first run against the operations of the right-hand side."""
+    """Return CPU seconds of the first evaluation, then of the first run, by operations of the right-hand side."""
     rows = []
     for n in sizes:
         model = da.compile_model(planar_chain(n), backend="jax")
@@ -96,11 +103,18 @@ def compile_times(sizes: Sequence[int], say: Callable[[str], None]) -> list[dict
         initial = dict.fromkeys((*model.layout.coordinates, *model.layout.rates), 0.1)
         operations = len(model.stages.program.kernel("rhs").body)
         state = np.full(n, 0.1)
-        evaluation = _timed(lambda model=model, q=state, p=parameters: model.accelerations(0.0, q, q, p))[0]
-        run = _timed(lambda model=model, i=initial, p=parameters: model.simulate((0, 0.01), i, p, method="tsit5"))[0]
-        say(f"  {operations} operations: first evaluation {evaluation:.1f} s, first simulate {run:.1f} s")
+        evaluation = _spent(lambda model=model, q=state, p=parameters: model.accelerations(0.0, q, q, p))
+        run = _spent(lambda model=model, i=initial, p=parameters: model.simulate((0, 0.01), i, p, method="tsit5"))
+        say(f"  {operations} operations: first evaluation {evaluation:.1f} s, first simulate {run:.1f} s of CPU")
         rows.append({"operations": operations, "evaluation": evaluation, "simulate": run})
     return rows
+
+
+def compile_table(rows: Sequence[Mapping[str, float]]) -> str:
+    """Return CPU seconds to compile as the table of ``docs/jax.md``."""
+    lines = ["| operations of the right-hand side | first evaluation | first `simulate` |", "|---|---|---|"]
+    lines += [f"| {row['operations']:,} | {row['evaluation']:.1f} | {row['simulate']:.1f} |" for row in rows]
+    return "\n".join(lines)
 
 
 def measure(quick: bool, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -124,12 +138,16 @@ def text(result: Mapping[str, Any]) -> str:
         lines.append(f"- One {name}, milliseconds by `solve_fn` and by hand, both Tsit5: {pairs}.")
     gradient = result["gradient"]
     lines.append(f"- Gradient for {gradient['parameters']} parameters: {gradient['ratio']:.1f} times the run.")
-    sizes = ", ".join(f"{row['operations']}: {row['simulate']:.1f} s" for row in result["compile"])
-    lines.append(f"- First `simulate` against operations of the right-hand side: {sizes}.")
+    lines += ["", "CPU seconds to compile, planar chains by `tsit5`:", "", compile_table(result["compile"])]
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer sizes")
-    print(text(measure(parser.parse_args().quick)))
+    parser.add_argument("--compile", action="store_true", help="only the times to compile")
+    arguments = parser.parse_args()
+    if arguments.compile:
+        print(compile_table(compile_times((4, 10) if arguments.quick else (4, 10, 20), lambda _: None)))
+    else:
+        print(text(measure(arguments.quick)))
