@@ -107,6 +107,54 @@ def test_cases_of_a_projected_sweep_do_not_change_their_branch_and_succeed(metho
         np.testing.assert_allclose(after["a0"][good], TURN[4], atol=1e-5)
 
 
+SPEEDS = np.array([0.2, 0.3, 0.6, 1.0, 1.2, 1.5])
+"""The first two do not reach the quarter turn within a second."""
+
+
+@pytest.mark.parametrize("formulation", ["baumgarte", "augmented", "ggl"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-6, 1e-9])
+def test_sweeps_end_where_single_runs_do(formulation, rtol):
+    """Steps that are long beside the dip of the determinant do not leap over it unseen."""
+    model = compiled(two_windows, formulation)
+    bars = BARS | ({"baumgarte_alpha": 5.0, "baumgarte_beta": 5.0} if formulation == "baumgarte" else {})
+    for method in model.methods if formulation != "ggl" else ["radau"]:
+        if method == "radau" and formulation != "ggl":
+            continue
+        options = {"method": method, "rtol": rtol, "atol": rtol / 10, "max_steps": 20_000}
+        sweep = model.sweep((0, 1), start(2) | {"a0_dot": SPEEDS}, bars, t_eval=[0, 0.4, 1], **options)
+        assert list(sweep.status) == [0, 0, *[Status.SINGULAR_CONFIGURATION] * 4], method
+        for i in (0, 3, 5):
+            run = model.simulate((0, 1), start(2) | {"a0_dot": SPEEDS[i]}, bars, **options)
+            assert run.status == sweep.status[i]
+            np.testing.assert_allclose(sweep.final["a0"][i], run["a0"][-1], atol=30 * rtol)
+        assert np.all(np.isnan(sweep["a0"][2:, -1])) and np.all(np.isfinite(sweep["a0"][:, :2]))
+
+
+def test_neighbours_of_cases_that_end_there_keep_their_bits():
+    model = compiled(two_windows, "augmented")
+    whole = model.sweep((0, 1), start(2) | {"a0_dot": SPEEDS}, BARS)
+    part = model.sweep((0, 1), start(2) | {"a0_dot": SPEEDS[:2]}, BARS)
+    np.testing.assert_array_equal(whole.final["a0"][:2], part.final["a0"])
+
+
+def test_events_and_reductions_of_a_searched_sweep():
+    model = compiled(two_windows, "augmented")
+    sweep = model.sweep(
+        (0, 1), start(2) | {"a0_dot": SPEEDS}, BARS, events=[da.Event("a1", name="up")], reduce={"a": da.final("a0")}
+    )
+    assert set(sweep.events) == {"up"}
+    assert np.all(np.isfinite(sweep.reduced["a"][:2])) and np.all(np.isnan(sweep.reduced["a"][2:]))
+
+
+def test_sweeps_whose_determinants_are_nearly_constant_are_fast():
+    """The least of a nearly constant function is what such a search must not ask for."""
+    from reduction.test_formulations import HORIZONTAL, PENDULUM
+    from reduction.test_formulations import compiled as pendulum
+
+    sweep = pendulum("pendulum", "augmented").sweep((0, 5), HORIZONTAL, {**PENDULUM, "g": np.linspace(9, 10, 50)})
+    assert np.all(sweep.status == 0)
+
+
 def test_start_at_a_singular_configuration_is_a_status():
     run = compiled(two_windows).simulate(
         (0, 1), start(2, np.pi / 2) | {"b0_dot": 0.0, "b1_dot": 0.0, "a1_dot": 1.0, "a2_dot": 1.0}, BARS

@@ -43,7 +43,15 @@ class Watch:
     begins: Kernel
 
 
-def watching(scene: Scene, system: ReducedSystem, expressions: Sequence[Any], what: str, *, moving: bool) -> Watch:
+def watching(
+    scene: Scene,
+    system: ReducedSystem,
+    expressions: Sequence[Any],
+    what: str,
+    *,
+    moving: bool,
+    further: Mapping[str, Node] | None = None,
+) -> Watch:
     """Return the kernels of watched expressions.
 
     Parameters
@@ -58,6 +66,8 @@ def watching(scene: Scene, system: ReducedSystem, expressions: Sequence[Any], wh
         What they are, for messages.
     moving : bool
         Whether an expression that is constant along every motion is an error.
+    further : mapping of str to Node, optional
+        What else has a name, as nodes of the system's equations.
 
     Raises
     ------
@@ -67,6 +77,7 @@ def watching(scene: Scene, system: ReducedSystem, expressions: Sequence[Any], wh
         For what cannot be compiled, or is constant.
     """
     reader = _Reader(scene, system)
+    reader.define(further or {})
     nodes = [reader.read(expression, f"{what} {expression}") for expression in expressions]
     graph, y, time = reader.graph, reader.inputs, reader.time
     for expression, node in zip(expressions, nodes, strict=True):
@@ -134,6 +145,11 @@ class _Reader:
         state = dict(zip(system.state, self.inputs, strict=True))
         named = zip(RESERVED_OUTPUTS, (kinetic + potential, kinetic, potential), strict=True)
         self.table = state | dict(named) | outputs | self.table
+
+    def define(self, named: Mapping[str, Node]) -> None:
+        """Give names to nodes of the equations."""
+        if named:
+            self.table |= dict(zip(named, self._on_state(self.graph.adopt(list(named.values()))), strict=True))
 
     def _on_state(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes with every name that occurs in them replaced by what it is in terms of the state."""

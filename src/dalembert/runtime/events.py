@@ -19,9 +19,11 @@ from ..ir.program import Kernel, Program
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
+from .singular import suspected
 
 if TYPE_CHECKING:
     from ..compiler import Stages
+    from ..ir.graph import Node
     from .reductions import Reduction
 
 __all__ = ["Event", "EventCode", "compiled_events", "event_list"]
@@ -130,6 +132,8 @@ class EventCode:
         Kernel of the expressions whose final values are taken.
     plan : mapping of str to (str, int)
         Kind of each reduction, and its number among those of its kind.
+    rank : int
+        Number of the first event that tells of a rank that constraints lose, all others following; -1 without any.
     """
 
     program: Program
@@ -142,6 +146,7 @@ class EventCode:
     kinds: tuple[str, ...]
     finals: Kernel
     plan: Mapping[str, tuple[str, int]]
+    rank: int = -1
 
     @property
     def along(self) -> bool:
@@ -152,6 +157,11 @@ class EventCode:
     def labels(self) -> list[str]:
         """Names of the events that were asked for."""
         return [event.label for event in self.events[: self.reported]]
+
+    def conclude(self, ends: FloatArray, happened: FloatArray) -> None:
+        """Mark cases (ends (k, 3), happened (k, 3 n_events)) that came near a lost rank."""
+        if self.rank >= 0:
+            suspected(ends, np.sum(happened[:, 3 * self.rank :: 3], axis=1))
 
     def totals(self, c: FloatArray, dense: DenseOutput | None) -> FloatArray:
         """Return minima, maxima and integrals (n,) along a motion with the constants c (n_c,)."""
@@ -236,8 +246,11 @@ def compiled_events(
     events: Sequence[Event],
     start: Callable[[Iterable[str]], Start],
     reductions: Mapping[str, Reduction] | None = None,
+    margins: Mapping[str, Node] | None = None,
 ) -> EventCode:
     """Return events and reductions as kernels on the state of the formulation.
+
+    `margins` are functions by name whose fall through zero is to be watched too, as that of the rank of constraints.
 
     Raises
     ------
@@ -262,6 +275,8 @@ def compiled_events(
             plan[name] = reduction.kind, len(running)
             running.append(reduction.expression)
             kinds.append(reduction.kind)
+    rank = len(watched) if margins else -1
+    watched += [Event(name, direction=-1) for name in margins or {}]
     jumps = [
         None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
         for event in watched
@@ -270,11 +285,12 @@ def compiled_events(
         program=stages.program,
         events=tuple(watched),
         reported=len(events),
-        watch=watching(scene, reduced, [event.expression for event in watched], "event", moving=True),
+        watch=watching(scene, reduced, [event.expression for event in watched], "event", moving=True, further=margins),
         jumps=tuple(jumps),
         start=start((*layout.coordinates, *layout.rates)),
         running=watching(scene, reduced, running, "reduction", moving=False).values,
         kinds=tuple(kinds),
         finals=watching(scene, reduced, finals, "reduction", moving=False).values,
         plan=plan,
+        rank=rank,
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..codegen.base import Engine
 from ..errors import OptionError, ValueInputError, unknown_name
 from ..ir.program import Layout
+from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from .evaluation import Evaluated
 from .events import EventCode, compiled_events, event_list
@@ -88,17 +89,21 @@ class Held(Evaluated):
             )
         return method
 
-    def _events(self, events: Any, reduce: Any = ()) -> EventCode | None:
-        """Return the kernels of events and reductions, made once for each set of them; None where there are none."""
+    def _events(self, events: Any, reduce: Any = (), *, ranks: bool = False) -> EventCode | None:
+        """Return the kernels of events and reductions, made once for each set of them; None where there are none.
+
+        With `ranks` the rank of the constraints is watched too.
+        """
         listed = event_list(events, self.layout.aliases)
         reductions = reduction_table(reduce, self.layout.aliases)
-        if not listed and not reductions:
+        margins = rank_margins(self.stages.reduced) if ranks else {}
+        if not listed and not reductions and not margins:
             return None
-        key = repr((listed, reductions))
+        key = repr((listed, reductions, ranks))
         if key not in self._watches:
             if len(self._watches) >= _MOST_WATCHES:
                 self._watches.clear()
-            self._watches[key] = compiled_events(self.stages, listed, self._start, reductions)
+            self._watches[key] = compiled_events(self.stages, listed, self._start, reductions, margins)
         return self._watches[key]
 
 

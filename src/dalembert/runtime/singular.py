@@ -7,19 +7,29 @@ count as dependent there, so that rows are measured by how long they are elsewhe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import list_names
-from ..integrators.problem import PiecewisePolynomial, Solution
+from ..integrators.problem import IntegrationProblem, PiecewisePolynomial, Solution
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["CROSSED", "cut", "indeterminate", "judged", "redundant", "searched", "singular_start", "still_redundant"]
+__all__ = [
+    "cut",
+    "indeterminate",
+    "judged",
+    "judged_cases",
+    "redundant",
+    "searched",
+    "singular_start",
+    "still_redundant",
+]
+__all__ += ["suspected"]
 
 _LOST = 1e-7
 """Share below which rank is lost."""
@@ -29,6 +39,8 @@ _NEAR = 0.05
 
 CROSSED = 1e-5
 """Share below which a minimum along a motion is one where rank is lost."""
+
+_SUSPECT = -100.0
 
 _NEARBY = 1e-3
 _PER_STEP = 3
@@ -211,6 +223,57 @@ def _crossing(
         if share < CROSSED:
             return place, state
     return None
+
+
+def suspected(ends: FloatArray, happened: FloatArray) -> None:
+    """Mark cases (ends (k, 3)) that came near a lost rank, as `happened` (k,) counts, for `judged_cases`."""
+    near = happened > 0.0
+    ends[near, 1] = _SUSPECT - ends[near, 1]
+
+
+def judged_cases(
+    program: Program,
+    integrate: Callable[[IntegrationProblem], Solution],
+    enforced: Sequence[int],
+    block: CaseBlock,
+    done: BlockResult,
+) -> None:
+    """Look alone at cases that came near a lost rank, or failed; end those that met one there.
+
+    Samples behind it are NaN, as are reductions, and nothing is said of events.
+    """
+    marked = done.ends[:, 1] <= _SUSPECT
+    done.ends[marked, 1] = _SUSPECT - done.ends[marked, 1]
+    failures = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
+    for i in np.flatnonzero(marked | np.isin(done.ends[:, 1], failures)):
+        if not (
+            np.all(np.isfinite(block.y[i])) and np.all(np.isfinite(block.c[i])) and np.all(np.isfinite(block.spans[i]))
+        ):
+            continue
+        problem = IntegrationProblem(
+            t0=float(block.spans[i, 0]),
+            t1=float(block.spans[i, 1]),
+            y0=block.y[i],
+            constants=block.c[i],
+            rtol=block.rtol,
+            atol=block.atol,
+            max_step=block.max_step,
+            max_steps=block.max_steps,
+            dense=True,
+        )
+        solution, forward = integrate(problem), 1.0 if problem.t1 >= problem.t0 else -1.0
+        wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+        times = forward * np.union1d(forward * solution.t, forward * wanted)
+        states = solution.y if solution.dense is None else solution.dense(times)
+        found, _ = judged(program, replace(solution, t=times, y=states), block.c[i], enforced, solution)
+        if found.status is not Status.SINGULAR_CONFIGURATION:
+            continue
+        steps = max(1, int(np.sum((solution.t - found.t[-1]) * forward <= 0.0)))
+        done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], found.status, steps - 1)
+        done.samples[i, (block.t_eval - found.t[-1]) * forward > 0.0] = np.nan
+        done.totals[i] = np.nan
+        done.happened[i] = np.nan
+        done.happened[i, ::3] = 0.0
 
 
 def cut(solution: Solution, t: float, status: Status = Status.SINGULAR_CONFIGURATION) -> Solution:

@@ -409,6 +409,7 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
+        watch.conclude(done.ends, done.happened)
 
 
 def _judge(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
@@ -450,6 +451,7 @@ def _columns_run(
         spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
+        watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)
 

@@ -21,6 +21,7 @@ from .gimbal import locked_cases
 from .held import NO_ESTIMATE
 from .keeping import kept_values, refuse_jumps
 from .simulation import Simulated
+from .singular import judged_cases, searched
 from .sweeping import Cases, Settings, agreed, fitted, run_cases, single_problem
 
 __all__ = ["Swept", "with_grid"]
@@ -115,11 +116,10 @@ class Swept(Simulated):
             threads=threads,
             progress=progress,
         )
-        watch = self._events(events, reduce)
-        if watch is not None and error_estimate:
+        watch = self._events(events, reduce, ranks=self._ranked)
+        if watch is not None and (watch.reported or watch.plan) and error_estimate:
             raise OptionError(NO_ESTIMATE)
-        judge = None if self._gimbals is None else self._judge
-        settings = replace(settings, watch=watch, judge=judge)
+        settings = replace(settings, watch=watch)
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
@@ -163,6 +163,8 @@ class Swept(Simulated):
 
     def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
         """Run all cases; the run time counts from `begin`."""
+        if self._gimbals is not None or self._ranked:
+            settings = replace(settings, judge=lambda block, part: self._judge(settings.method, block, part))
         done = run_cases(self._engine, cases, settings)
         statistics = SweepStatistics(
             method=settings.method,
@@ -180,10 +182,18 @@ class Swept(Simulated):
         watch = settings.watch
         return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 
-    def _judge(self, block: CaseBlock, done: BlockResult) -> None:
-        """Give cases whose angles locked the status that says so."""
-        assert self._gimbals is not None
-        locked_cases(self._program, self._gimbals, block, done)
+    @property
+    def _ranked(self) -> bool:
+        """Whether the cases of sweeps are searched for a rank that the constraints lose."""
+        return bool(self._enforced) and bool(self.layout.state) and searched(self._program)
+
+    def _judge(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
+        if self._ranked:
+            run = self._engine.integrate
+            judged_cases(self._program, lambda problem: run(problem, method), self._enforced, block, done)
+        if self._gimbals is not None:
+            locked_cases(self._program, self._gimbals, block, done)
 
 
 def with_grid(
