@@ -243,8 +243,8 @@ units, the double pendulum in angles by 1e-11 over 1e5.
 Where the loops of the four-bar lose rank, no run leaves on another branch and ends with success. Runs of `augmented`,
 `baumgarte` and `ggl` are searched for minima of the least singular value of the constraints, whatever they record. In
 sweeps the Gram determinant is watched for falls through 1e-3, 1e-6 and so on, and the cases where it does are searched
-alone: of 40 speeds of the first crank the same 34 end there in all three, by every explicit method and `radau` in `ggl`,
-at 1e-5, 1e-6 and 1e-9. `projected` passes where a step leaps over the place. Where steps end right
+alone: of 40 speeds of the first crank the same 34 end there in all three, by Taylor steps, `dop853` and `tsit5`, or
+`radau` in `ggl`, at 1e-5, 1e-6 and 1e-9. `projected` passes where a step leaps over the place. Where steps end right
 beside it, the projection would take a part of the velocity, and with it of the energy; a first correction of more than
 a quarter of the velocities is refused, and the run ends with the status of a singular configuration.
 

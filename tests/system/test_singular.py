@@ -4,7 +4,9 @@ import functools
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.integrate import solve_ivp
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.integrators.status import Status
@@ -144,6 +146,21 @@ def test_events_and_reductions_of_a_searched_sweep():
     )
     assert set(sweep.events) == {"up"}
     assert np.all(np.isfinite(sweep.reduced["a"][:2])) and np.all(np.isnan(sweep.reduced["a"][2:]))
+
+
+@pytest.mark.parametrize("formulation", ["augmented", "ggl"])
+def test_what_lies_behind_the_end_of_a_case_is_not_looked_at(formulation):
+    """Stopped by an event short of the quarter turn, or turned back by a jump."""
+    model, initial = compiled(two_windows, formulation), start(2) | {"a0_dot": SPEEDS}
+    stop = da.Event("a0", terminal=True, name="stop")
+    before = initial | dict.fromkeys(("a0", "a1", "a2"), -0.1)
+    ended = model.sweep((0, 1), before, BARS, events=[stop])
+    assert set(ended.status[2:]) == {Status.EVENT}
+    cranks = dynamicsymbols("a0:3")
+    back = {crank.diff(): -crank.diff() for crank in cranks}
+    jump = da.Event(cranks[0] - sp.Rational(1, 2), apply=back, direction=1, name="back")
+    turned = model.sweep((0, 0.6), initial, BARS, events=[jump])
+    assert list(turned.status) == [0] * 6 and turned.events["back"].count[-1] == 1
 
 
 def test_sweeps_whose_determinants_are_nearly_constant_are_fast():

@@ -7,15 +7,16 @@ count as dependent there, so that rows are measured by how long they are elsewhe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..codegen.base import BlockResult, CaseBlock, FloatArray
+from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import list_names
 from ..integrators.problem import IntegrationProblem, PiecewisePolynomial, Solution
 from ..integrators.status import Status
+from ..integrators.watched import integrate_watched
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
@@ -232,24 +233,20 @@ def suspected(ends: FloatArray, happened: FloatArray) -> None:
 
 
 def judged_cases(
-    program: Program,
-    integrate: Callable[[IntegrationProblem], Solution],
-    enforced: Sequence[int],
-    block: CaseBlock,
-    done: BlockResult,
+    program: Program, engine: Engine, method: str, enforced: Sequence[int], block: CaseBlock, done: BlockResult
 ) -> None:
     """Look alone at cases that came near a lost rank, or failed; end those that met one there.
 
-    Samples behind it are NaN, as are reductions, and nothing is said of events.
+    Those of "radau", which run alone in any case, are not marked, and all looked at. Samples behind the
+    place are NaN, as are reductions, and nothing is said of events.
     """
     marked = done.ends[:, 1] <= _SUSPECT
     done.ends[marked, 1] = _SUSPECT - done.ends[marked, 1]
-    failures = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
-    for i in np.flatnonzero(marked | np.isin(done.ends[:, 1], failures)):
-        if not (
-            np.all(np.isfinite(block.y[i])) and np.all(np.isfinite(block.c[i])) and np.all(np.isfinite(block.spans[i]))
-        ):
-            continue
+    looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
+    if method == "radau":
+        looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
+    started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
+    for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
         problem = IntegrationProblem(
             t0=float(block.spans[i, 0]),
             t1=float(block.spans[i, 1]),
@@ -261,7 +258,7 @@ def judged_cases(
             max_steps=block.max_steps,
             dense=True,
         )
-        solution, forward = integrate(problem), 1.0 if problem.t1 >= problem.t0 else -1.0
+        solution, forward = _alone(engine, method, block, problem), 1.0 if problem.t1 >= problem.t0 else -1.0
         wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
         times = forward * np.union1d(forward * solution.t, forward * wanted)
         states = solution.y if solution.dense is None else solution.dense(times)
@@ -274,6 +271,14 @@ def judged_cases(
         done.totals[i] = np.nan
         done.happened[i] = np.nan
         done.happened[i, ::3] = 0.0
+
+
+def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationProblem) -> Solution:
+    """Return a case of a block with its continuous output, and with its events where it has any."""
+    if block.watch is None or not block.watch.reported:
+        return engine.integrate(problem, method)
+    watched = block.watch.watched(problem.constants)
+    return integrate_watched(lambda part: engine.stretches(part, method), problem, watched)[0]
 
 
 def cut(solution: Solution, t: float, status: Status = Status.SINGULAR_CONFIGURATION) -> Solution:

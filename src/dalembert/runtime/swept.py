@@ -116,8 +116,8 @@ class Swept(Simulated):
             threads=threads,
             progress=progress,
         )
-        watch = self._events(events, reduce, ranks=self._ranked)
-        if watch is not None and (watch.reported or watch.plan) and error_estimate:
+        watch = self._events(events, reduce)
+        if watch is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
         settings = replace(settings, watch=watch)
         first = single_problem(cases, settings, 0) if self._enforced else None
@@ -129,6 +129,8 @@ class Swept(Simulated):
             return able.sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
+        if self._ranked and settings.method != "radau":
+            settings = replace(settings, watch=self._events(events, reduce, ranks=True))
         give_gains(self._engine, cases, settings, parameters)
         axes = {} if grid is None else grid.axes
         done = self._run_cases(cases, settings, axes, begin)
@@ -190,8 +192,7 @@ class Swept(Simulated):
     def _judge(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
         if self._ranked:
-            run = self._engine.integrate
-            judged_cases(self._program, lambda problem: run(problem, method), self._enforced, block, done)
+            judged_cases(self._program, self._engine, method, self._enforced, block, done)
         if self._gimbals is not None:
             locked_cases(self._program, self._gimbals, block, done)
 
