@@ -45,7 +45,7 @@ def main() -> None:
     show_precision(backends)
     show_startup(backends)
     heading(f"Done in {time.perf_counter() - begin:.0f} s")
-    say("pictures: " + ", ".join(str(path.relative_to(ROOT)) for path in sorted(PICTURES.glob("*.png"))))
+    say("pictures: " + ", ".join(str(path.relative_to(ROOT)) for path in sorted(PICTURES.iterdir())))
 
 
 def say(text: str = "") -> None:
@@ -88,6 +88,7 @@ def show_motions() -> None:
             runs[f"{name}, {formulation}"] = motion
     figures.energy_picture(runs, PICTURES / "energy.png", "energy error at rtol 1e-9")
     figures.sleigh_picture(runs["sleigh, minimal"], SLEIGH.parameters["b"], PICTURES / "sleigh.png")
+    runs["sleigh, minimal"].animate(fps=5, speed=2).save(PICTURES / "sleigh.gif", dpi=60)
     fine = runs["sphere, minimal"](np.linspace(0, END, 400))
     figures.sphere_picture(fine, spatial_angular_velocity(fine.q, fine.qdot), PICTURES / "sphere.png")
 

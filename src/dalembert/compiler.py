@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
+from sympy.physics.mechanics import Point
+
 from .ir.lower import lower
 from .ir.program import Program
 from .mechanics.derive import derive
@@ -24,6 +26,7 @@ from .scene import Scene
 from .scene.model import SceneModel
 from .scene.orientation import with_quaternions
 from .scene.reading import read
+from .scene.scene import Place
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
@@ -74,9 +77,10 @@ def compile_model(
     formulation : str
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
-    outputs : sequence of str or SymPy expressions
-        What to record beside coordinates, rates and energy: names of unknown reaction components, or
-        expressions of the scene's symbols. Nothing else is computed.
+    outputs : sequence of str, SymPy expressions or Points
+        What to record beside coordinates, rates and energy: names of unknown reaction components, expressions of the
+        scene's symbols, or points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's
+        origin on its frame. Nothing else is computed.
     cache : bool
         Whether the generated module and its compiled code may be kept on disk.
     gains : (float, float), optional
@@ -100,15 +104,16 @@ def compile_model(
         For options that do not exist, or cannot serve the scene.
     """
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
-    asked = _names(outputs)
-    speeds = [u.func.__name__ for u in scene.speeds]
-    outputs = (*outputs, *(name for name in speeds if name not in asked))
-    options = CompileOptions(backend, formulation, outputs, cache, gains, orientation)
+    wanted = tuple(part for output in outputs for part in _parts(output))
+    options = CompileOptions(backend, formulation, wanted, cache, gains, orientation)
+    angles: list[str] = []
     if orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
-        named = dict.fromkeys((*angles, *map(rate_name, angles), *options.outputs))
-        options = replace(options, outputs=tuple(named))
+    speeds = [u.func.__name__ for u in scene.speeds]
+    named = dict.fromkeys((*angles, *map(rate_name, angles), *wanted))
+    named |= dict.fromkeys(name for name in speeds if name not in _names(wanted))
+    options = replace(options, outputs=tuple(named))
     return _compile(scene, options)
 
 
@@ -185,6 +190,11 @@ def _compile(
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
     stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
     return CompiledModel(stages, engine, methods)
+
+
+def _parts(output: Any) -> tuple[Any, ...]:
+    """Return an output as it is, and a point as the components of its position."""
+    return tuple(Place(output, axis) for axis in range(3)) if isinstance(output, Point) else (output,)
 
 
 def _names(outputs: Sequence[Any]) -> list[str]:

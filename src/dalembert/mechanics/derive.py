@@ -50,7 +50,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.gravity_potential + model.potential,
         groups=_groups(kinematics),
-        outputs=model.outputs,
+        outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
     )
 
@@ -61,6 +61,12 @@ def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
     taken = {i for group in groups for i in group.coordinates}
     own = [group for group in kinematics.model.speeds if not taken & {*group.coordinates}]
     return (*groups, *(VelocityGroup(g.coordinates, (VelocityChoice(g.names, g.rows),)) for g in own))
+
+
+def _places(kinematics: Kinematics) -> dict[str, Node]:
+    """Return the positions of points that were asked for, on the frame of the scene."""
+    places = kinematics.model.places.items()
+    return {name: kinematics.between(0, point, 0)[axis] for name, (point, axis) in places}
 
 
 def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:

@@ -69,12 +69,16 @@ def requested_outputs(
     """
     graph, symbols = equations.graph, equations.symbols
     undetermined = undetermined_unknowns(equations)
+    kinetic, potential = equations.kinetic_energy, equations.potential_energy
+    energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
     nodes: dict[str, Node] = {}
     for name in requested:
         if name in equations.outputs:
             nodes[name] = equations.outputs[name]
         elif name in (*symbols.unknowns, *symbols.coordinates, *symbols.rates):
             nodes[name] = graph.input(name)
+        elif name in energies:
+            nodes[name] = energies[name]
         else:
             known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
             raise UnknownNameError(unknown_name("output", name, known) + " A SymPy expression of them serves too.")

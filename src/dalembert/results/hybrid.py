@@ -19,6 +19,8 @@ from .trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
+    from ..scene import Scene
+
 __all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
 
 FloatArray = NDArray[np.float64]
@@ -136,6 +138,25 @@ class HybridTrajectory(Motion):
     def can_evaluate(self) -> bool:
         """Whether the run kept what it takes to evaluate it between the recorded times."""
         return all(part.motion.can_evaluate for part in self._lasting)
+
+    @property
+    def _pictured(self) -> tuple[Scene, FloatArray] | None:
+        return self._parts[0].motion._pictured
+
+    def rows(self, some: NDArray[np.intp]) -> HybridTrajectory:
+        """Return the motion at some of the recorded times, by number (k,)."""
+        sizes = [len(part.motion.t) for part in self._parts]
+        places = np.arange(sum(sizes)) if self._order is None else self._order
+        rows = places[some]
+        ends = np.cumsum([0, *sizes])
+        parts, order = [], []
+        for part, first, last in zip(self._parts, ends, ends[1:], strict=False):
+            mine = np.flatnonzero((first <= rows) & (rows < last))
+            order.append(mine)
+            parts.append(replace(part, motion=part.motion.rows(rows[mine] - first)))
+        back = np.argsort(np.concatenate(order), kind="stable")
+        about = (self.status, self.stats, self._name, self._layout)
+        return HybridTrajectory(parts, self.phases, back, self._whole, *about)
 
     @property
     def _lasting(self) -> Sequence[Part]:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError
+from ..errors import MissingExtraError, OptionError
 from ..integrators.status import Status
 from ..ir.program import Layout
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..scene import Scene
+    from .animation import Animation
 
 __all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "xarray_package"]
 
@@ -76,6 +80,15 @@ class Motion(ABC):
     def can_evaluate(self) -> bool:
         """Whether the run kept what it takes to evaluate it between the recorded times."""
 
+    @abstractmethod
+    def rows(self, some: NDArray[np.intp]) -> Motion:
+        """Return the motion at some of the recorded times, by number (k,)."""
+
+    @property
+    @abstractmethod
+    def _pictured(self) -> tuple[Scene, FloatArray] | None:
+        """The scene, and constants that begin with its parameters; None where the motion does not know them."""
+
     @property
     def success(self) -> bool:
         """Whether the end of the span, or a terminal event, was reached."""
@@ -103,6 +116,39 @@ class Motion(ABC):
         from .plots import plot
 
         return plot(self, [str(name) for name in names] or list(self.coordinates))
+
+    def animate(self, *, fps: float = 25.0, speed: float = 1.0, points: Sequence[Any] = ()) -> Animation:
+        """Return a moving picture: bodies with their paths and axes, points of joints and loads, and what joins them.
+
+        A motion in a plane is drawn in it, any other in space. A notebook shows the animation; its ``save`` writes it
+        to a file, such as ``save("motion.gif")``.
+
+        Parameters
+        ----------
+        fps : float
+            Pictures a second.
+        speed : float
+            Seconds of the motion that pass in one second of the picture.
+        points : sequence of Point or str
+            Further points to draw.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib.
+        OptionError
+            For points that are not known, options that are not positive, and scenes that have no positions.
+        """
+        try:
+            from .animation import animate
+        except ImportError:
+            raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
+        from .skeleton import skeleton
+
+        if self._pictured is None:
+            raise OptionError("this motion does not know its scene; ask one that simulate returned")
+        scene, constants = self._pictured
+        return animate(self, skeleton(scene, self._layout.parameters, points), constants, float(fps), float(speed))
 
 
 def reaction_hint(layout: Layout, name: str) -> str:

@@ -23,6 +23,8 @@ from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_packa
 if TYPE_CHECKING:
     import xarray
 
+    from ..scene import Scene
+
 __all__ = ["Trajectory", "projected"]
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +79,7 @@ class Trajectory(Motion):
         self.events = EventRecords()
         self._monitors: Monitors | None = None
         self._near: FloatArray | None = None
+        self._scene: Scene | None = None
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
@@ -92,6 +95,15 @@ class Trajectory(Motion):
         """Return this motion with what gives first integrals from (c, t, q, qdot) when they are asked for."""
         self._monitors = monitors
         return self
+
+    def of_scene(self, scene: Scene | None) -> Trajectory:
+        """Return this motion with the scene that it is of, for pictures."""
+        self._scene = scene
+        return self
+
+    @property
+    def _pictured(self) -> tuple[Scene, FloatArray] | None:
+        return None if self._scene is None else (self._scene, self._c)
 
     def with_near(self, near: FloatArray | None) -> Trajectory:
         """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
@@ -218,11 +230,16 @@ class Trajectory(Motion):
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
         y = projected(self._program, self._c, times, self._dense(times))
         motion = Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+        motion.of_scene(self._scene)
         return motion if self._monitors is None else motion.with_monitors(self._monitors)
 
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
         """Return states y (k, n_y) of this scene at times t (k,), by name."""
-        return Trajectory(self._program, self._c, self.status, t, y, self.stats, None)
+        return Trajectory(self._program, self._c, self.status, t, y, self.stats, None).of_scene(self._scene)
+
+    def rows(self, some: NDArray[np.intp]) -> Trajectory:
+        """Return the motion at some of the recorded times, by number (k,)."""
+        return self.at(self.t[some], self.y[some])
 
     def with_events(self, names: Sequence[str], occurrences: Sequence[Occurrence]) -> Trajectory:
         """Return this motion with the events that occurred on it."""

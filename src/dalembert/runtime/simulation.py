@@ -232,7 +232,9 @@ class Simulated(Held):
             statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, singular_start(*where))
             status = Status.SINGULAR_CONFIGURATION
             y0 = problem.y0[np.newaxis]
-            return Trajectory(self._program, problem.constants, status, np.array([problem.t0]), y0, statistics, None)
+            t0 = np.array([problem.t0])
+            run = Trajectory(self._program, problem.constants, status, t0, y0, statistics, None)
+            return run.of_scene(self.stages.scene)
         if not found:
             return self
         from ..compiler import recompile
@@ -297,7 +299,7 @@ class Simulated(Held):
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
-        run.with_monitors(self._monitors).with_near(solution.near)
+        run.with_monitors(self._monitors).with_near(solution.near).of_scene(self.stages.scene)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
     def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:

@@ -7,7 +7,7 @@ pieces, each resolved on one frame, exactly as the user wrote it; nothing is mul
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ..ir.graph import Graph, Node
@@ -248,7 +248,7 @@ class SceneModel:
     """Everything of a scene that the derivation needs, as graph nodes.
 
     Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
-    gives its Lagrangian, `given` holds the loads.
+    gives its Lagrangian, `given` holds the loads. `places` are outputs: number of a point, and of an axis.
     """
 
     name: str
@@ -267,3 +267,4 @@ class SceneModel:
     speeds: tuple[SpeedGroup, ...] = ()
     given: GivenMotion | None = None
     lagrangian: Node | None = None
+    places: Mapping[str, tuple[int, int]] = field(default_factory=dict)

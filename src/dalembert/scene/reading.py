@@ -36,7 +36,7 @@ from .model import (
     SceneModel,
     SymbolTable,
 )
-from .scene import Joint, Scene, Unknown
+from .scene import Joint, Place, Scene, Unknown
 from .speeds import read_speeds
 from .tree import Tree
 
@@ -57,8 +57,8 @@ def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
     ----------
     scene : Scene
         The scene; it is not changed.
-    outputs : sequence of expressions
-        Further expressions in the scene's symbols, read beside it; they are kept under their text.
+    outputs : sequence of expressions and places
+        Further expressions in the scene's symbols, and places of points, read beside it and kept under their text.
 
     Raises
     ------
@@ -119,6 +119,11 @@ class _SceneReader:
             for item in outputs
             if isinstance(item, sp.Basic)
         }
+        places = {
+            str(item): (self._point(item.point, f"output {item}"), item.axis)
+            for item in outputs
+            if isinstance(item, Place)
+        }
         contacts, closing = self._contacts()
         extra |= self._named_outputs(outputs)
         symbols = self._symbols()
@@ -152,6 +157,7 @@ class _SceneReader:
             speeds=self.speeds,
             given=given,
             lagrangian=lagrangian,
+            places=places,
         )
 
     # -- symbols --------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from . import changes, interop
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
 
-__all__ = ["Joint", "Scene", "Unknown", "unknowns"]
+__all__ = ["Joint", "Place", "Scene", "Unknown", "unknowns"]
 
 
 class Unknown(Symbol):  # type: ignore[misc]
@@ -69,6 +69,18 @@ class Joint:
     at: Point
     force: Vector | int = 0
     torque: Vector | int = 0
+
+
+@final
+@dataclass(frozen=True)
+class Place:
+    """A component of the position of a point from the origin of a scene, on its frame: an output."""
+
+    point: Point
+    axis: int
+
+    def __str__(self) -> str:
+        return f"{self.point.name}_{'xyz'[self.axis]}"
 
 
 @final

@@ -1,0 +1,156 @@
+"""Moving pictures: what they show, in which plane, and what cannot be drawn."""
+
+import builtins
+import sys
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import LagrangesMethod, Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import MissingExtraError, OptionError
+from dalembert.results.skeleton import skeleton
+
+pytest.importorskip("matplotlib")
+pytestmark = pytest.mark.filterwarnings("ignore:Animation was deleted")
+PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    scene = da.scenes.chaplygin_sleigh()
+    return da.compile_model(scene, backend="numpy", cache=False).simulate((0, 2), START, PARAMETERS)
+
+
+def test_positions_of_a_skeleton(sleigh):
+    """The mass centre from the contact by hand, and the axes of the sleigh."""
+    drawn = skeleton(sleigh._pictured[0], ("I_C", "b", "m"))
+    assert drawn.bodies == ("sleigh",) and drawn.points[:2] == ("G", "C") and drawn.links == ((1, 0),)
+    positions, axes = drawn.at(sleigh.t, sleigh.q, sleigh._pictured[1])
+    theta = sleigh["theta"]
+    ahead = np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
+    contact = np.stack([sleigh["x"], sleigh["y"], 0 * theta], axis=1)
+    np.testing.assert_allclose(positions[:, 1], contact, atol=1e-15)
+    np.testing.assert_allclose(positions[:, 0], contact + 0.3 * ahead, atol=1e-15)
+    np.testing.assert_allclose(axes[:, 0, 0], ahead, atol=1e-15)
+
+
+def test_a_plane_motion_is_drawn_in_its_plane(sleigh, tmp_path):
+    moving = sleigh.animate(fps=4, speed=0.5)
+    panel = moving._fig.axes[0]
+    assert not hasattr(panel, "get_zlim") and panel.get_xlabel() == "x [m]"
+    moving._draw_frame(16)
+    path = panel.lines[0].get_xydata()
+    assert len(path) == 17  # 4 s of pictures, 4 a second, and the first
+    expected = sleigh(2.0)
+    np.testing.assert_allclose(path[-1, 0], expected["x"][0] + 0.3 * np.cos(expected["theta"][0]), atol=1e-12)
+    assert panel.get_title() == "t = 2.00 s"
+    moving.save(tmp_path / "sleigh.gif", dpi=30)
+    assert (tmp_path / "sleigh.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_a_notebook_shows_it(sleigh):
+    assert "<img" in sleigh.animate(fps=1)._repr_html_()
+
+
+def test_a_motion_in_space():
+    scene = da.scenes.rolling_sphere()
+    start = {"x": 0, "y": 0, "psi": 0, "theta": 1.0, "phi": 0, "psi_dot": 0.3, "theta_dot": 0.2, "phi_dot": 1.0}
+    model = da.compile_model(scene, backend="numpy", cache=False)
+    motion = model.simulate((0, 1), start, {"m": 1, "r": 0.3, "g": 9.81}, t_eval=[0, 0.5, 1], dense=False)
+    moving = motion.animate(fps=2)
+    moving._draw_frame(2)
+    assert hasattr(moving._fig.axes[0], "get_zlim")
+
+
+def test_contacts():
+    """A ball that bounces twice."""
+    height, (m, g), push = dynamicsymbols("height"), sp.symbols("m g"), da.unknowns("push")
+    N, O = ReferenceFrame("N"), Point("O")
+    B = O.locatenew("B", height * N.y)
+    scene = da.Scene("ball", frame=N, origin=O, coordinates=[height])
+    scene.add_bodies(Particle("ball", B, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_joints(da.Joint("floor", body="ball", at=B, force=push * N.y))
+    scene.add_contacts(da.UnilateralContact(normal=push, gap=height, name="floor", restitution=0.8))
+    model = da.compile_model(scene, backend="numpy", cache=False, outputs=[B])
+    start, parameters, end = {height: 1.0, height.diff(): 0.0}, {m: 1.0, g: 9.81}, 1.5
+    motion = model.simulate((0, end), start, parameters)
+    assert len(motion.phases) > 2
+    np.testing.assert_array_equal(motion["B_y"], motion["height"])
+    moving = motion.animate(fps=10)
+    moving._draw_frame(3)
+    np.testing.assert_allclose(moving._fig.axes[0].lines[0].get_xydata()[:, -1], motion(np.arange(4) / 10)["height"])
+    kept = model.simulate((0, end), start, parameters, dense=False)
+    kept.animate(fps=10)._draw_frame(2)
+    some = kept.rows(np.array([3, 0, 2]))
+    np.testing.assert_array_equal(some.t, kept.t[[3, 0, 2]])
+    np.testing.assert_array_equal(some.q, kept.q[[3, 0, 2]])
+
+
+def test_further_points(sleigh):
+    scene, _ = sleigh._pictured
+    tip = Point("tip")
+    tip.set_pos(scene.origin, sp.Symbol("b", positive=True) * scene.frame.x)
+    drawn = skeleton(scene, ("I_C", "b", "m"), [tip])
+    place = drawn.points.index("tip")
+    positions, _ = drawn.at(sleigh.t[:1], sleigh.q[:1], sleigh._pictured[1])
+    assert list(positions[0, place]) == [0.3, 0.0, 0.0]
+    far = scene.origin.locatenew("far", sp.Symbol("d") * scene.frame.x)
+    with pytest.raises(OptionError, match="points have parameters that the motion does not: d"):
+        sleigh.animate(points=[far])
+    with pytest.raises(OptionError, match=r"unknown points nose; known: .*G"):
+        sleigh.animate(points=["nose"])
+
+
+@pytest.mark.parametrize("options", [{"fps": 0}, {"speed": -1.0}, {"fps": float("nan")}])
+def test_options_are_positive(sleigh, options):
+    with pytest.raises(OptionError, match="must be a positive number"):
+        sleigh.animate(**options)
+
+
+def test_too_many_pictures(sleigh):
+    with pytest.raises(OptionError, match=r"pictures are too many .*; give a larger speed"):
+        sleigh.animate(speed=1e-5)
+
+
+def test_scenes_without_positions():
+    q = dynamicsymbols("q")
+    motion = da.compile_model(LagrangesMethod(q.diff() ** 2, [q]), backend="numpy", cache=False).simulate(
+        (0, 1), {"q": 0, "q_dot": 1}, {}
+    )
+    with pytest.raises(OptionError, match="without positions"):
+        motion.animate()
+
+
+def test_without_matplotlib(sleigh, monkeypatch):
+    real = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.delitem(sys.modules, "dalembert.results.animation", raising=False)
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(MissingExtraError, match=r'pip install "dalembert\[plot\]"'):
+        sleigh.animate()
+
+
+def test_points_are_outputs():
+    """Their positions from the origin, on the frame of the scene, also of points of no body."""
+    x, a = dynamicsymbols("x a")
+    L, m = sp.symbols("L m")
+    N, O = ReferenceFrame("N"), Point("O")
+    A = N.orientnew("A", "Axis", (a, N.z))
+    C = O.locatenew("C", x * N.x)
+    P = C.locatenew("P", L * A.x)
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x, a])
+    scene.add_bodies(Particle("cart", C, m), Particle("bob", P, m))
+    model = da.compile_model(scene, outputs=[P, "energy", "x"], backend="numpy", cache=False)
+    motion = model.simulate((0, 1), {x: 0, a: 0.3, "x_dot": 1, "a_dot": 2}, {L: 0.5, m: 1})
+    np.testing.assert_allclose(motion["P_x"], motion["x"] + 0.5 * np.cos(motion["a"]), atol=1e-14)
+    np.testing.assert_allclose(motion["P_y"], 0.5 * np.sin(motion["a"]), atol=1e-14)
+    assert not motion["P_z"].any() and np.ptp(motion["energy"]) < 1e-8
