@@ -1,4 +1,4 @@
-"""`project_invariants`: first integrals keep their initial values, with the constraints, in single runs and sweeps."""
+"""`project_invariants`: integrals keep their values, with the constraints, in single and prepared runs and sweeps."""
 
 from functools import cache
 
@@ -139,6 +139,38 @@ def test_neighbours_in_a_sweep_do_not_matter():
         return np.stack([sweep.final[name] for name in model.layout.state], axis=1)
 
     np.testing.assert_array_equal(finals(speeds)[3:5], finals(speeds[3:5]))
+
+
+@pytest.mark.parametrize(
+    ("name", "formulation", "method", "backend"),
+    [
+        ("double pendulum, Cartesian", "projected", "taylor", "numba"),
+        ("edge plate falling flat", "projected", "radau", "numba"),
+        ("knife edge on an incline", "minimal", "dop853", "numpy"),
+    ],
+)
+def test_prepared_runs_are_single_runs(name, formulation, method, backend):
+    case, model = hard_case(name), model_of(name, formulation, backend)
+    options = LOOSE | {"method": method, "project_invariants": True}
+    run = model.prepare((0, 0.5), **options)
+    for scale in (1.0, 1.1):
+        initial = {key: x * (scale if "dot" in str(key) else 1.0) for key, x in case.initial.items()}
+        single = model.simulate((0, 0.5), initial, case.parameters, **options)
+        found = run(model.state(initial, case.parameters), model.parameter_vector(case.parameters))
+        assert run.status.success and run.method == method
+        np.testing.assert_allclose(found, single.y[-1], rtol=1e-12, atol=1e-13)
+
+
+def test_faults_of_prepared_runs():
+    case = hard_case("sleigh, b = 0")
+    with pytest.raises(UnknownNameError, match=r"unknown first integral 'enrgy'"):
+        model_of("sleigh, b = 0", "projected").prepare((0, 1), project_invariants="enrgy")
+    with pytest.raises(FormulationError, match="'augmented' do not"):
+        model_of("sleigh, b = 0", "augmented").prepare((0, 1), project_invariants=True)
+    model = model_of("sleigh, b = 0", "projected")
+    lost = model.prepare((0, 1), project_invariants="p_x")
+    with pytest.raises(OptionError, match="'p_x' is not conserved: constraints act along 'x'"):
+        lost(model.state(case.initial, case.parameters), model.parameter_vector(case.parameters))
 
 
 def test_grids():

@@ -210,7 +210,7 @@ def _crossing(
     beside = np.concatenate([profile[:1], profile, profile[-1:]])
     with np.errstate(invalid="ignore"):
         least = (profile < 0.5) & (profile <= beside[:-2]) & (profile <= beside[2:])
-    for i in np.flatnonzero(least):
+    for i in np.flatnonzero(least).tolist():
         before, after = max(i - 1, 0), min(i + 1, len(t) - 1)
         place, state, share = float(t[i]), y[i], float(profile[i])
         if dense is not None:
