@@ -347,19 +347,82 @@ def test_model_is_pickled_and_watches_angles(sphere):
     assert run.success and len(run.events[theta - Rational(3, 5)].t) >= 1
 
 
+# -- friction and contacts --------------------------------------------------------------------
+
+
+def sliding_ball(*, gap=None, declared=False):
+    """Return a ball that slides on a table until it rolls, or bounces on it."""
+    x, y, z = dynamicsymbols("x y z")
+    mu = symbols("mu", positive=True)
+    N, O, S = ReferenceFrame("N"), Point("O"), ReferenceFrame("S")
+    scene = da.Scene("ball", frame=N, origin=O, coordinates=[x, y, z] + ([] if declared else [psi, theta, phi]))
+    if declared:
+        da.free_orientation(scene, S)
+    else:
+        S.orient(N, "Body", (psi, theta, phi), "ZXZ")
+    G = O.locatenew("G", x * N.x + y * N.y + z * N.z)
+    J = Rational(2, 5) * m * r**2
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, J, J, J), G)))
+    scene.apply_uniform_gravity(-g * N.z)
+    normal, F_x, F_y = da.unknowns("N F_x F_y")
+    at = G.locatenew("I", -r * N.z)
+    scene.add_joints(da.Joint("table", body="ball", at=at, force=F_x * N.x + F_y * N.y + normal * N.z))
+    if gap is None:
+        scene.add_holonomic_constraints(z - r)
+    else:
+        scene.add_contacts(da.UnilateralContact(normal=normal, gap=gap(z), name="table"))
+    slip = G.pos_from(O).dt(N) + S.ang_vel_in(N).cross(-r * N.z)
+    along = slip.dot(N.x), slip.dot(N.y)
+    scene.add_friction(da.CoulombFriction(normal, (F_x, F_y), slip=along, mu=mu, name="table"))
+    return scene
+
+
+BALL = {"m": 1.2, "r": 0.3, "g": 9.81, "mu": 0.2}
+PLACE = {"x": 0.0, "y": 0.0, "z": 0.3, "x_dot": 1.0, "y_dot": 0.2, "z_dot": 0.0}
+
+
+def test_a_ball_slides_and_rolls_as_in_its_angles():
+    angles = {"psi": 0.3, "theta": 0.7, "phi": -0.2, "psi_dot": 2.0, "theta_dot": -1.5, "phi_dot": 0.7}
+    runs = [
+        model.simulate((0, 0.3), {**PLACE, **angles}, BALL, rtol=1e-11, atol=1e-12, t_eval=[0.1, 0.3])
+        for model in models(sliding_ball())
+    ]
+    for run in runs:
+        assert [phase.modes["table"] for phase in run.phases] == ["slip", "stick"]
+    for name in (*PLACE, *angles):
+        np.testing.assert_allclose(runs[1][name], runs[0][name], atol=1e-9, err_msg=name)
+
+
+def test_a_ball_bounces_through_theta_0():
+    """From theta = 0, where its angles have no rates: what is said of the slip velocity is regular there too."""
+    model = da.compile_model(sliding_ball(gap=lambda z: z - r), backend="numpy", orientation="quaternion")
+    spin = {"psi": 0.3, "theta": 0.0, "phi": 0.2, "omega_S_x": 1.0, "omega_S_y": 2.0, "omega_S_z": -0.5}
+    run = model.simulate((0, 0.3), {**PLACE, "z": 0.4, **spin}, BALL, rtol=1e-9)
+    assert run.success and run["theta"][0] == 0.0 and run["theta"][-1] > 0.3
+    assert run.phases[0].modes["table"] == "open" and len(run.phases) > 1
+    known = sliding_ball(gap=lambda z: z - r, declared=True)
+    half = 0.25  # psi + phi, about N.z
+    turned = {"e0_S": math.cos(half), "e1_S": 0.0, "e2_S": 0.0, "e3_S": math.sin(half)}
+    start = {**PLACE, "z": 0.4, **turned, **{name: x for name, x in spin.items() if name.startswith("omega")}}
+    same = da.compile_model(known, backend="numpy").simulate((0, 0.3), start, BALL, rtol=1e-9)
+    for name in ("x", "y", "z"):
+        assert run[name][-1] == pytest.approx(same[name][-1], abs=1e-12)
+    columns = {**start, "x_dot": np.array([1.0, 0.5])}
+    sweep = da.compile_model(known, backend="numpy").sweep((0, 0.3), columns, BALL, rtol=1e-9)
+    assert sweep["x"][0] == pytest.approx(same["x"][-1], abs=1e-9)
+
+
+def test_gap_that_depends_on_the_angles_otherwise():
+    with pytest.raises(SceneError, match=r"gap of contact 'table': .* depends on the angles psi, theta, phi otherwise"):
+        da.compile_model(sliding_ball(gap=lambda z: z - r * sin(theta)), backend="numpy", orientation="quaternion")
+
+
 # -- what cannot be done ----------------------------------------------------------------------
 
 
 def test_scene_without_such_a_body():
     with pytest.raises(OptionError, match=r"'sleigh': 1 coordinates turn it \(theta\), not three"):
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", orientation="quaternion")
-
-
-def test_scene_with_friction():
-    scene = da.scenes.rolling_sphere().copy()
-    scene.frictions += ("any",)
-    with pytest.raises(OptionError, match="does not rewrite friction and contacts"):
-        da.compile_model(scene, backend="numpy", orientation="quaternion")
 
 
 def test_unknown_orientation():

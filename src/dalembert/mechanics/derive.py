@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..errors import SceneError
 from ..ir.derivatives import tangents
-from ..ir.graph import Node
+from ..ir.graph import Node, unit_names
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
@@ -53,6 +53,16 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
     )
+
+
+def _units(kinematics: Kinematics) -> dict[Node, Node]:
+    """Return unit quaternions among the coordinates as points of the unit sphere, on which e.e is the node 1."""
+    units: dict[Node, Node] = {}
+    for group in quaternion_groups(kinematics):
+        e = [kinematics.q[i] for i in group.coordinates]
+        names = unit_names([kinematics.model.symbols.coordinates[i] for i in group.coordinates])
+        units |= dict(zip(e, map(kinematics.graph.input, names), strict=True))
+    return units
 
 
 def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
@@ -122,7 +132,7 @@ def _contact(
         if contact.slip is not None:
             velocity = contact.slip[place]
         row = _row(kinematics, label, None, velocity)
-        _refuse_unless_conjugate(model, contact.name, name, power, row, constraints)
+        _refuse_unless_conjugate(kinematics, contact.name, name, power, row, constraints)
         slips.append(row)
     return ContactRow(
         name=contact.name,
@@ -140,7 +150,7 @@ def _contact(
 
 
 def _refuse_unless_conjugate(
-    model: SceneModel,
+    kinematics: Kinematics,
     contact: str,
     force: str,
     power: Sequence[Node],
@@ -148,17 +158,19 @@ def _refuse_unless_conjugate(
     constraints: Sequence[ConstraintRow],
 ) -> None:
     """Raise unless the slip velocity times the force is the power of friction, on motions that constraints allow."""
-    graph = model.graph
+    model, graph = kinematics.model, kinematics.graph
     if all(p.is_zero for p in power):
         why = f"{force} has no power on any coordinate, so that it cannot hold anything"
         raise SceneError(model.name, [f"friction {contact!r}: {why}; the joint must act on a body that can slip"])
     rest = [p - j for p, j in zip(power, row.jacobian, strict=True)]
     if all(node.is_zero for node in rest):
         return
+    units = _units(kinematics)
+    rest = graph.substitute(rest, units) if units else rest
     base: list[list[Node]] = []
     weights: list[Node] = []
     for other in constraints:
-        trial = [*base, list(other.jacobian)]
+        trial = [*base, graph.substitute(other.jacobian, units) if units else list(other.jacobian)]
         try:
             weights = factorize(graph, matmul(graph, trial, transpose(trial))).solve(matvec(graph, trial, rest))
         except SingularMatrix:

@@ -27,7 +27,7 @@ from .base import Projection, ReducedSystem
 from .invariants import integrals
 from .saddle import SaddlePoint, velocity_residuals
 
-__all__ = ["DAMPING", "TIME_SCALE", "initial_name", "keeping"]
+__all__ = ["DAMPING", "TIME_SCALE", "initial_name", "keeping", "refuse_formulation"]
 
 DAMPING = 1e-6
 """Share of the squared gradient of a first integral by which it is damped."""
@@ -41,6 +41,24 @@ _LEAST = 1e-300
 def initial_name(integral: str) -> str:
     """Return the name of the parameter that holds the initial value of a first integral."""
     return f"initial {integral}"
+
+
+def refuse_formulation(system: ReducedSystem) -> None:
+    """Refuse a system whose steps are not projected.
+
+    Raises
+    ------
+    FormulationError
+        Naming the formulation.
+    """
+    equations = system.equations
+    free = [row for i, row in enumerate(equations.constraints) if i not in system.left_out]
+    if free and system.formulation not in ("minimal", "projected"):
+        raise FormulationError(
+            f"scene {equations.name!r}: project_invariants needs steps that end on the constraints, which those of"
+            f' {system.formulation!r} do not by a projection of their own. Use formulation="minimal" or'
+            ' "projected"'
+        )
 
 
 def keeping(system: ReducedSystem, names: Sequence[str]) -> ReducedSystem:
@@ -58,14 +76,8 @@ def keeping(system: ReducedSystem, names: Sequence[str]) -> ReducedSystem:
     FormulationError
         For a formulation that holds the constraints in another way, or not at all.
     """
+    refuse_formulation(system)
     equations = system.equations
-    free = [row for i, row in enumerate(equations.constraints) if i not in system.left_out]
-    if free and system.formulation not in ("minimal", "projected"):
-        raise FormulationError(
-            f"scene {equations.name!r}: project_invariants needs steps that end on the constraints, which those of"
-            f' {system.formulation!r} do not by a projection of their own. Use formulation="minimal" or'
-            ' "projected"'
-        )
     nodes = integrals(equations)
     space = _Space.of(system)
     correction = space.correction([nodes[name] for name in names], names)

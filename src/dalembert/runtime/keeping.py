@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,17 @@ import numpy as np
 from ..codegen.base import FloatArray
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
 from ..ir.interpret import interpret_rows
-from ..ir.program import Program
+from ..ir.program import Kernel, Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariants import Candidates, why_not
 from ..reduction.keeping import TIME_SCALE, initial_name
 from .events import event_list
 from .monitors import conserved
 
-__all__ = ["kept_names", "kept_values", "refuse_jumps"]
+__all__ = ["Rows", "case_by_case", "kept_names", "kept_values", "refuse_jumps", "refuse_unknown"]
+
+Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
+"""Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
 
 _SMALL = 1e-5
 """Share of the state by which it is moved for differences."""
@@ -49,6 +52,7 @@ def kept_names(
     OptionError
         For what is not conserved, with the reason, and where nothing is; and where no name is given.
     """
+    refuse_unknown(wanted, found)
     x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
     size = len(program.layout.coordinates)
     able = tuple(conserved(program, found, c, np.array([t]), x[:, :size], x[:, size:]))
@@ -59,16 +63,12 @@ def kept_names(
                 f" {why_not(equations, 'energy')}"
             )
         return able
-    given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
-    names = [str(name) for name in given if name is not None]
+    names = _listed(wanted)
     if not names:
         raise OptionError(
             "project_invariants: no first integral is named. Give names, True for all that are conserved, or False."
             f" What is conserved in {program.name!r}: {list_names(able) or 'nothing that is known'}"
         )
-    unknown = [unknown_name("first integral", name, found.names) for name in names if name not in found.names]
-    if unknown:
-        raise UnknownNameError("\n".join(unknown))
     lost = [f"{name!r} is not conserved: {why_not(equations, name)}" for name in names if name not in able]
     if lost:
         raise OptionError(
@@ -76,6 +76,25 @@ def kept_names(
             f" {list_names(able) or 'nothing that is known'}"
         )
     return tuple(name for name in found.names if name in names)
+
+
+def _listed(wanted: Any) -> list[str]:
+    given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
+    return [str(name) for name in given if name is not None]
+
+
+def refuse_unknown(wanted: Any, found: Candidates) -> None:
+    """Refuse names of first integrals that a scene cannot have.
+
+    Raises
+    ------
+    UnknownNameError
+        Naming them.
+    """
+    names = [] if wanted is True else _listed(wanted)
+    unknown = [unknown_name("first integral", name, found.names) for name in names if name not in found.names]
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
 
 
 def refuse_jumps(events: Any, aliases: Any) -> None:
@@ -94,36 +113,43 @@ def refuse_jumps(events: Any, aliases: Any) -> None:
         )
 
 
-def kept_values(
-    names: Iterable[str], program: Program, found: Candidates, c: FloatArray, t: FloatArray, y: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the parameters that `keeping` adds, for starts at t (k,) in y (k, n_y) with constants c (k, n_c)."""
-    with np.errstate(all="ignore"):
-        x = _rows(program, "expand", t, y, c)
-        values = np.stack([interpret_rows(found.values, t[i : i + 1], x[i : i + 1], c[i])[0] for i in range(len(t))])
-        given = {initial_name(name): np.nan_to_num(values[:, found.names.index(name)]) for name in names}
-        return given | {TIME_SCALE: _time_scale(program, c, t, y)}
-
-
-def _rows(program: Program, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+def case_by_case(kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
     """Return a kernel's outputs case by case, so that those of a case are the bits of the case alone."""
-    return np.stack(
-        [interpret_rows(program.kernel(kernel), t[i : i + 1], y[i : i + 1], c[i])[0] for i in range(len(t))]
-    )
+    return np.stack([interpret_rows(kernel, t[i : i + 1], y[i : i + 1], c[i])[0] for i in range(len(t))])
 
 
-def _time_scale(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
+def kept_values(
+    names: Iterable[str],
+    program: Program,
+    found: Candidates,
+    c: FloatArray,
+    t: FloatArray,
+    y: FloatArray,
+    rows: Rows = case_by_case,
+) -> dict[str, FloatArray]:
+    """Return the parameters that `keeping` adds, for starts at t (k,) in y (k, n_y) with constants c (k, n_c).
+
+    `rows` evaluates kernels.
+    """
+    with np.errstate(all="ignore"):
+        values = rows(found.values, t, rows(program.kernel("expand"), t, y, c), c)
+        given = {initial_name(name): np.nan_to_num(values[:, found.names.index(name)]) for name in names}
+        return given | {TIME_SCALE: _time_scale(program, c, t, y, rows)}
+
+
+def _time_scale(program: Program, c: FloatArray, t: FloatArray, y: FloatArray, rows: Rows) -> FloatArray:
     """Return times (k,) over which motions change, as powers of two: for y' = f, of |f| over |f' f' f|.
 
     An oscillation about an equilibrium of the frequency w has 1/w, in whatever phase it starts.
     """
-    slope = _rows(program, "rhs", t, y, c)
+    kernel = program.kernel("rhs")
+    slope = rows(kernel, t, y, c)
     along = slope
     size = np.maximum(1.0, np.max(np.abs(y), axis=1, initial=0.0))
     for _ in range(2):
         length = np.max(np.abs(along), axis=1, initial=0.0)
         share = (_SMALL * size / np.where(length > 0.0, length, 1.0))[:, np.newaxis]
-        along = (_rows(program, "rhs", t, y + share * along, c) - slope) / share
+        along = (rows(kernel, t, y + share * along, c) - slope) / share
     ratio = np.linalg.norm(along, axis=1) / np.linalg.norm(slope, axis=1)
     fine = np.isfinite(ratio) & (ratio > 1e-12)
     scale: FloatArray = np.where(fine, np.exp2(-np.round(0.5 * np.log2(np.where(fine, ratio, 1.0)))), 1.0)

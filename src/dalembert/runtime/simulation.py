@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.interpret import interpret_rows
 from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
+from ..reduction.keeping import refuse_formulation
 from ..results.estimate import TIGHTER
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
@@ -27,7 +28,7 @@ from .events import EventCode
 from .gains import with_gains
 from .gimbal import locked, remedy
 from .held import NO_ESTIMATE, Held, span_of
-from .keeping import kept_names, kept_values, refuse_jumps
+from .keeping import kept_names, kept_values, refuse_jumps, refuse_unknown
 from .monitors import conserved
 from .prepared import PreparedRun
 from .recording import Record
@@ -219,6 +220,25 @@ class Simulated(Held):
             self._keepers[names] = recompile(self.stages, self.stages.reduced.left_out, names)
         return self._keepers[names], names
 
+    def _prepared_keeping(
+        self, wanted: Any, t_span: tuple[float, float], options: Mapping[str, Any]
+    ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
+        """Return a prepared run that keeps first integrals, made when it is first called."""
+        t, found = np.array([t_span[0]]), self._conservable
+        made: list[tuple[PreparedRun, tuple[str, ...]]] = []
+
+        def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
+            c = inputs.constants(self._program, p)
+            if not made:
+                keeper, names = self._keeper(wanted, c, t_span[0], state)
+                made.append((keeper.prepare(t_span, **options), names))
+            kept, names = made[0]
+            further = kept_values(names, self._program, found, c[np.newaxis], t, state[np.newaxis], self._engine.rows)
+            final = kept(state, np.concatenate([p, *further.values()]))
+            return final, kept.status
+
+        return run
+
     def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> Simulated | Trajectory:
         """Return the model that enforces no constraint which follows from others around the start of a problem.
 
@@ -384,6 +404,7 @@ class Simulated(Held):
         atol: float = 1e-10,
         max_step: float = np.inf,
         max_steps: int = 1_000_000,
+        project_invariants: Any = False,
     ) -> PreparedRun:
         """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
 
@@ -391,8 +412,24 @@ class Simulated(Held):
         ----------
         t_span, method, rtol, atol, max_step, max_steps
             As for `simulate`.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep, as for `simulate`: those that are conserved from the first state that the function
+            is called with, which also compiles it. Their initial values are computed before each run, which takes some
+            hundred microseconds.
+
+        Raises
+        ------
+        OptionError, FormulationError, UnknownNameError
+            For options that do not exist, and integrals that are not known or that the formulation cannot keep.
         """
         t0, t1 = span_of(t_span)
+        if project_invariants is not False:
+            refuse_formulation(self.stages.reduced)
+            refuse_unknown(project_invariants, self._conservable)
+            options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
+            return PreparedRun(
+                self._prepared_keeping(project_invariants, (t0, t1), options), self._method(method, rtol, atol)
+            )
         chosen = self._method(method, rtol, atol)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
         problem = IntegrationProblem(

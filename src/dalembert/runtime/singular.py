@@ -207,10 +207,11 @@ def _crossing(
     j = _at_states(program, t, y, c, enforced)
     lengths = _lengths(j)
     profile = _shares(j, lengths)
-    for i in range(len(t)):
+    beside = np.concatenate([profile[:1], profile, profile[-1:]])
+    with np.errstate(invalid="ignore"):
+        least = (profile < 0.5) & (profile <= beside[:-2]) & (profile <= beside[2:])
+    for i in np.flatnonzero(least).tolist():
         before, after = max(i - 1, 0), min(i + 1, len(t) - 1)
-        if not (profile[i] < 0.5 and profile[i] <= profile[before] and profile[i] <= profile[after]):
-            continue
         place, state, share = float(t[i]), y[i], float(profile[i])
         if dense is not None:
             first, last = float(t[before]), float(t[after])

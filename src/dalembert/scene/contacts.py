@@ -95,14 +95,19 @@ class UnilateralContact:
         return str(self.normal) if self.name is None else self.name
 
 
+Read = Callable[[Any, str], "Node"]
+"""Returns an expression that stands in some place, by its name, as a node."""
+
+
 @final
 class _Reading:
     """One reading of the contacts of a scene."""
 
     def __init__(
-        self, scene: Scene, expressions: ExpressionReader, rates: Sequence[Node], forces: Sequence[str]
+        self, scene: Scene, reading: tuple[ExpressionReader, Read], rates: Sequence[Node], forces: Sequence[str]
     ) -> None:
-        self.scene, self.expressions, self.forces = scene, expressions, forces
+        self.scene, self.forces = scene, forces
+        self.expressions, self.read = reading
         self.rates = rates
         self.faults: list[str] = []
 
@@ -128,7 +133,7 @@ class _Reading:
         if e.is_negative or (known and most is not None and e > most):
             span = "not be negative" if most is None else f"lie between 0 and {most:g}"
             self.faults.append(f"{what} is {value}; it must {span}")
-        return self.expressions.read(e, what)
+        return self.read(e, what)
 
     def friction(self, law: CoulombFriction, held: dict[str, Any]) -> None:
         """Add what a friction law says to the fields of its contact."""
@@ -164,7 +169,7 @@ class _Reading:
 
         place = f"slip velocity of {where}"
         before = len(self.expressions.faults)
-        node, graph = self.expressions.read(expression, place), self.expressions.graph
+        node, graph = self.read(expression, place), self.expressions.graph
         slopes = [tangents(graph, [node], {rate: graph.one})[0] for rate in self.rates]
         if len(self.expressions.faults) == before and (
             all(slope.is_zero for slope in slopes) or any(graph.freed_of(slope, self.rates) is None for slope in slopes)
@@ -176,7 +181,7 @@ class _Reading:
         """Return gap, number and sense of the holonomic constraint of a contact, a new one in `more` if need be."""
         where = f"gap of contact {contact.label!r}"
         before = len(self.expressions.faults)
-        node = self.expressions.read(contact.gap, where)
+        node = self.read(contact.gap, where)
         mask = 0
         for rate in self.rates:
             mask |= rate.deps
@@ -192,7 +197,7 @@ class _Reading:
 
 def read_contacts(
     scene: Scene,
-    expressions: ExpressionReader,
+    reading: tuple[ExpressionReader, Read],
     rates: Sequence[Node],
     coordinates: int,
     forces: Sequence[str],
@@ -200,41 +205,42 @@ def read_contacts(
 ) -> tuple[list[ContactModel], list[ConstraintModel]]:
     """Return the contacts of a scene, and the constraints they add to its holonomic ones.
 
-    `rates` are the nodes of the rates, `coordinates` the mask of the coordinates, `forces` the unknowns of joints;
-    what is wrong goes to `fault`.
+    `reading` is the reader of the scene, and what reads expressions that the motion depends on with it. `rates` are
+    the nodes of the rates, `coordinates` the mask of the coordinates, `forces` the unknowns of joints; what is wrong
+    goes to `fault`.
     """
-    reading = _Reading(scene, expressions, rates, forces)
+    contacts = _Reading(scene, reading, rates, forces)
     more: list[ConstraintModel] = []
     found: dict[str, dict[str, Any]] = {}
     for contact in scene.contacts:
         if not isinstance(contact, UnilateralContact):
-            reading.faults.append(f"{contact!r} is not a UnilateralContact")
+            contacts.faults.append(f"{contact!r} is not a UnilateralContact")
             continue
-        normal = reading.unknown(contact.normal, f"the normal reaction of contact {contact.label!r}")
+        normal = contacts.unknown(contact.normal, f"the normal reaction of contact {contact.label!r}")
         if normal in found:
-            reading.faults.append(f"two contacts have the normal reaction {normal}; each needs its own")
+            contacts.faults.append(f"two contacts have the normal reaction {normal}; each needs its own")
             continue
         found[normal] = {
             "name": contact.label,
             "normal": normal,
-            **reading.gap(contact, more, coordinates),
-            "restitution": reading.number(contact.restitution, f"restitution of contact {contact.label!r}", most=1.0),
+            **contacts.gap(contact, more, coordinates),
+            "restitution": contacts.number(contact.restitution, f"restitution of contact {contact.label!r}", most=1.0),
         }
     for law in scene.frictions:
         if not isinstance(law, CoulombFriction):
-            reading.faults.append(f"{law!r} is not a CoulombFriction")
+            contacts.faults.append(f"{law!r} is not a CoulombFriction")
             continue
-        normal = reading.unknown(law.normal, f"the normal reaction of friction {law.label!r}")
+        normal = contacts.unknown(law.normal, f"the normal reaction of friction {law.label!r}")
         held = found.setdefault(normal, {"name": law.label, "normal": normal})
         if "tangential" in held:
-            reading.faults.append(f"two frictions have the normal reaction {normal}; one law holds for each")
+            contacts.faults.append(f"two frictions have the normal reaction {normal}; one law holds for each")
             continue
-        reading.friction(law, held)
+        contacts.friction(law, held)
     names = [held["name"] for held in found.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        reading.faults.append(f"two contacts are called {name!r}; give each its own name=")
-    for text in reading.faults:
+        contacts.faults.append(f"two contacts are called {name!r}; give each its own name=")
+    for text in contacts.faults:
         fault(text)
-    if reading.faults:
+    if contacts.faults:
         return [], []
     return [ContactModel(**held) for held in found.values()], more

@@ -134,11 +134,6 @@ def with_quaternions(scene: Scene) -> Scene:
     OptionError
         When no body of the scene is oriented by three angles of its own, with the reason for each.
     """
-    if scene.contacts or scene.frictions:
-        raise OptionError(
-            f"orientation='quaternion' does not rewrite friction and contacts, which scene {scene.name!r} has: leave"
-            " the option out, and orient the body with dalembert.free_orientation"
-        )
     scene = without_speeds(scene)
     found: list[FreeOrientation] = []
     reasons = []

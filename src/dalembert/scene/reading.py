@@ -297,7 +297,7 @@ class _SceneReader:
             if angles.concerns(expression):
                 found = angles.scalar(expression, place)
                 if found is None:
-                    self.faults.append(f"{place}: {angles.complaint(_short(expression))}")
+                    self.expressions.faults.append(f"{place}: {angles.complaint(_short(expression))}")
                 return self.graph.zero if found is None else found
         return self.expressions.read(expression, place)
 
@@ -432,7 +432,12 @@ class _SceneReader:
             return [], []
         forces = list(self.expressions.unknowns)
         return read_contacts(
-            self.scene, self.expressions, self._rates(), self._mask("coordinates"), forces, self.faults.append
+            self.scene,
+            (self.expressions, self._scalar),
+            self._rates(),
+            self._mask("coordinates"),
+            forces,
+            self.faults.append,
         )
 
     def _rates(self) -> list[Node]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -234,7 +234,7 @@ class HybridModel:
         request = Request(
             t0=t0,
             t1=t1,
-            x=self._start(t0, inputs.given_values(self.layout, initial, plain=True), given),
+            x=self._start(t0, inputs.given_values(self.layout, initial), given),
             parameters=given,
             c=p,
             t_eval=times,
@@ -298,8 +298,7 @@ class HybridModel:
         if grid is not None:
             initial, parameters = with_grid(self.layout, grid, initial, parameters)
         known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
-        complete = known >= {*self.layout.coordinates, *self.layout.rates}
-        model = self._model(self._plain(OPEN if complete else CLOSED))
+        model = self._model(self._plain(OPEN if self._complete(known) else CLOSED))
         program = model.stages.program
         cases = Cases(program, model._start, t_span, initial, parameters)
         settings = agreed(
@@ -340,11 +339,17 @@ class HybridModel:
         )
         return sweep(self._modes, campaign)
 
+    def _complete(self, given: Iterable[str]) -> bool:
+        """Return whether values give all coordinates and rates, by themselves or by what stands for them."""
+        known = set(given)
+        for entry in self._equations.symbols.entries:
+            if known.issuperset((*entry.names, *entry.needs)):
+                known |= set(entry.targets)
+        return known.issuperset((*self.layout.coordinates, *self.layout.rates))
+
     def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
         """Return consistent coordinates and rates (2 n_q,)."""
-        names = (*self.layout.coordinates, *self.layout.rates)
-        complete = all(name in values for name in names)
-        model = self._model(self._plain(OPEN if complete else CLOSED))
+        model = self._model(self._plain(OPEN if self._complete(values) else CLOSED))
         y = model.state(values, parameters, t=t)
         return model.expand(t, y, parameters)
 
