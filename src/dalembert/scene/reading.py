@@ -14,6 +14,7 @@ from ..ir.graph import Node
 from ..naming import rate_name
 from .belonging import foreign_points
 from .contacts import read_contacts
+from .dyadics import matrix_of
 from .geometry import GeometryReader, short
 from .given import located, read_given
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
@@ -142,7 +143,7 @@ class _SceneReader(GeometryReader):
             mass = self.expressions.read(body.mass, f"mass of {place}")
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
-        inertia = self._rows(body.central_inertia.to_matrix(body.frame), f"inertia of {place}")
+        inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
         mass = self.expressions.read(body.mass, f"mass of {place}")
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
 
