@@ -60,6 +60,7 @@ def scene_code(build: Callable[[], da.Scene]) -> str:
     """Return the lines in which a ready scene is written, without its docstring."""
     source = textwrap.dedent(inspect.getsource(build))
     body = source.split('"""', 2)[2] if '"""' in source else source
+    body = body.partition("    if friction:")[0]
     return code(body.replace("    return scene\n", ""))
 
 
@@ -129,8 +130,8 @@ $F_Q$: friction opposes the slip velocity, so $F_Q$ has the sign of
 
 $$-\\left({latex(slip)}\\right).$$
 
-The compiled scene has no friction: the corner is an ideal joint there, which makes $F_Q = 0$. Equation (4) is one line,
-in which the sign is not written but found ([friction.md](../friction.md)):
+Without friction the corner is an ideal joint, which makes $F_Q = 0$. Equation (4) is one line of the scene, in which
+the sign is not written but found ([friction.md](../friction.md)); ``da.scenes.corner_plate(friction=True)`` has it:
 
 {code(FRICTION)}
 Pushed up with $\\dot\\theta = 1$ from $\\theta = 0.6$ (m = l = 1, h = 0.5, g = 9.81, F_A = 0), the plate

@@ -92,7 +92,6 @@ def templates_in_checkout() -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-@pytest.mark.xdist_group("packaging")
 def test_the_templates_are_in_the_sdist_and_in_the_wheel(distributions: Distributions) -> None:
     templates = templates_in_checkout()
     assert templates
@@ -106,14 +105,12 @@ def test_the_templates_are_in_the_sdist_and_in_the_wheel(distributions: Distribu
     assert packaged == templates
 
 
-@pytest.mark.xdist_group("packaging")
 def test_the_wheel_is_the_same_from_the_sdist_and_from_the_checkout(distributions: Distributions) -> None:
     wheel = contents_of_wheel(distributions.wheel_from_sdist)
     assert wheel == contents_of_wheel(distributions.wheel_from_checkout)
     assert "dalembert/py.typed" in wheel
 
 
-@pytest.mark.xdist_group("packaging")
 def test_an_installed_wheel_compiles_and_simulates(distributions: Distributions, tmp_path: Path) -> None:
     installed = tmp_path / "installed"
     pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index")

@@ -6,53 +6,32 @@ Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSyst
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from sympy.physics.mechanics import Point
 
 from .ir.lower import lower
-from .ir.program import Program
 from .mechanics.derive import derive
-from .mechanics.equations import EquationsOfMotion
 from .naming import rate_name
 from .options import CompileOptions
-from .reduction import ReducedSystem, reduce
+from .reduction import reduce
 from .reduction.keeping import keeping
 from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
-from .scene.model import SceneModel
 from .scene.orientation import with_quaternions
 from .scene.reading import read
 from .scene.scene import Place
+from .stages import Stages, Watch
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
 
-    from .codegen.base import RenderedModule
     from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
 
-__all__ = ["Stages", "compile_model"]
-
-
-@final
-@dataclass(frozen=True)
-class Stages:
-    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for."""
-
-    scene: Scene
-    model: SceneModel
-    equations: EquationsOfMotion
-    reduced: ReducedSystem
-    program: Program
-    rendered: RenderedModule
-    seconds: dict[str, float]
-    options: CompileOptions
-    mode: Mode | None = None
-    kept: tuple[str, ...] = ()
+__all__ = ["Stages", "compile_model", "compile_scene"]
 
 
 def compile_model(
@@ -114,62 +93,22 @@ def compile_model(
     named = dict.fromkeys((*angles, *map(rate_name, angles), *wanted))
     named |= dict.fromkeys(name for name in speeds if name not in _names(wanted))
     options = replace(options, outputs=tuple(named))
-    return _compile(scene, options)
+    return compile_scene(scene, options)
 
 
-def recompile(stages: Stages, without: tuple[int, ...] = (), kept: tuple[str, ...] | None = None) -> CompiledModel:
-    """Return the model of the same scene with less, or more, done after each step.
-
-    Parameters
-    ----------
-    stages : Stages
-        Of the model.
-    without : tuple of int
-        Constraints that a run found to follow from the others; they are watched, but not enforced.
-    kept : tuple of str, optional
-        First integrals that are kept at their initial values; by default as before.
-
-    Raises
-    ------
-    FormulationError
-        Where the formulation cannot keep first integrals.
-    """
-    options = replace(stages.options, formulation=stages.program.formulation)
-    return compile_mode(stages.scene, options, stages.mode, without, stages.kept if kept is None else kept)
-
-
-def compile_mode(
-    scene: Scene,
-    options: CompileOptions,
-    mode: Mode | None,
-    without: tuple[int, ...] = (),
-    kept: tuple[str, ...] = (),
-) -> CompiledModel:
-    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
-    from .runtime.hybrid import HybridModel
-
-    model = _compile(scene, options, without, mode, kept)
-    assert not isinstance(model, HybridModel)
-    return model
-
-
-def compile_modes(scene: Scene, options: CompileOptions) -> CompiledModel | HybridModel:
-    """Return the model of a scene with contacts."""
-    return _compile(scene, options)
-
-
-def _compile(
+def compile_scene(
     scene: Scene,
     options: CompileOptions,
     without: tuple[int, ...] = (),
     mode: Mode | None = None,
     kept: tuple[str, ...] = (),
 ) -> CompiledModel | HybridModel:
+    """Return the model of a scene by the stages; `recompiling` tells the arguments."""
     from .codegen import backend_named
     from .runtime.model import CompiledModel
 
     names = _names(options.outputs)
-    watch = _Watch()
+    watch = Watch()
     chosen = watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
@@ -200,17 +139,3 @@ def _parts(output: Any) -> tuple[Any, ...]:
 def _names(outputs: Sequence[Any]) -> list[str]:
     """Return what requested outputs are called: names as they are, symbols and expressions by their text."""
     return [str(output) for output in outputs]
-
-
-@final
-class _Watch:
-    """Runs stages and takes down how long each took."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def __call__(self, stage: str, run: Any) -> Any:
-        start = time.perf_counter()
-        result = run()
-        self.seconds[stage] = time.perf_counter() - start
-        return result

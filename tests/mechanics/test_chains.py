@@ -13,7 +13,6 @@ from dalembert.reduction import reduce
 from dalembert.scene.reading import read
 from mechanics.chains import KINDS, chain, random_parameters, recursion
 
-pytestmark = pytest.mark.xdist_group("chains")  # one process holds the sizes
 kinds = pytest.mark.parametrize("kind", KINDS)
 
 

@@ -1,5 +1,7 @@
 """What the tests of the textbook view share."""
 
+import random
+
 import numpy as np
 import sympy as sp
 from sympy.physics.vector import dynamicsymbols
@@ -8,60 +10,69 @@ import dalembert as da
 from dalembert.scene.tree import Tree
 
 TIME = dynamicsymbols._t
+PRIME = (1 << 127) - 1
+TRIALS = 2
+
+
+class NotRational(Exception):
+    """An expression is not a rational function of symbols, sines and cosines."""
 
 
 def same(left, right):
-    """Whether the difference of two expressions simplifies to zero.
+    """Whether two expressions are equal.
 
-    That of long ones is a polynomial over a common denominator, once tangents of half angles stand for the angles;
-    expanding it is much faster than cancelling what it is divided by.
+    A rational function of symbols, sines and cosines is evaluated at random points of the field of 2^127 - 1 elements,
+    where an angle stands for a point of the unit circle: what is not zero vanishes there with a chance of its degree in
+    2^127. That is much faster than expanding it. Any other function is left to SymPy.
     """
     difference = sp.sympify(left) - sp.sympify(right)
-    if difference.count_ops() <= 150:
+    try:
+        return all(_value(difference, random.Random(seed)) == 0 for seed in range(TRIALS))
+    except NotRational:
         return sp.simplify(sp.expand(difference, trig=True)) == 0
-    return not _numerator(difference)
 
 
-def _numerator(expression):
-    """Return the numerator of a rational expression of sines, cosines and other symbols, as a polynomial."""
-    expression = expression.replace(sp.tan, lambda x: sp.sin(x) / sp.cos(x))
-    expression = expression.replace(sp.cot, lambda x: sp.cos(x) / sp.sin(x))
-    expression = expression.replace(lambda e: isinstance(e, sp.sin | sp.cos), sp.expand_trig)
-    atoms = expression.atoms(sp.sin, sp.cos)
-    table = {}
-    for angle in sorted({f.args[0] for f in atoms}, key=str):
-        u = sp.Dummy("u")
-        table |= {sp.sin(angle): 2 * u / (1 + u**2), sp.cos(angle): (1 - u**2) / (1 + u**2)}
-    expression = expression.xreplace(table)
-    leaves = expression.atoms(sp.Derivative, sp.core.function.AppliedUndef)
-    expression = expression.xreplace({e: sp.Dummy("v") for e in sorted(leaves, key=str)})
-    symbols = sorted(expression.free_symbols, key=str)
-    ring = sp.ring(symbols, sp.QQ)[0]
-    return _fraction(expression, ring, dict(zip(symbols, ring.gens, strict=True)))[0]
+def _value(expression, generator):
+    """Return a rational expression at a random point of the field."""
+    values = {}
+    simple = sp.Symbol | sp.core.function.AppliedUndef
+    angles = sorted({f.args[0] for f in expression.atoms(sp.sin, sp.cos, sp.tan, sp.cot)}, key=str)
+    if not all(isinstance(angle, simple) for angle in angles):
+        expression = expression.replace(sp.tan, lambda a: sp.sin(a) / sp.cos(a))
+        expression = expression.replace(sp.cot, lambda a: sp.cos(a) / sp.sin(a))
+        expression = expression.replace(lambda e: isinstance(e, sp.sin | sp.cos), sp.expand_trig)
+        angles = sorted({f.args[0] for f in expression.atoms(sp.sin, sp.cos)}, key=str)
+        if not all(isinstance(angle, simple) for angle in angles):
+            raise NotRational(expression)
+    for angle in angles:
+        half = generator.randrange(PRIME)
+        whole = pow(1 + half * half, -1, PRIME)
+        sine, cosine = 2 * half * whole % PRIME, (1 - half * half) * whole % PRIME
+        values |= {sp.sin(angle): sine, sp.cos(angle): cosine}
+        values |= {sp.tan(angle): sine * pow(cosine, -1, PRIME), sp.cot(angle): cosine * pow(sine, -1, PRIME)}
+    leaves = {e for e in expression.atoms(sp.Derivative) if isinstance(e.expr, sp.core.function.AppliedUndef)}
+    leaves |= expression.atoms(sp.Symbol, sp.core.function.AppliedUndef)
+    values |= {leaf: generator.randrange(PRIME) for leaf in sorted(leaves, key=str)}
+    return _evaluate(expression, values)
 
 
-def _fraction(e, ring, generators):
-    """Return numerator and denominator of an expression, nothing cancelled."""
-    if e in generators:
-        return generators[e], ring.one
-    if e.is_Rational:
-        return ring(e.p), ring(e.q)
-    if e.is_Pow and e.exp.is_Integer:
-        numerator, denominator = _fraction(e.base, ring, generators)
-        if e.exp < 0:
-            numerator, denominator = denominator, numerator
-        return numerator ** abs(int(e.exp)), denominator ** abs(int(e.exp))
-    parts = [_fraction(a, ring, generators) for a in e.args]
-    assert e.is_Add or e.is_Mul, e
-    numerator, denominator = parts[0]
-    for n, d in parts[1:]:
-        if e.is_Mul:
-            numerator, denominator = numerator * n, denominator * d
-        elif d == denominator:
-            numerator += n
+def _evaluate(e, values):
+    """Return an expression over the field, `values` holding what is known of its parts."""
+    if e not in values:
+        if e.is_Rational:
+            values[e] = e.p * pow(e.q, -1, PRIME)
+        elif e.is_Add:
+            values[e] = sum(_evaluate(a, values) for a in e.args) % PRIME
+        elif e.is_Mul:
+            product = 1
+            for a in e.args:
+                product = product * _evaluate(a, values) % PRIME
+            values[e] = product
+        elif e.is_Pow and e.exp.is_Integer:
+            values[e] = pow(_evaluate(e.base, values), int(e.exp), PRIME)
         else:
-            numerator, denominator = numerator * d + n * denominator, denominator * d
-    return numerator, denominator
+            raise NotRational(e)
+    return values[e]
 
 
 def same_vector(left, right, frame):
@@ -89,7 +100,7 @@ def symbols_of(scene, names):
     return [known[name] for name in names.split()]
 
 
-def agreement(scene, formulation="auto", backend="numpy", count=3):
+def agreement(scene, formulation="auto", backend="numpy", count=3, view=None):
     """Return the largest relative difference of accelerations, and of reactions, between textbook and compiled.
 
     At random states that fulfil the constraints. Accelerations are relative to their largest or, where that is less,

@@ -15,8 +15,8 @@ from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
-from ..scene.reading import RESERVED_OUTPUTS, reader_of
 from ..scene.scene import Scene
+from ..scene.symbols import RESERVED_OUTPUTS, reader_of
 from .base import ReducedSystem
 
 __all__ = ["Watch", "jumping", "watching"]

@@ -122,9 +122,13 @@ class CaseResults(ABC):
 
     @property
     def final(self) -> dict[str, FloatArray]:
-        """Final values (n_case,) of coordinates, rates and outputs, by name."""
+        """Final values (n_case,) of coordinates, rates, the state where there is one, and outputs, by name."""
+        return {name: self._final(name) for name in self._lasting()}
+
+    def _lasting(self) -> tuple[str, ...]:
+        """Return the names of what `final` holds."""
         layout = self._layout
-        return {name: self._final(name) for name in (*layout.coordinates, *layout.rates, *layout.outputs)}
+        return (*layout.coordinates, *layout.rates, *layout.outputs)
 
     def __getitem__(self, key: Any) -> FloatArray:
         return self._final(key) if self.t_eval is None else self._sampled(key)
@@ -231,6 +235,10 @@ class Sweep(CaseResults):
         if self._estimate is None:
             raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
         return self._estimate
+
+    def _lasting(self) -> tuple[str, ...]:
+        layout = self._layout
+        return tuple(dict.fromkeys((*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)))
 
     def _final(self, key: Any) -> FloatArray:
         return self._values(key, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0]

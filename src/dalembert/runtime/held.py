@@ -89,7 +89,7 @@ class Held(Evaluated):
             )
         return method
 
-    def _events(self, events: Any, reduce: Any = (), *, ranks: bool = False) -> EventCode | None:
+    def _events(self, events: Any, reduce: Any = None, *, ranks: bool = False) -> EventCode | None:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none.
 
         With `ranks` the rank of the constraints is watched too.

@@ -117,7 +117,7 @@ class CompiledModel(Swept):
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""
-        from ..compiler import compile_mode
+        from ..recompiling import compile_mode
 
         if name == self.formulation:
             return self
@@ -252,6 +252,6 @@ class CompiledModel(Swept):
         return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from ..compiler import compile_mode
+        from ..recompiling import compile_mode
 
         return compile_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)

@@ -55,13 +55,15 @@ def first_crossing(expression: Any, direction: int = 0) -> Reduction:
 
 
 def reduction_table(reduce: Any, aliases: Mapping[str, str]) -> dict[str, Reduction]:
-    """Return reductions by name, from such a mapping, or from expressions and names whose final values are wanted.
+    """Return reductions by name, from such a mapping, or expressions and names whose final values are wanted, or None.
 
     Raises
     ------
     OptionError
         For what is neither, and for a name that occurs twice.
     """
+    if reduce is None:
+        return {}
     if isinstance(reduce, Mapping):
         given = [(str(name), value) for name, value in reduce.items()]
     elif isinstance(reduce, Iterable) and not isinstance(reduce, str):

@@ -213,7 +213,7 @@ class Simulated(Held):
 
     def _keeper(self, wanted: Any, c: FloatArray, t0: float, y: FloatArray) -> tuple[Simulated, tuple[str, ...]]:
         """Return the model that keeps first integrals, compiled once for each set of them, and their names."""
-        from ..compiler import recompile
+        from ..recompiling import recompile
 
         names = kept_names(wanted, self.stages.equations, self._program, self._conservable, c, t0, y)
         if names not in self._keepers:
@@ -257,7 +257,7 @@ class Simulated(Held):
             return run.of_scene(self.stages.scene)
         if not found:
             return self
-        from ..compiler import recompile
+        from ..recompiling import recompile
 
         without = tuple(sorted({*found, *self.stages.reduced.left_out}))
         if without not in self._fewer:

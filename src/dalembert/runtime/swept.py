@@ -47,7 +47,7 @@ class Swept(Simulated):
         progress: bool = False,
         error_estimate: bool = False,
         events: Any = (),
-        reduce: Any = (),
+        reduce: Any = None,
         project_invariants: Any = False,
     ) -> Sweep:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 
+from .dyadics import matrix_of
 from .model import Components, GivenBody, GivenLoad, GivenMotion, Pieces
 from .tree import Tree
 
@@ -52,7 +53,7 @@ def read_given(
         spin = vector(given[id(body.frame)], f"angular velocity of {place}")
         dyadic = body.central_inertia
         frame = _frame_of(dyadic, body.frame)
-        rows = matrix(dyadic.to_matrix(frame), f"inertia of {place}")
+        rows = matrix(matrix_of(dyadic, frame), f"inertia of {place}")
         bodies.append(GivenBody(body.name, mass, velocity, spin, number(frame, place), rows))
     loads = []
     for target, load in scene.loads:

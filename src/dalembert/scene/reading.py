@@ -6,48 +6,26 @@ from collections.abc import Sequence
 from typing import Any, final
 
 import sympy as sp
-from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
-from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
-from ..ir.graph import Graph, Node
-from ..ir.quaternions import rotation_entries
+from ..ir.graph import Node
 from ..naming import rate_name
-from . import changes
-from .angles import Angles
 from .belonging import foreign_points
 from .contacts import read_contacts
-from .entries import entries_of
-from .expressions import ExpressionReader
+from .dyadics import matrix_of
+from .geometry import GeometryReader, short
 from .given import located, read_given
-from .model import (
-    Action,
-    BodyModel,
-    Components,
-    ConstraintModel,
-    ContactModel,
-    FrameModel,
-    GivenMotion,
-    Piece,
-    Pieces,
-    PointModel,
-    SceneModel,
-    SymbolTable,
-)
-from .scene import Joint, Place, Scene, Unknown
-from .speeds import read_speeds
-from .tree import Tree
+from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
+from .scene import Joint, Place, Scene
 
-__all__ = ["read", "reader_of"]
+__all__ = ["read"]
 
-TIME = "t"
 _IMPLIED = (
     "is already implied by the parametrization: it vanishes whatever the coordinates. Remove it; for the reaction that"
     " it would hold, give a coordinate back with scene.release(coordinate, point or frame, direction)"
 )
-RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 
 def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
@@ -68,31 +46,9 @@ def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
     return _SceneReader(scene).read(outputs)
 
 
-def reader_of(scene: Scene) -> ExpressionReader:
-    """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
-    return _SceneReader(scene).expressions
-
-
 @final
-class _SceneReader:
+class _SceneReader(GeometryReader):
     """One reading of one scene."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.graph = Graph()
-        self.faults: list[str] = []
-        self.coordinates = self._coordinates()
-        self.expressions = ExpressionReader(self.graph, self._leaves())
-        self._impose()
-        self.speeds, self._starts, self._names = read_speeds(
-            self.expressions, self.coordinates, scene.speeds, scene.kinematic_equations, self.faults.append
-        )
-        self.angles = [Angles(self.expressions, item) for item in scene.orientations if item.angles]
-        self._free = {item.frame: item for item in scene.orientations if item.angles}
-        self.frames = Tree(scene.frame, "_dcm_dict")
-        self.points = Tree(scene.origin, "_pos_dict")
-        self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
-        self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
 
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
@@ -160,178 +116,6 @@ class _SceneReader:
             places=places,
         )
 
-    # -- symbols --------------------------------------------------------------------------
-
-    def _coordinates(self) -> tuple[Any, ...]:
-        good: list[Any] = []
-        time = dynamicsymbols._t
-        for q in self.scene.coordinates:
-            if not (isinstance(q, AppliedUndef) and q.args == (time,)):
-                self.faults.append(f"coordinate {q!r} is not a function of time; make it with dynamicsymbols")
-            elif q.func.__name__ in {g.func.__name__ for g in good}:
-                self.faults.append(f"coordinate {q.func.__name__!r} is given twice")
-            else:
-                good.append(q)
-        if not self.scene.coordinates:
-            self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
-        return tuple(good)
-
-    def _named_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
-        """Return angles that quaternions stand for, their rates, and speeds, by name, where they are asked for."""
-        time, leaves = dynamicsymbols._t, self.expressions.leaves
-        found: dict[str, Node] = {u.func.__name__: leaves[u] for u in self.scene.speeds}
-        for angle in (angle for item in self.scene.orientations for angle in item.angles):
-            name = angle.func.__name__
-            found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
-        return {name: node for name, node in found.items() if name in outputs}
-
-    def _leaves(self) -> dict[Any, Node]:
-        time = dynamicsymbols._t
-        leaves: dict[Any, Node] = {time: self.graph.input(TIME)}
-        for q in self.coordinates:
-            leaves[q] = self.graph.input(q.func.__name__)
-        for q in self.coordinates:
-            leaves[sp.Derivative(q, time)] = self.graph.input(rate_name(q.func.__name__))
-        return leaves
-
-    def _impose(self) -> None:
-        """Let imposed coordinates and their rates be read as what they equal."""
-        time, leaves = dynamicsymbols._t, self.expressions.leaves
-        flow = {leaves[q]: leaves[sp.Derivative(q, time)] for q in self.coordinates} | {leaves[time]: self.graph.one}
-        values = [(q, self.expressions.read(e, f"imposed coordinate {q}")) for q, e in self.scene.imposed]
-        for q, node in values:
-            leaves[q] = node
-            leaves[sp.Derivative(q, time)] = tangents(self.graph, [node], flow)[0]
-
-    def _symbols(self) -> SymbolTable:
-        coordinates = tuple(q.func.__name__ for q in self.coordinates)
-        rates = tuple(rate_name(name) for name in coordinates)
-        parameters = tuple(sorted(self.expressions.parameters))
-        unknowns = tuple(self.expressions.unknowns)
-        taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
-        taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
-        speeds = [u.func.__name__ for u in self.scene.speeds]
-        taken.update(dict.fromkeys(speeds, "a speed"))
-        kinds = (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates), ("speed", speeds))
-        for kind, names in kinds:
-            for name in names:
-                if name in taken and taken[name] != f"a {kind}":
-                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
-        time = dynamicsymbols._t
-        aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
-        for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
-            aliases[str(q)] = name
-            aliases[str(sp.Derivative(q, time))] = rate
-        for angle in (angle for item in self.scene.orientations for angle in item.angles):
-            name = angle.func.__name__
-            aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
-            aliases |= {name: name, rate_name(name): rate_name(name)}
-        for u in self.scene.speeds:
-            name = u.func.__name__
-            aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
-        entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
-        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases, entries)
-
-    # -- geometry -------------------------------------------------------------------------
-
-    def _frame(self, frame: ReferenceFrame, place: str) -> int:
-        """Return the number of a frame, reading it and its ancestors when first met."""
-        path = self.frames.path(frame)
-        if path is None:
-            self.faults.append(
-                f"{place}: frame {frame.name!r} is not oriented in {self.scene.frame.name!r}, neither directly nor"
-                " through others"
-            )
-            return 0
-        number = 0
-        for node in self._shortened(path):
-            known = self.frames.number(node)
-            orientation = self._free.get(node)
-            if orientation is not None and known not in self.frame_models:
-                matrix = rotation_entries([self.expressions.leaves[e] for e in orientation.quaternion])
-                rows = list(zip(*matrix, strict=True))
-                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
-            if known not in self.frame_models:
-                parent = self.frames.parent[node]
-                matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
-                where = f"orientation of frame {node.name!r}"
-                rows = [self._components(matrix[i, :], where) for i in range(3)]
-                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
-            number = known
-        return number
-
-    def _shortened(self, path: list[ReferenceFrame]) -> list[ReferenceFrame]:
-        """Return the frames on a way without those that a free orientation makes superfluous."""
-        for node in reversed(path):
-            if node in self._free:
-                skipped = self._free[node].between
-                return [frame for frame in path if frame not in skipped]
-        return path
-
-    def _point(self, point: Point, place: str) -> int:
-        """Return the number of a point, reading it and its ancestors when first met."""
-        path = self.points.path(point)
-        if path is None:
-            self.faults.append(
-                f"{place}: point {point.name!r} is not located from {self.scene.origin.name!r}, neither directly nor"
-                " through others"
-            )
-            return 0
-        number = 0
-        for node in path:
-            known = self.points.number(node)
-            if known not in self.point_models:
-                vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
-                pieces = self._vector(vector, f"position of point {node.name!r}")
-                self.point_models[known] = PointModel(node.name, number, pieces)
-            number = known
-        return number
-
-    def _components(self, column: Any, place: str, *, unknowns: bool = False) -> Components:
-        x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)
-        return x, y, z
-
-    def _scalar(self, expression: Any, place: str) -> Node:
-        """Return a scalar that the motion depends on, in which angles have given way to quaternions."""
-        for angles in self.angles:
-            if angles.concerns(expression):
-                found = angles.scalar(expression, place)
-                if found is None:
-                    self.expressions.faults.append(f"{place}: {angles.complaint(_short(expression))}")
-                return self.graph.zero if found is None else found
-        return self.expressions.read(expression, place)
-
-    def _turned(self, vector: Vector, place: str, angles: Angles, *, unknowns: bool) -> Pieces | None:
-        """Return a vector that depends on angles in terms of their quaternion; None leaves it as it is."""
-        found = angles.vector(vector, place, unknowns=unknowns)
-        if found is not None:
-            return tuple(Piece(self._frame(frame, place), (x, y, z)) for frame, (x, y, z) in found)
-        held = {x for matrix, _ in vector.args for x in matrix.free_symbols if isinstance(x, Unknown)}
-        if not unknowns or vector.subs(dict.fromkeys(held, 0)) != 0:
-            self.faults.append(f"{place}: {angles.complaint(_short(vector))}")
-        return None
-
-    def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
-        if vector == 0:
-            return ()
-        if not isinstance(vector, Vector):
-            self.faults.append(f"{place}: {vector!r} is not a vector")
-            return ()
-        if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
-            self.faults.append(f"{place}: the vector has components that are not numbers")
-            return ()
-        for angles in self.angles:
-            if angles.concerns(vector):
-                found = self._turned(vector, place, angles, unknowns=unknowns)
-                if found is not None:
-                    return found
-        return tuple(
-            Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))
-            for matrix, frame in vector.args
-        )
-
-    # -- contents -------------------------------------------------------------------------
-
     def _given(self) -> tuple[GivenMotion | None, Node | None]:
         """Return the velocities and the Lagrangian of a scene that came from SymPy with them."""
         scene = self.scene
@@ -359,7 +143,7 @@ class _SceneReader:
             mass = self.expressions.read(body.mass, f"mass of {place}")
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
-        inertia = self._rows(body.central_inertia.to_matrix(body.frame), f"inertia of {place}")
+        inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
         mass = self.expressions.read(body.mass, f"mass of {place}")
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
 
@@ -395,25 +179,25 @@ class _SceneReader:
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"holonomic constraint {number + 1}"
         before = len(self.expressions.faults)
-        node = self._scalar(constraint, f"{label} ({_short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({short(constraint)})")
         if node.deps & self._mask("rates"):
-            self.faults.append(f"{label} ({_short(constraint)}) contains rates; add it as a nonholonomic constraint")
+            self.faults.append(f"{label} ({short(constraint)}) contains rates; add it as a nonholonomic constraint")
         elif node.is_zero and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({_short(constraint)}) {_IMPLIED}")
+            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
         elif not node.deps & self._mask("coordinates") and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({_short(constraint)}) contains no coordinate, so it constrains nothing")
-        return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+            self.faults.append(f"{label} ({short(constraint)}) contains no coordinate, so it constrains nothing")
+        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"nonholonomic constraint {number + 1}"
         before = len(self.expressions.faults)
-        node = self._scalar(constraint, f"{label} ({_short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({short(constraint)})")
         rates = self._mask("rates")
         if node.is_zero and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({_short(constraint)}) {_IMPLIED}")
+            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
         elif not node.deps & rates and len(self.expressions.faults) == before:
             self.faults.append(
-                f"{label} ({_short(constraint)}) contains no rate; add a constraint on positions with"
+                f"{label} ({short(constraint)}) contains no rate; add a constraint on positions with"
                 " add_holonomic_constraints"
             )
         for q in self.coordinates:
@@ -421,11 +205,11 @@ class _SceneReader:
             slope = tangents(self.graph, [node], {rate: self.graph.one})[0]
             if self.graph.freed_of(slope, self._rates()) is None:
                 self.faults.append(
-                    f"{label} ({_short(constraint)}) is not affine in the rate of {q.func.__name__};"
+                    f"{label} ({short(constraint)}) is not affine in the rate of {q.func.__name__};"
                     " only constraints of the form sum a_i(q, t) q_dot_i + b(q, t) = 0 can be compiled"
                 )
                 break
-        return ConstraintModel(f"{label}, {_short(constraint)} = 0", node)
+        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
 
     def _contacts(self) -> tuple[list[ContactModel], list[ConstraintModel]]:
         if not (self.scene.contacts or self.scene.frictions):
@@ -439,16 +223,3 @@ class _SceneReader:
             forces,
             self.faults.append,
         )
-
-    def _rates(self) -> list[Node]:
-        return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
-
-    def _mask(self, kind: str) -> int:
-        names = [q.func.__name__ for q in self.coordinates]
-        return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
-
-
-def _short(expression: Any, width: int = 80) -> str:
-    """Return an expression as one short line."""
-    text = str(expression).replace("(t)", "")
-    return text if len(text) <= width else text[: width - 3] + "..."

@@ -3,10 +3,10 @@
 from sympy import Rational, cot, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
-from dalembert.scene import Joint, Scene, unknowns
+from dalembert.scene import CoulombFriction, Joint, Scene, unknowns
 
 
-def corner_plate() -> Scene:
+def corner_plate(*, friction: bool = False) -> Scene:
     r"""Build the scene of example 13.4.2, a plate whose end A slides on the ground and which leans on a corner Q.
 
     Its coordinates are
@@ -22,16 +22,22 @@ def corner_plate() -> Scene:
     - h: height of the corner Q above the ground [m];
     - g: acceleration of gravity [m/s^2];
     - F_A: given horizontal force on the plate at A [N];
+    - mu: coefficient of friction at the corner, where there is friction;
 
     its unknowns
 
     - N_Q, F_Q: force of the corner on the plate, along S.y and S.x [N];
     - N_A: vertical force of the ground on the plate at A [N].
 
+    Parameters
+    ----------
+    friction : bool
+        Whether the plate rubs on the corner, equation (4) of the example; without, the corner is an ideal joint.
+
     Returns
     -------
     Scene
-        Two coordinates, one holonomic constraint.
+        Two coordinates, one holonomic constraint; with friction, "corner".
 
     Notes
     -----
@@ -39,10 +45,13 @@ def corner_plate() -> Scene:
 
     .. math:: x + h \cot\theta = 0
 
-    Compiled, the corner is an ideal joint: F_Q = 0, and N_Q holds the constraint. Equation (4), Coulomb's
-    law of friction, is not part of this scene. The power of the force at A is taken along N.x
-    alone, because A moves on the ground by parametrization: N_A is determined once that coordinate is given
-    back, ``scene.release(y, A, N.y)``.
+    N_Q holds it. As an ideal joint the corner has F_Q = 0; with friction, Coulomb's law holds, equation (4):
+
+    .. math:: |F_Q| = \mu N_Q
+
+    while the plate slips, with the sign that opposes the slip velocity of Q. The power of the force at A is
+    taken along N.x alone, because A moves on the ground by parametrization: N_A is determined once that
+    coordinate is given back, ``scene.release(y, A, N.y)``.
     """
     x, theta = dynamicsymbols("x theta")
     m, l, h, g, F_A = symbols("m l h g F_A", positive=True)
@@ -63,4 +72,6 @@ def corner_plate() -> Scene:
         Joint("corner", body="plate", at=Q, force=N_Q * S.y + F_Q * S.x),
     )
     scene.add_holonomic_constraints(x + h * cot(theta))
+    if friction:
+        scene.add_friction(CoulombFriction(N_Q, F_Q, mu=symbols("mu", positive=True), name="corner"))
     return scene

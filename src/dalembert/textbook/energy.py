@@ -10,6 +10,7 @@ from sympy.physics.mechanics import Particle
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError
+from ..scene.dyadics import matrix_of
 from ..scene.identity import vanishes
 from .geometry import Geometry, squares
 from .printing import text
@@ -73,7 +74,7 @@ def kinetic_energy(geometry: Geometry, body: Any) -> sp.Expr:
         return put(body.mass) * geometry.dot(v, v) / 2
     v = geometry.velocity(body.masscenter)
     omega = geometry.components(geometry.angular_velocity(body.frame), body.frame)
-    inertia = body.central_inertia.to_matrix(body.frame).applyfunc(put)
+    inertia = matrix_of(body.central_inertia, body.frame).applyfunc(put)
     return put(body.mass) * geometry.dot(v, v) / 2 + (omega.T * inertia * omega)[0] / 2
 
 

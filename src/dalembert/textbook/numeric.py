@@ -12,6 +12,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..scene.identity import leaves_of
+from .functions import function_of
 
 __all__ = ["PlainSystem", "State", "States", "rank"]
 
@@ -101,7 +102,7 @@ class PlainSystem:
     def function(self, expressions: Sequence[Any]) -> Any:
         """Return a function of (t, q, v, p) that gives the values of expressions in plain symbols."""
         arguments = (self.t, self.q, self.v, self.p)
-        return sp.lambdify(arguments, list(expressions), modules="numpy", cse=False)
+        return function_of(arguments, expressions)
 
     @cached_property
     def _equations(self) -> Any:

@@ -156,12 +156,21 @@ def _reactions(view: LagrangeView) -> Section:
     return Section("Reactions", tuple(lines))
 
 
+def _friction(view: LagrangeView) -> Section:
+    return Section("Friction, while it slips", tuple(view.friction_laws.items()))
+
+
 def _motion(view: LagrangeView) -> Section:
-    items = [(a, e) for a, e in view.equations_of_motion.items()]
-    return Section("Equations of motion, unknowns eliminated", tuple(_closed(view, items)))
+    title = "Equations of motion, unknowns eliminated"
+    try:
+        return Section(title, tuple(_closed(view, view.equations_of_motion.items())))
+    except ConstraintError as reason:
+        return Section(title, ((None, str(reason)),))
 
 
 def _integrals(view: LagrangeView) -> Section:
+    if view.scene.frictions:
+        return Section("First integrals", ())
     found = view.first_integrals
     lines: list[Line] = [
         (f"{item.name}, because {item.reason}", sp.Eq(item.expression, sp.Symbol("const"), evaluate=False))
@@ -180,6 +189,7 @@ _SECTIONS: tuple[Callable[[Any], Section], ...] = (
     _powers,
     _energy,
     _equations,
+    _friction,
     _reactions,
     _motion,
     _integrals,

@@ -17,6 +17,7 @@ from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
+from .friction import friction_laws, refuse_friction, rubbing
 from .geometry import Geometry
 from .ideal import ideal_conditions, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
@@ -185,7 +186,21 @@ class LagrangeView:
     @cached_property
     def vanishing(self) -> tuple[Any, ...]:
         """The unknowns that ideal joints make zero."""
-        return tuple(x for joint in self.scene.joints for x in single_unknowns(self.ideal_conditions(joint)))
+        held = rubbing(self.scene.frictions)
+        found = (x for joint in self.scene.joints for x in single_unknowns(self.ideal_conditions(joint)))
+        return tuple(x for x in found if str(x) not in held)
+
+    @cached_property
+    def friction_laws(self) -> dict[Any, Any]:
+        """Friction force -> expression in the normal reaction and the rates, while the contact slips: -mu N sign(w).
+
+        The slip velocity w is what the force has power on, so that friction opposes slip and is of size mu N where the
+        normal reaction presses (equation (4) of example 13.4.2). Components in two directions are -mu N w / |w|.
+        """
+        return friction_laws(self.actions)
+
+    def _ideal(self, what: str) -> None:
+        refuse_friction(self.scene.name, self.scene.frictions, what)
 
     # -- what follows ---------------------------------------------------------------------
 
@@ -221,7 +236,14 @@ class LagrangeView:
 
     @cached_property
     def equations_of_motion(self) -> dict[Any, Any]:
-        """q_ddot -> expression in coordinates, rates and time, unknowns eliminated."""
+        """q_ddot -> expression in coordinates, rates and time, unknowns eliminated.
+
+        Raises
+        ------
+        ConstraintError
+            For a scene with friction.
+        """
+        self._ideal("the equations of motion")
         second = [q.diff(self.time, 2) for q in self.coordinates]
         return dict(zip(second, self._solution.accelerations(), strict=True))
 
@@ -242,9 +264,10 @@ class LagrangeView:
         Raises
         ------
         ConstraintError
-            When the joints cannot exert the reactions of the constraints; and, on access, for an unknown that is
-            not determined.
+            When the joints cannot exert the reactions of the constraints, or the scene has friction; and, on access,
+            for an unknown that is not determined.
         """
+        self._ideal("the reactions")
         solution = self._solution
         if self.unknowns and not solution.carries():
             raise ConstraintError(
@@ -264,6 +287,7 @@ class LagrangeView:
     @cached_property
     def multipliers(self) -> dict[Any, Any]:
         """Multiplier lambda_i -> expression, for the constraints in their order."""
+        self._ideal("the multipliers")
         names = self._multiplier_names()
         return dict(zip(names, self._solution.multipliers(), strict=True)) if names else {}
 
@@ -281,6 +305,7 @@ class LagrangeView:
 
     def maggi_equations(self) -> list[sp.Eq]:
         """Return the equations projected on the virtual motions that the constraints leave free (Maggi, Kane)."""
+        self._ideal("Maggi's equations")
         left = sp.Matrix([self.lagrange_expression(q) for q in self.coordinates])
         right = sp.Matrix([readable(self.actions.given_power(q)) for q in self.coordinates])
         free = self._solution.free
@@ -289,6 +314,7 @@ class LagrangeView:
     @cached_property
     def first_integrals(self) -> FirstIntegrals:
         """Expressions that are constant along every motion; `reasons` says why others are none."""
+        self._ideal("the first integrals")
         from .printing import text
 
         moving = [text(c.equation) for c in self.constraints if c.rheonomic or c.form[-1] != 0]

@@ -83,7 +83,7 @@ class HybridModel:
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
         if mode not in self._models:
-            from ...compiler import compile_mode
+            from ...recompiling import compile_mode
 
             self._models[mode] = compile_mode(self._scene, self._options, mode)
         return self._models[mode]
@@ -159,9 +159,9 @@ class HybridModel:
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from ...compiler import compile_modes
+        from ...compiler import compile_scene
 
-        return compile_modes, (self._scene, self._options)
+        return compile_scene, (self._scene, self._options)
 
     # -- motions ---------------------------------------------------------------------------
 
@@ -261,7 +261,7 @@ class HybridModel:
         threads: int | None = None,
         progress: bool = False,
         events: Any = (),
-        reduce: Any = (),
+        reduce: Any = None,
         project_invariants: Any = False,
     ) -> HybridSweep:
         """Simulate many cases, each with its own phases, steps and status; one that fails never touches its neighbours.

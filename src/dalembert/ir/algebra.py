@@ -1,0 +1,286 @@
+"""Values and what is calculated with them, each of which exists once.
+
+A node is looked up by its fingerprint (see `dalembert.ir.fingerprint`), so commuted, re-associated
+and cancelled forms, and whatever the Pythagorean and addition theorems make equal, are one node
+from the start; no simplification and no common-subexpression pass ever has to look for them. When
+a cheaper form of a known value turns up, the node adopts it: a node's cost only ever falls, and
+every operand of a node costs less than the node, so the graph stays acyclic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+
+from . import fingerprint as fp
+from .node import Node, UnitName
+from .ops import OPERATIONS
+
+__all__ = ["Algebra"]
+
+_EXACT = 1 << 53
+_P = fp.PRIME
+
+
+class Algebra:
+    """An arena of values: leaves, and the operations on them. `dalembert.ir.graph.Graph` adds ways through them."""
+
+    def __init__(self) -> None:
+        self._by_value: dict[int, Node] = {}
+        self._inputs: dict[str, Node] = {}
+        self.nodes: list[Node] = []
+        for small in (0, 1, -1, 2, -2):
+            self.const(small)
+        self.const(Fraction(1, 2))
+        self.zero, self.one = self.const(0), self.const(1)
+
+    # -- leaves ---------------------------------------------------------------------------
+
+    def input(self, name: str) -> Node:
+        """Return the input called `name`; the first call makes it."""
+        if name not in self._inputs:
+            if isinstance(name, UnitName):
+                value = fp.sphere_point(name.quaternion)[name.place]
+            else:
+                value = fp.hashed("input", name)
+            deps = 1 << len(self._inputs)
+            self._inputs[name] = self._make("input", (), name, value, 0.1, deps)
+        return self._inputs[name]
+
+    def const(self, value: int | float | Fraction) -> Node:
+        """Return a constant. Floats are taken exactly; results beyond 53 bits are rounded to a float."""
+        exact = Fraction(value)
+        if abs(exact.numerator) > _EXACT or exact.denominator > _EXACT:
+            exact = Fraction(float(exact))
+        key = fp.of_fraction(exact)
+        known = self._by_value.get(key)
+        return known if known is not None else self._make("const", (), exact, key, 0.0, 0)
+
+    def named_constant(self, name: str, value: float) -> Node:
+        """Return an irrational constant such as pi, which is equal to no rational number."""
+        key = fp.hashed("constant", name)
+        known = self._by_value.get(key)
+        return known if known is not None else self._make("const", (), float(value), key, 0.0, 0)
+
+    def node(self, value: Node | int | float | Fraction) -> Node:
+        """Return `value` as a node of this graph."""
+        return value if isinstance(value, Node) else self.const(value)
+
+    def mask(self, names: Iterable[str]) -> int:
+        """Return the dependency bits of the inputs called `names`."""
+        return sum(self.input(name).deps for name in names)
+
+    def find(self, value: int) -> Node | None:
+        """Return the node whose fingerprint is `value`, if there is one."""
+        return self._by_value.get(value)
+
+    # -- arithmetic -----------------------------------------------------------------------
+
+    def add(self, a: Node, b: Node) -> Node:
+        """Return a + b."""
+        if a.is_zero:
+            return b
+        if b.is_zero:
+            return a
+        x, y = a.number, b.number
+        if x is not None and y is not None:
+            return self.const(x + y)
+        if b.op == "neg":
+            return self.sub(a, b.args[0])
+        if a.op == "neg":
+            return self.sub(b, a.args[0])
+        return self._intern("add", (a, b), (a.fingerprint + b.fingerprint) % _P)
+
+    def sub(self, a: Node, b: Node) -> Node:
+        """Return a - b."""
+        if b.is_zero:
+            return a
+        if a.is_zero:
+            return self.neg(b)
+        x, y = a.number, b.number
+        if x is not None and y is not None:
+            return self.const(x - y)
+        if b.op == "neg":
+            return self.add(a, b.args[0])
+        if a.op == "neg":
+            return self.neg(self.add(a.args[0], b))
+        return self._intern("sub", (a, b), (a.fingerprint - b.fingerprint) % _P)
+
+    def neg(self, a: Node) -> Node:
+        """Return -a."""
+        if a.op == "neg":
+            return a.args[0]
+        if a.number is not None:
+            return self.const(-a.number)
+        if a.op == "sub":
+            return self.sub(a.args[1], a.args[0])
+        return self._intern("neg", (a,), -a.fingerprint % _P)
+
+    def mul(self, a: Node, b: Node) -> Node:
+        """Return a * b."""
+        if a.is_zero or b.is_zero:
+            return self.zero
+        if a.is_one:
+            return b
+        if b.is_one:
+            return a
+        x, y = a.number, b.number
+        if x is not None and y is not None:
+            return self.const(x * y)
+        if a.op == "neg":
+            return self.neg(self.mul(a.args[0], b))
+        if b.op == "neg":
+            return self.neg(self.mul(a, b.args[0]))
+        if x is not None and x < 0:
+            return self.neg(self.mul(self.const(-x), b))
+        if y is not None and y < 0:
+            return self.neg(self.mul(a, self.const(-y)))
+        if y is not None:
+            a, b = b, a
+        return self._intern("mul", (a, b), a.fingerprint * b.fingerprint % _P)
+
+    def div(self, a: Node, b: Node) -> Node:
+        """Return a / b; ``ZeroDivisionError`` where b is identically zero."""
+        if b.is_zero:
+            raise ZeroDivisionError("division by an expression that is identically zero")
+        if a.is_zero or b.is_one:
+            return a
+        x, y = a.number, b.number
+        if y is not None:
+            return self.const(x / y) if x is not None else self.mul(self.const(1 / y), a)
+        if a.op == "neg":
+            return self.neg(self.div(a.args[0], b))
+        if b.op == "neg":
+            return self.neg(self.div(a, b.args[0]))
+        return self._intern("div", (a, b), a.fingerprint * fp.inverse(b.fingerprint) % _P)
+
+    def power(self, a: Node, exponent: Fraction) -> Node:
+        """Return a raised to a rational number: products and square roots where they do."""
+        if exponent < 0:
+            return self.div(self.one, self.power(a, -exponent))
+        whole, rest = divmod(exponent, 1)
+        result, square = self.one, a
+        while whole:
+            if whole & 1:
+                result = self.mul(result, square)
+            whole >>= 1
+            if whole:
+                square = self.mul(square, square)
+        if rest == Fraction(1, 2):
+            return self.mul(result, self.call("sqrt", a))
+        return self.mul(result, self.call("pow", a, self.const(rest))) if rest else result
+
+    def call(self, op: str, *args: Node) -> Node:
+        """Return the named operation applied to `args`."""
+        simple = getattr(self, op, None) if op in ("add", "sub", "mul", "div", "neg") else None
+        if simple is not None:
+            return simple(*args)  # type: ignore[no-any-return]
+        if op in ("sin", "cos", "tan"):
+            return self._trigonometric(op, args[0])
+        if op == "sqrt":
+            return self._square_root(args[0])
+        if op == "select" and args[1] is args[2]:
+            return args[1]
+        return self._intern(op, args, fp.hashed(op, *(a.fingerprint for a in args)))
+
+    def sin(self, a: Node) -> Node:
+        """Return the sine of a."""
+        return self._trigonometric("sin", a)
+
+    def cos(self, a: Node) -> Node:
+        """Return the cosine of a."""
+        return self._trigonometric("cos", a)
+
+    def sum(self, terms: Iterable[Node]) -> Node:
+        """Return the sum of `terms`, added in order."""
+        total = self.zero
+        for term in terms:
+            total = self.add(total, term)
+        return total
+
+    # -- the inside -----------------------------------------------------------------------
+
+    def _make(
+        self,
+        op: str,
+        args: tuple[Node, ...],
+        payload: Fraction | float | str | None,
+        value: int,
+        cost: float,
+        deps: int,
+    ) -> Node:
+        node = Node(self, len(self.nodes), op, args, payload, value, cost, deps)
+        self.nodes.append(node)
+        self._by_value[value] = node
+        return node
+
+    def _intern(self, op: str, args: tuple[Node, ...], value: int) -> Node:
+        """Return the node with this value, which adopts the new form if that is cheaper."""
+        cost = OPERATIONS[op].cost
+        for arg in args:
+            cost += arg.cost
+        known = self._by_value.get(value)
+        if known is None and op != "neg":
+            opposite = self._by_value.get(-value % _P)
+            if opposite is not None and opposite.cost + 0.5 < cost:
+                op, args, cost = "neg", (opposite,), opposite.cost + 0.5
+        deps = 0
+        for arg in args:
+            deps |= arg.deps
+        if known is None:
+            return self._make(op, args, None, value, cost, deps)
+        if cost < known.cost:
+            known.op, known.args, known.cost, known.deps = op, args, cost, deps
+        return known
+
+    def _trigonometric(self, op: str, a: Node) -> Node:
+        if a.is_zero:
+            return self.one if op == "cos" else self.zero
+        if a.op == "neg":
+            inner = self._trigonometric(op, a.args[0])
+            return inner if op == "cos" else self.neg(inner)
+        cosine, sine = self._circle(a)
+        if op == "tan":
+            return self._intern(op, (a,), sine * fp.inverse(cosine) % _P)
+        return self._intern(op, (a,), cosine if op == "cos" else sine)
+
+    def _circle(self, a: Node) -> fp.Circle:
+        """Return the point of the circle over the field that stands for the angle a."""
+        return fp.turns(self._twelfth(a), fp.ANGLE_DENOMINATOR)
+
+    def _twelfth(self, a: Node) -> fp.Circle:
+        if a.circle is None:
+            a.circle = self._new_twelfth(a)
+        return a.circle
+
+    def _new_twelfth(self, a: Node) -> fp.Circle:
+        if a.op == "add":
+            return fp.turn(self._twelfth(a.args[0]), self._twelfth(a.args[1]))
+        if a.op == "sub":
+            return fp.turn(self._twelfth(a.args[0]), fp.conjugate(self._twelfth(a.args[1])))
+        if a.op == "neg":
+            return fp.conjugate(self._twelfth(a.args[0]))
+        if a.op == "mul" and a.args[0].number is not None:
+            count = a.args[0].number
+            atom = a.args[1]
+            if count.denominator == 1 and count <= 64:
+                return fp.turns(self._twelfth(atom), count.numerator)
+            twelfths = count * fp.ANGLE_DENOMINATOR
+            if twelfths.denominator == 1 and twelfths <= 64 and atom.op not in ("add", "sub", "mul", "neg"):
+                return fp.turns(fp.circle_from(fp.hashed("part", atom.fingerprint)), twelfths.numerator)
+        if a.op in ("const", "mul", "add", "sub"):
+            return fp.circle_from(a.fingerprint)
+        return fp.turns(fp.circle_from(fp.hashed("part", a.fingerprint)), fp.ANGLE_DENOMINATOR)
+
+    def _square_root(self, a: Node) -> Node:
+        number = a.number
+        if number is not None and number >= 0:
+            if number == 0:
+                return a
+            top, bottom = fp.square_root(number.numerator), fp.square_root(number.denominator)
+            if top is not None and bottom is not None:
+                root = Fraction(round(number.numerator**0.5), round(number.denominator**0.5))
+                if root * root == number:
+                    return self.const(root)
+                return self._intern("sqrt", (a,), top * fp.inverse(bottom) % _P)
+        return self._intern("sqrt", (a,), fp.hashed("sqrt", a.fingerprint))

@@ -1,0 +1,134 @@
+"""The tree of frames and points of a scene on the graph, and the vectors and scalars that are given in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sympy.physics.mechanics import Point, ReferenceFrame
+from sympy.physics.vector import Vector
+
+from ..ir.graph import Node
+from ..ir.quaternions import rotation_entries
+from . import changes
+from .angles import Angles
+from .model import Components, FrameModel, Piece, Pieces, PointModel
+from .scene import Scene, Unknown
+from .symbols import SymbolReader
+from .tree import Tree
+
+__all__ = ["GeometryReader", "short"]
+
+
+def short(expression: Any, width: int = 80) -> str:
+    """Return an expression as one short line."""
+    text = str(expression).replace("(t)", "")
+    return text if len(text) <= width else text[: width - 3] + "..."
+
+
+class GeometryReader(SymbolReader):
+    """One reading of one scene, as far as its geometry; frames and points are read when they are first met."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.angles = [Angles(self.expressions, item) for item in scene.orientations if item.angles]
+        self._free = {item.frame: item for item in scene.orientations if item.angles}
+        self.frames = Tree(scene.frame, "_dcm_dict")
+        self.points = Tree(scene.origin, "_pos_dict")
+        self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
+        self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
+
+    def _frame(self, frame: ReferenceFrame, place: str) -> int:
+        """Return the number of a frame, reading it and its ancestors when first met."""
+        path = self.frames.path(frame)
+        if path is None:
+            self.faults.append(
+                f"{place}: frame {frame.name!r} is not oriented in {self.scene.frame.name!r}, neither directly nor"
+                " through others"
+            )
+            return 0
+        number = 0
+        for node in self._shortened(path):
+            known = self.frames.number(node)
+            orientation = self._free.get(node)
+            if orientation is not None and known not in self.frame_models:
+                matrix = rotation_entries([self.expressions.leaves[e] for e in orientation.quaternion])
+                rows = list(zip(*matrix, strict=True))
+                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
+            if known not in self.frame_models:
+                parent = self.frames.parent[node]
+                matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
+                where = f"orientation of frame {node.name!r}"
+                rows = [self._components(matrix[i, :], where) for i in range(3)]
+                self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
+            number = known
+        return number
+
+    def _shortened(self, path: list[ReferenceFrame]) -> list[ReferenceFrame]:
+        """Return the frames on a way without those that a free orientation makes superfluous."""
+        for node in reversed(path):
+            if node in self._free:
+                skipped = self._free[node].between
+                return [frame for frame in path if frame not in skipped]
+        return path
+
+    def _point(self, point: Point, place: str) -> int:
+        """Return the number of a point, reading it and its ancestors when first met."""
+        path = self.points.path(point)
+        if path is None:
+            self.faults.append(
+                f"{place}: point {point.name!r} is not located from {self.scene.origin.name!r}, neither directly nor"
+                " through others"
+            )
+            return 0
+        number = 0
+        for node in path:
+            known = self.points.number(node)
+            if known not in self.point_models:
+                vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
+                pieces = self._vector(vector, f"position of point {node.name!r}")
+                self.point_models[known] = PointModel(node.name, number, pieces)
+            number = known
+        return number
+
+    def _components(self, column: Any, place: str, *, unknowns: bool = False) -> Components:
+        x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)
+        return x, y, z
+
+    def _scalar(self, expression: Any, place: str) -> Node:
+        """Return a scalar that the motion depends on, in which angles have given way to quaternions."""
+        for angles in self.angles:
+            if angles.concerns(expression):
+                found = angles.scalar(expression, place)
+                if found is None:
+                    self.expressions.faults.append(f"{place}: {angles.complaint(short(expression))}")
+                return self.graph.zero if found is None else found
+        return self.expressions.read(expression, place)
+
+    def _turned(self, vector: Vector, place: str, angles: Angles, *, unknowns: bool) -> Pieces | None:
+        """Return a vector that depends on angles in terms of their quaternion; None leaves it as it is."""
+        found = angles.vector(vector, place, unknowns=unknowns)
+        if found is not None:
+            return tuple(Piece(self._frame(frame, place), (x, y, z)) for frame, (x, y, z) in found)
+        held = {x for matrix, _ in vector.args for x in matrix.free_symbols if isinstance(x, Unknown)}
+        if not unknowns or vector.subs(dict.fromkeys(held, 0)) != 0:
+            self.faults.append(f"{place}: {angles.complaint(short(vector))}")
+        return None
+
+    def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
+        if vector == 0:
+            return ()
+        if not isinstance(vector, Vector):
+            self.faults.append(f"{place}: {vector!r} is not a vector")
+            return ()
+        if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
+            self.faults.append(f"{place}: the vector has components that are not numbers")
+            return ()
+        for angles in self.angles:
+            if angles.concerns(vector):
+                found = self._turned(vector, place, angles, unknowns=unknowns)
+                if found is not None:
+                    return found
+        return tuple(
+            Piece(self._frame(frame, place), self._components(matrix, place, unknowns=unknowns))
+            for matrix, frame in vector.args
+        )

@@ -1,0 +1,121 @@
+"""The symbols of a scene on the graph: coordinates, rates, speeds, parameters, unknowns, and what they are called."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics.vector import dynamicsymbols
+
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..naming import rate_name
+from .entries import entries_of
+from .expressions import ExpressionReader
+from .model import SymbolTable
+from .scene import Scene
+from .speeds import read_speeds
+
+__all__ = ["RESERVED_OUTPUTS", "SymbolReader", "reader_of"]
+
+TIME = "t"
+RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
+
+
+def reader_of(scene: Scene) -> ExpressionReader:
+    """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
+    return SymbolReader(scene).expressions
+
+
+class SymbolReader:
+    """One reading of one scene, as far as its symbols; what is wrong with them is in `faults`."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.graph = Graph()
+        self.faults: list[str] = []
+        self.coordinates = self._coordinates()
+        self.expressions = ExpressionReader(self.graph, self._leaves())
+        self._impose()
+        self.speeds, self._starts, self._names = read_speeds(
+            self.expressions, self.coordinates, scene.speeds, scene.kinematic_equations, self.faults.append
+        )
+
+    def _coordinates(self) -> tuple[Any, ...]:
+        good: list[Any] = []
+        time = dynamicsymbols._t
+        for q in self.scene.coordinates:
+            if not (isinstance(q, AppliedUndef) and q.args == (time,)):
+                self.faults.append(f"coordinate {q!r} is not a function of time; make it with dynamicsymbols")
+            elif q.func.__name__ in {g.func.__name__ for g in good}:
+                self.faults.append(f"coordinate {q.func.__name__!r} is given twice")
+            else:
+                good.append(q)
+        if not self.scene.coordinates:
+            self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
+        return tuple(good)
+
+    def _named_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
+        """Return angles that quaternions stand for, their rates, and speeds, by name, where they are asked for."""
+        time, leaves = dynamicsymbols._t, self.expressions.leaves
+        found: dict[str, Node] = {u.func.__name__: leaves[u] for u in self.scene.speeds}
+        for angle in (angle for item in self.scene.orientations for angle in item.angles):
+            name = angle.func.__name__
+            found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
+        return {name: node for name, node in found.items() if name in outputs}
+
+    def _leaves(self) -> dict[Any, Node]:
+        time = dynamicsymbols._t
+        leaves: dict[Any, Node] = {time: self.graph.input(TIME)}
+        for q in self.coordinates:
+            leaves[q] = self.graph.input(q.func.__name__)
+        for q in self.coordinates:
+            leaves[sp.Derivative(q, time)] = self.graph.input(rate_name(q.func.__name__))
+        return leaves
+
+    def _impose(self) -> None:
+        """Let imposed coordinates and their rates be read as what they equal."""
+        time, leaves = dynamicsymbols._t, self.expressions.leaves
+        flow = {leaves[q]: leaves[sp.Derivative(q, time)] for q in self.coordinates} | {leaves[time]: self.graph.one}
+        values = [(q, self.expressions.read(e, f"imposed coordinate {q}")) for q, e in self.scene.imposed]
+        for q, node in values:
+            leaves[q] = node
+            leaves[sp.Derivative(q, time)] = tangents(self.graph, [node], flow)[0]
+
+    def _symbols(self) -> SymbolTable:
+        coordinates = tuple(q.func.__name__ for q in self.coordinates)
+        rates = tuple(rate_name(name) for name in coordinates)
+        parameters = tuple(sorted(self.expressions.parameters))
+        unknowns = tuple(self.expressions.unknowns)
+        taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
+        taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
+        speeds = [u.func.__name__ for u in self.scene.speeds]
+        taken.update(dict.fromkeys(speeds, "a speed"))
+        kinds = (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates), ("speed", speeds))
+        for kind, names in kinds:
+            for name in names:
+                if name in taken and taken[name] != f"a {kind}":
+                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
+        time = dynamicsymbols._t
+        aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
+        for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
+            aliases[str(q)] = name
+            aliases[str(sp.Derivative(q, time))] = rate
+        for angle in (angle for item in self.scene.orientations for angle in item.angles):
+            name = angle.func.__name__
+            aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
+            aliases |= {name: name, rate_name(name): rate_name(name)}
+        for u in self.scene.speeds:
+            name = u.func.__name__
+            aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
+        entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
+        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases, entries)
+
+    def _rates(self) -> list[Node]:
+        return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
+
+    def _mask(self, kind: str) -> int:
+        names = [q.func.__name__ for q in self.coordinates]
+        return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
