@@ -23,7 +23,7 @@ from .code import bare, call_code, call_test, element, row, take
 from .correcting import FAILED, NONE, WANTED, correct
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
-from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
+from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, follow, resolve, scan, starts, state_at, zeros_at_end
 from .workspace import (
     CASE,
     FRESH,
@@ -224,7 +224,9 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         reach, direction = settings[0], settings[1]
         n_c, wanted = kept_constants.shape[1], t_eval.size
         largest, budget = limits[0, 0], limits[0, 1]
-        held, rows = n + 2 + memory, states.shape[0] // 2
+        followed = watch.followed if watched else 0
+        size_at = n + followed
+        held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
         for lane in range(lanes):
             case[lane], status[lane] = -1, _IDLE
@@ -314,9 +316,9 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 mark[lane] = NONE
                 if status[lane] != _RUNNING:
                     continue
-                now, size = time[lane], states[new + n, lane]
+                now, size = time[lane], states[new + size_at, lane]
                 rest = abs(end_of[lane] - now)
-                broken = states[new + n + 1, lane] != 0.0
+                broken = states[new + size_at + 1, lane] != 0.0
                 smallest = _SMALLEST * abs(now) + 1e-30 * rest
                 attempts[lane] += 1.0
                 if memory > 0:
@@ -397,6 +399,8 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     spare.seen[lane, e] = 1.0 if quiet else spare.seen[lane, e]
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
+                    if watch.followed > 0:
+                        follow(spare, lane, states, old + held + n * (degree + 1), h)
                     found, theta = scan(watch, spare, lane, many, one, now, h, fresh, happened, i)
                 fresh_of[lane] = 0
                 followed = not quiet
@@ -445,7 +449,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     status[lane] = _EVENT_NON_FINITE
                     continue
                 span = abs(end_of[lane] - first_of[lane])
-                outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i)
+                outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i, theta)
                 for m in range(n):
                     states[old + m, lane] = spare.one_point[0, m]
                 if outcome >= 0:

@@ -28,6 +28,7 @@ __all__ = [
     "STOPPED",
     "WATCH",
     "begin_signs",
+    "follow",
     "resolve",
     "sample",
     "scan",
@@ -49,8 +50,9 @@ _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STAT
 _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
 _BUDGET, _TRIES = 8192, 200
+_NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 
-WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2), Watch._fields)
+WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2, INTEGER), Watch._fields)
 SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
 _THETA = 3
 
@@ -64,6 +66,7 @@ def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: flo
         value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
         limit = noise + RESOLUTION * abs(t) * abs(rate)
         limit = (limit if math.isfinite(limit) else 0.0) + room.residual[0, e]
+        room.level[lane, e] = noise if math.isfinite(noise) else 0.0
         room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
         deciding = rate * direction if abs(value) <= limit else value
         room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
@@ -120,6 +123,87 @@ def sample(
         point[0], point[1], point[2], point[3] = a, b, c0, d
         point[4], point[5], point[6], point[7] = e, f, g, w
     call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
+
+
+@bare
+def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -> None:
+    """Take the series of what is followed over a step, in its fraction, from those of the integrals in `states`."""
+    count, terms = room.curves.shape
+    for e in range(count):
+        power = 1.0
+        for k in range(terms):
+            room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * (power * (k + 1))
+            power *= h
+
+
+@bare
+def _sample_curves(room: Scratch, low: float, width: float) -> None:
+    """Evaluate all that is followed at the eight points of a piece of the step, into ``values``."""
+    count, terms = room.curves.shape
+    x0, x1, x2, x3 = low + width * _POINTS[0], low + width * _POINTS[1], low + width * _POINTS[2], low + width * _POINTS[3]
+    x4, x5, x6, x7 = low + width * _POINTS[4], low + width * _POINTS[5], low + width * _POINTS[6], low + width * _POINTS[7]
+    for e in range(count):
+        a = b = c = d = p = q = r = s = room.curves[e, terms - 1]
+        for k in range(terms - 2, -1, -1):
+            term = room.curves[e, k]
+            a, b, c, d = a * x0 + term, b * x1 + term, c * x2 + term, d * x3 + term
+            p, q, r, s = p * x4 + term, q * x5 + term, r * x6 + term, s * x7 + term
+        values = room.values[e]
+        values[0], values[1], values[2], values[3] = a, b, c, d
+        values[4], values[5], values[6], values[7] = p, q, r, s
+
+
+@bare
+def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
+    """Return value and slope of what is followed at a fraction of the step."""
+    last = room.curves.shape[1] - 1
+    value, slope = room.curves[event, last], 0.0
+    for k in range(last - 1, -1, -1):
+        slope = slope * theta + value
+        value = value * theta + room.curves[event, k]
+    return value, slope
+
+
+@bare
+def _zero_of_curve(
+    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, low: float, high: float, first: float
+) -> float:
+    """Return the zero of what is followed on a monotone piece of the step that begins with the value `first`.
+
+    Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
+    """
+    a, b = low, high
+    theta = 0.5 * (low + high)
+    value, slope = _on_curve(room, event, theta)
+    for _ in range(_NEWTON):
+        if (value > 0.0) == (first > 0.0):
+            a = theta
+        else:
+            b = theta
+        following = theta - value / slope
+        if not (following > a and following < b):
+            following = 0.5 * (a + b)
+        done = abs(following - theta) <= _CLOSE * (high - low)
+        theta = following
+        value, slope = _on_curve(room, event, theta)
+        if done:
+            break
+    exact = theta - _value(watch, room, c, t, h, theta, event) / slope
+    return min(max(exact, low), high) if math.isfinite(exact) else theta
+
+
+@bare
+def _alone(watch: Watch, room: Scratch, theta: float) -> bool:
+    """Return whether nothing that is followed is near zero at a fraction of the step, but what happens there."""
+    alone = True
+    for e in range(watch.directions.size):
+        if room.happens[0, e] == 0.0:
+            size = 0.0
+            for k in range(room.curves.shape[1]):
+                size += abs(room.curves[e, k])
+            value, _ = _on_curve(room, e, theta)
+            alone = alone and abs(value) > _NEAR * size
+    return alone
 
 
 @bare
@@ -241,7 +325,10 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
             if new * room.signs[lane, e] < 0.0:
                 theta = low
                 if side == 1 and first * new < 0.0:
-                    theta = _zero(watch, room, c, t, h, e, low, high, first, last)
+                    if watch.followed > 0:
+                        theta = _zero_of_curve(watch, room, c, t, h, e, low, high, first)
+                    else:
+                        theta = _zero(watch, room, c, t, h, e, low, high, first, last)
             room.signs[lane, e] = new
             if math.isfinite(theta):
                 place = count
@@ -288,6 +375,24 @@ def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray
 
 
 @bare
+def _begin_step(watch: Watch, room: Scratch, lane: int, one: int, t: float, h: float) -> None:
+    """Take down the rates of all expressions where a step begins, and the sizes below which they count as zero."""
+    if watch.followed == 0:
+        for m in range(room.series.shape[0]):
+            room.one_point[0, m] = room.series[m, 0]
+        room.one_clock[0, 0] = t
+        call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    for e in range(watch.directions.size):
+        rate, noise = 0.0, room.level[lane, e]
+        if watch.followed > 0:
+            rate = room.curves[e, 1] / h
+        else:
+            rate, noise = room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+        noise += 4.0 * _ULP * abs(t) * abs(rate)
+        room.rates[0, e], room.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
+
+
+@bare
 def scan(
     watch: Watch,
     room: Scratch,
@@ -306,15 +411,10 @@ def scan(
     starts with this step. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
     count = watch.directions.size
-    for m in range(room.series.shape[0]):
-        room.one_point[0, m] = room.series[m, 0]
-    room.one_clock[0, 0] = t
-    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    _begin_step(watch, room, lane, one, t, h)
     for e in range(count):
-        noise = room.one_out[0, 3 * e + 2] + 4.0 * _ULP * abs(t) * abs(room.one_out[0, 3 * e + 1])
-        room.noise[0, e] = noise if math.isfinite(noise) else 0.0
         if fresh and room.zero[lane, e] != 0.0:
-            room.zero[lane, e] = max(abs(room.one_out[0, 3 * e + 1] * h), _SMALLEST)
+            room.zero[lane, e] = max(abs(room.rates[0, e] * h), _SMALLEST)
         room.happens[0, e] = 0.0
     least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
@@ -322,7 +422,10 @@ def scan(
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
-        sample(watch.values, watch.used, room, many, t, h, low, high - low)
+        if watch.followed > 0:
+            _sample_curves(room, low, high - low)
+        else:
+            sample(watch.values, watch.used, room, many, t, h, low, high - low)
         budget -= 1
         simple, finite = _simple(room, count, lane, fresh and low == 0.0, high)
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
@@ -388,13 +491,18 @@ def resolve(
     one: int,
     happened: FloatArray,
     case: int,
+    theta: float,
 ) -> int:
     """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
+
+    `theta` is the fraction of the step where that is, 1 or more at its end.
 
     Other expressions that are zero there to rounding, and about to change their sign, change it at the same time.
     Returns the status that it gives the case, or -1 where it goes on.
     """
     count = watch.directions.size
+    if watch.followed > 0 and theta < 1.0 and _alone(watch, room, theta):
+        return _EVENT
     room.one_clock[0, 0] = t
     call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
     ended, jumped, seen = False, False, True
