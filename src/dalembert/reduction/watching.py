@@ -20,7 +20,7 @@ from ..scene.reading import RESERVED_OUTPUTS, reader_of
 from ..scene.scene import Scene
 from .base import ReducedSystem
 
-__all__ = ["Watch", "jumping", "watching"]
+__all__ = ["Watch", "expanding", "jumping", "watching"]
 
 _ROUNDINGS = 64 * 2.220446049250313e-16
 _ARGUMENTS = ("t", "y", "c")
@@ -135,6 +135,16 @@ def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], wha
             raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
         after[name] = reader.read(expression, f"{what}, {name} after it")
     return reader.kernel("jump", list(after.values()))
+
+
+def expanding(system: ReducedSystem) -> Kernel:
+    """Return the kernel from (t, y, c), c beginning with the parameters, to coordinates and rates (2 n_q,)."""
+    equations = system.equations
+    graph, symbols = equations.graph, equations.symbols
+    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
+    inputs |= {node: ("y", i) for node, i in system.places.items()}
+    return lower_kernel(graph, "expanded", (*system.coordinates, *system.rates), inputs, arguments=_ARGUMENTS)
 
 
 @final

@@ -438,7 +438,9 @@ def _columns_run(
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
     if watch is None and settings.t_eval is None:
         return engine.sweeper(columns, settings.method, here, np.empty((0, 0)), share)
-    constants, done = np.empty((count, cases.program.layout.constants)), here
+    reduces = watch is not None and bool(watch.plan)
+    constants = np.empty((count, cases.program.layout.constants) if reduces or watch is None else (0, 0))
+    done = here
     if watch is not None:
         happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
         done = replace(here, happened=happened, totals=totals)
@@ -448,9 +450,10 @@ def _columns_run(
 
     def finish() -> None:
         run.finish()
-        spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
         here.happened[:] = done.happened[:, : 3 * watch.reported]
-        here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
+        if reduces:
+            spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+            here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
         watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)

@@ -101,10 +101,16 @@ class Settled:
         for number, mode in enumerate(other.table):
             self.take(mode, cases[other.mode == number])
 
+    def part(self, some: NDArray[np.bool_]) -> Settled:
+        """Return some of the cases."""
+        fields = (self.mode, self.x, self.directions, self.sides, self.speeds, self.status)
+        return Settled(self.table, *(values[some] for values in fields))
+
     def record(self, cases: NDArray[np.intp], choice: Choice) -> None:
         """Take down what was chosen for some cases."""
-        self.status[cases] = choice.status
-        self.directions[cases], self.sides[cases] = choice.directions, choice.sides
+        place = slice(None) if len(cases) == len(self.status) else cases
+        self.status[place] = choice.status
+        self.directions[place], self.sides[place] = choice.directions, choice.sides
         for number, mode in enumerate(choice.modes):
             here = choice.mode == number
             if np.any(here):
@@ -182,7 +188,7 @@ class Laws:
             if found is None:
                 return None
             sure[some] = found.sure
-            result.x[some, here.x.shape[1] // 2 :] = found.rates
+            result.x[slice(None) if whole else some, here.x.shape[1] // 2 :] = found.rates
             result.record(some, found.choice)
         return result, sure
 
@@ -197,10 +203,27 @@ class Laws:
     ) -> tuple[dict[int, list[Standing]], NDArray[np.intp]]:
         """Return a number for each case, and what it says of how its contacts stand."""
         k, table = len(self.contacts), list[Standing]()
+        alike = None if facts is not None else self._alike(mode, fired)
+        if alike is not None:
+            return {0: alike}, np.zeros(len(now.t), np.intp)
         codes = np.array([self._standings(facts, slips, i, mode, fired, speeds, table) for i in range(k)]).T
         mixed = codes.reshape(len(now.t), k) @ (len(table) ** np.arange(k))
         _, firsts = np.unique(mixed, return_index=True)
         return {int(mixed[i]): [table[code] for code in codes[i]] for i in firsts}, mixed
+
+    def _alike(self, mode: Mode | None, fired: Sequence[Watchpoint]) -> list[Standing] | None:
+        """Return how contacts stand where that is the same in all cases, whatever their slips; else None."""
+        found = []
+        for i, contact in enumerate(self.contacts):
+            kinds = {point.kind for point in fired if point.contact == i}
+            before = None if mode is None else mode[i]
+            broken = [point.sign for point in fired if point.contact == i and point.kind == "break"]
+            if len(contact.tangential) != 1 or contact.regularization is not None or kinds & {"lift", "meet"}:
+                return None
+            if before == OPEN or not (broken or before == STICK or "stop" in kinds):
+                return None
+            found.append(Standing(GRIPPED, broken=broken[0] if broken else None))
+        return found
 
     def _slowly(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on, by linear systems that may be singular."""

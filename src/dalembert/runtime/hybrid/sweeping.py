@@ -30,6 +30,8 @@ from .settling import Instants
 __all__ = ["Campaign", "sweep"]
 
 _RUNNING = -1
+_BETWEEN_FITS = 16
+"""Rounds in one mode after which it is asked anew which method fits."""
 
 
 @final
@@ -108,6 +110,7 @@ class _Sweep:
         self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k) if wanted else None
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
+        self.fits: dict[Mode, tuple[int, str]] = {}
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
@@ -134,11 +137,9 @@ class _Sweep:
     def _round(self, some: NDArray[np.intp]) -> None:
         """Run cases in one mode and for one cause, each to its next sample, its end, or what ends the mode."""
         mode = self.table[self.mode[some[0]]]
-        goal = self._goal(some)
-        run = self._run(mode, some, goal)
-        program = self.modes.model(mode).stages.program
-        c = inputs.prepare_rows(program, self._rows(mode, self._states(some)))
-        x = interpret_rows(program.kernel("expand"), run.t, run.y, c)
+        columns = self._columns(mode, self._states(some))
+        run = self._run(mode, some, columns)
+        x = self.modes.expand(mode, run.t, run.y, columns)
         passed = run.t - self.now.t[some]
         self._keep(run, some, passed)
         self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
@@ -162,33 +163,46 @@ class _Sweep:
             goal[more] = t_eval[self.next[some[more]]]
         return goal
 
+    def _columns(self, mode: Mode, states: States) -> dict[str, FloatArray]:
+        """Return the parameters (k,) or (1,) of a mode's model at some states, in the order of its layout."""
+        own = {name: self._parameter(i, states.case) for i, name in enumerate(self.campaign.layout.parameters)}
+        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
+        return {name: columns[name] for name in self.modes.model(mode).layout.parameters}
+
+    def _parameter(self, i: int, cases: NDArray[np.intp]) -> FloatArray:
+        """Return a parameter of some cases, one number where all cases of the sweep have the same."""
+        column = self.campaign.varied[1][self.campaign.layout.parameters[i]]
+        return column if len(column) == 1 else column[cases]
+
     def _rows(self, mode: Mode, states: States) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
-        layout = self.modes.model(mode).layout
-        own = {name: self.campaign.p[states.case, i] for i, name in enumerate(self.campaign.layout.parameters)}
-        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
-        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))
+        columns = self._columns(mode, states).values()
+        return np.stack([np.broadcast_to(column, len(states.t)) for column in columns], axis=1)
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
         now = self.now
         return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
 
-    def _run(self, mode: Mode, some: NDArray[np.intp], goal: FloatArray) -> Sweep:
+    def _run(self, mode: Mode, some: NDArray[np.intp], columns: dict[str, FloatArray]) -> Sweep:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
         events = [replace(e, name=e.label) for e in self.campaign.events]
         events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
-        rows = self._rows(mode, self._states(some))
+        rounds, method = self.fits.get(mode, (0, ""))
+        options = {**self.campaign.options}
+        if rounds % _BETWEEN_FITS:
+            options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
         run = model.sweep(
-            (self.now.t[some], goal),
+            (self.now.t[some], self._goal(some)),
             {name: self.now.x[some, i] for i, name in enumerate(self.names)},
-            {name: rows[:, i] for i, name in enumerate(model.layout.parameters)},
+            columns,
             events=events,
             reduce=dict(self.campaign.reductions),
-            **self.campaign.options,
+            **options,
         )
+        self.fits[mode] = rounds + 1, run.stats.method
         self.methods[run.stats.method] = None
         return run
 
@@ -241,18 +255,12 @@ class _Sweep:
         """Settle the cases whose phase was ended by events."""
         points = self.modes.points(mode)
         fired = np.array([run.events[p.output].last == run.t for p in points]).reshape(len(points), len(some))
-        ends = np.zeros(len(some), np.bool_)
         for event in self.campaign.events:
             if event.terminal:
-                ends |= run.events[event.label].last == run.t
-        self.status[some[ended[ends[ended]]]] = int(Status.EVENT)
-        ended = ended[~ends[ended]]
-        paradox = np.zeros(len(some), np.bool_)
+                ended = self._over(some, ended, run.events[event.label].last == run.t, Status.EVENT)
         for point, row in zip(points, fired, strict=True):
             if point.kind == "paradox":
-                paradox |= row
-        self.status[some[ended[paradox[ended]]]] = int(Status.CONTACT_IMPOSSIBLE)
-        ended = ended[~paradox[ended]]
+                ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
         cases = some[ended]
         self.phases[cases] += 1
         quick = np.abs(self.now.passed[cases]) <= SOON * self.span[cases]
@@ -260,10 +268,21 @@ class _Sweep:
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
-        mixed = (1 << np.arange(len(points))) @ fired[:, ended]
+        mixed = np.zeros(len(ended), np.int64)
+        for i, row in enumerate(fired):
+            mixed += np.left_shift(row[ended], i, dtype=np.int64)
         for number in np.unique(mixed):
             self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
         self._sample(cases)
+
+    def _over(
+        self, some: NDArray[np.intp], ended: NDArray[np.intp], over: NDArray[np.bool_], status: Status
+    ) -> NDArray[np.intp]:
+        """Give a status to those of `some` with the numbers `ended` that are `over`, and return the other numbers."""
+        if not np.any(over):
+            return ended
+        self.status[some[ended[over[ended]]]] = int(status)
+        return ended[~over[ended]]
 
     def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Watchpoint]) -> None:
         """Decide how cases go on."""
@@ -273,19 +292,18 @@ class _Sweep:
         if cause not in self.causes:
             self.causes.append(cause)
         self.cause[some] = self.causes.index(cause)
-        settled = self.modes.laws.settle(self.now.part(some), mode, fired)
+        whole = len(some) == len(self.mode)
+        settled = self.modes.laws.settle(self.now if whole else self.now.part(some), mode, fired)
         good = settled.status == Status.SUCCESS
-        self.status[some[~good]] = settled.status[~good]
-        for own, new in ((self.now.x, settled.x), (self.now.directions, settled.directions)):
-            own[some[good]] = new[good]
-        for own, new in ((self.now.sides, settled.sides), (self.now.speeds, settled.speeds)):
-            own[some[good]] = new[good]
-        for number, found in enumerate(settled.table):
-            if found not in self.table:
-                self.table.append(found)
-            self.mode[some[good & (settled.mode == number)]] = self.table.index(found)
-        over = some[good][self.now.t[some[good]] == self.campaign.t1[some[good]]]
-        self.status[over] = int(Status.SUCCESS)
+        if not np.all(good):
+            self.status[some[~good]] = settled.status[~good]
+            some, settled, whole = some[good], settled.part(good), False
+        for name in ("x", "directions", "sides", "speeds"):
+            getattr(self.now, name)[slice(None) if whole else some] = getattr(settled, name)
+        self.table += [found for found in settled.table if found not in self.table]
+        numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
+        self.mode[some] = numbers[settled.mode]
+        self.status[some[self.now.t[some] == self.campaign.t1[some]]] = int(Status.SUCCESS)
 
     # -- results ---------------------------------------------------------------------------
 
