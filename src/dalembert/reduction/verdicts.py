@@ -20,7 +20,7 @@ from .modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
 from .reactions import independent_columns
 from .saddle import SaddlePoint
 
-__all__ = ["Attempt", "Verdict", "slip_kernel", "verdict"]
+__all__ = ["Attempt", "Verdict", "slip_kernel", "start_kernel", "verdict"]
 
 
 @final
@@ -62,6 +62,22 @@ def slip_kernel(equations: EquationsOfMotion) -> Kernel:
     nothing = own.graph.zero
     slips = [own.slip_velocity(contact.slips[0]) if contact.slips else nothing for contact in own.equations.contacts]
     return lower_kernel(own.graph, "slips", slips, own.inputs([]), arguments=("t", "y", "c"))
+
+
+def start_kernel(equations: EquationsOfMotion) -> Kernel:
+    """Return a kernel of (t, (q, q_dot), p) with five numbers a contact, of those that slip along one direction.
+
+    They are its slip velocity, the sum of the sizes of its terms, the coefficients of sliding and of static friction,
+    and the restitution.
+    """
+    own = _Own(equations)
+    graph, nodes = own.graph, list[Node]()
+    for contact in own.equations.contacts:
+        (slip,) = contact.slips
+        terms = (graph.call("abs", a * b) for a, b in zip(slip.jacobian, own.equations.qdot, strict=True))
+        numbers = (contact.mu, contact.mu_static, contact.restitution)
+        nodes += [own.slip_velocity(slip), graph.sum(terms), *(graph.zero if n is None else n for n in numbers)]
+    return lower_kernel(graph, "starts", nodes, own.inputs([]), arguments=("t", "y", "c"))
 
 
 def verdict(

@@ -225,6 +225,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         n_c, wanted = kept_constants.shape[1], t_eval.size
         largest, budget = limits[0, 0], limits[0, 1]
         followed = watch.followed if watched else 0
+        points = 0 if watched and followed > 0 and watch.kinds.size == 0 else POINT_LANES
         size_at = n + followed
         held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
@@ -293,7 +294,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                         fresh_of[lane] = 1
                         for m in range(constants.shape[0]):
                             spare.own[lane, m] = room.constants_ahead[m, place]
-                            for point in range(POINT_LANES):
+                            for point in range(points):
                                 spare.constants[lane * constants.shape[0] + m, point] = spare.own[lane, m]
                         for m in range(n):
                             spare.one_point[0, m] = room.begun[m, place]
@@ -394,9 +395,11 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 h, scale = time[lane] - now, 1.0 if memory > 0 else time[lane] - now
                 quiet, found, theta = True, NOTHING, 1.0
                 for e in range(spare.over.shape[0]):
-                    quiet = quiet and spare.over[e, lane] * spare.signs[lane, e] > 0.0
-                    quiet = quiet and not (fresh and spare.zero[lane, e] != 0.0)
-                    spare.seen[lane, e] = 1.0 if quiet else spare.seen[lane, e]
+                    keeps = spare.over[e, lane] * spare.signs[lane, e] > 0.0
+                    keeps = keeps and not (fresh and spare.zero[lane, e] != 0.0)
+                    quiet = quiet and keeps
+                    spare.seen[lane, e] = 1.0 if quiet or (followed > 0 and keeps) else spare.seen[lane, e]
+                    spare.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
                     if watch.followed > 0:

@@ -127,22 +127,27 @@ def sample(
 
 @bare
 def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -> None:
-    """Take the series of what is followed over a step, in its fraction, from those of the integrals in `states`."""
+    """Take the series of what may change its sign in a step, in its fraction, from those of the integrals in `states`."""
     count, terms = room.curves.shape
+    power = 1.0
+    for k in range(terms):
+        room.powers[0, k] = power * (k + 1)
+        power *= h
     for e in range(count):
-        power = 1.0
-        for k in range(terms):
-            room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * (power * (k + 1))
-            power *= h
+        if room.open[0, e] != 0.0:
+            for k in range(terms):
+                room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
 
 
 @bare
 def _sample_curves(room: Scratch, low: float, width: float) -> None:
-    """Evaluate all that is followed at the eight points of a piece of the step, into ``values``."""
+    """Evaluate what may change its sign at the eight points of a piece of the step, into ``values``."""
     count, terms = room.curves.shape
     x0, x1, x2, x3 = low + width * _POINTS[0], low + width * _POINTS[1], low + width * _POINTS[2], low + width * _POINTS[3]
     x4, x5, x6, x7 = low + width * _POINTS[4], low + width * _POINTS[5], low + width * _POINTS[6], low + width * _POINTS[7]
     for e in range(count):
+        if room.open[0, e] == 0.0:
+            continue
         a = b = c = d = p = q = r = s = room.curves[e, terms - 1]
         for k in range(terms - 2, -1, -1):
             term = room.curves[e, k]
@@ -166,14 +171,14 @@ def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
 
 @bare
 def _zero_of_curve(
-    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, low: float, high: float, first: float
+    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, low: float, high: float, first: float, last: float
 ) -> float:
-    """Return the zero of what is followed on a monotone piece of the step that begins with the value `first`.
+    """Return the zero of what is followed on a monotone piece of the step that goes from one value to another.
 
     Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
     """
     a, b = low, high
-    theta = 0.5 * (low + high)
+    theta = low + (high - low) * (first / (first - last))
     value, slope = _on_curve(room, event, theta)
     for _ in range(_NEWTON):
         if (value > 0.0) == (first > 0.0):
@@ -194,10 +199,10 @@ def _zero_of_curve(
 
 @bare
 def _alone(watch: Watch, room: Scratch, theta: float) -> bool:
-    """Return whether nothing that is followed is near zero at a fraction of the step, but what happens there."""
+    """Return whether nothing that may change its sign is near zero at a fraction of the step, but what happens there."""
     alone = True
     for e in range(watch.directions.size):
-        if room.happens[0, e] == 0.0:
+        if room.happens[0, e] == 0.0 and room.open[0, e] != 0.0:
             size = 0.0
             for k in range(room.curves.shape[1]):
                 size += abs(room.curves[e, k])
@@ -244,6 +249,8 @@ def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> t
     """
     simple = finite = True
     for e in range(count):
+        if room.open[0, e] == 0.0:
+            continue
         lost, largest = True, 0.0
         for j in range(8):
             value = room.values[e, j]
@@ -316,6 +323,8 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
     """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
     count = 0
     for e in range(watch.directions.size):
+        if room.open[0, e] == 0.0:
+            continue
         first, last, noise = room.ends[0, e], room.ends[1, e], room.noise[0, e]
         for side in range(2):
             new = _sign(first if side == 0 else last, noise)
@@ -326,7 +335,7 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
                 theta = low
                 if side == 1 and first * new < 0.0:
                     if watch.followed > 0:
-                        theta = _zero_of_curve(watch, room, c, t, h, e, low, high, first)
+                        theta = _zero_of_curve(watch, room, c, t, h, e, low, high, first, last)
                     else:
                         theta = _zero(watch, room, c, t, h, e, low, high, first, last)
             room.signs[lane, e] = new
@@ -437,6 +446,8 @@ def scan(
         if not finite:
             return BROKEN, low
         for e in range(count):
+            if room.open[0, e] == 0.0:
+                continue
             room.ends[0, e], room.ends[1, e] = room.values[e, 0], room.values[e, 7]
             if fresh and low == 0.0 and room.zero[lane, e] != 0.0:
                 room.ends[0, e] = 0.0
@@ -447,7 +458,7 @@ def scan(
         if stop >= 0.0:
             return STOPPED, stop
         for e in range(count):
-            if abs(room.ends[1, e]) > room.noise[0, e]:
+            if room.open[0, e] != 0.0 and abs(room.ends[1, e]) > room.noise[0, e]:
                 room.seen[lane, e] = 1.0
     return NOTHING, 1.0
 

@@ -140,7 +140,8 @@ class Scratch(NamedTuple):
     """Arrays to watch cases with, and what each lane remembers: signs, what was seen of them, and zeros at the start.
 
     ``curves`` are the series of what is followed, in the fraction of the step, and ``level`` what rounding of the state
-    made of it where each lane began.
+    made of it where each lane began. ``open`` are 1 for what may change its sign in the present step, else 0; ``rates``
+    belong to its beginning.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
     """
@@ -173,6 +174,8 @@ class Scratch(NamedTuple):
     curves: FloatArray
     level: FloatArray
     rates: FloatArray
+    open: FloatArray
+    powers: FloatArray
 
 
 def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> Scratch:
@@ -208,4 +211,6 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -
         curves=aligned(max(watch.followed, 1), degree),
         level=aligned(lanes, k),
         rates=aligned(1, k),
+        open=np.ones((1, k)),
+        powers=aligned(1, degree + 1),
     )

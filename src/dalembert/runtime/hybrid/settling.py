@@ -153,7 +153,7 @@ class Laws:
 
     def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
-        tried = None if mode is None else self._quickly(now, mode, fired)
+        tried = self._begun(now) if mode is None else self._quickly(now, mode, fired)
         if tried is None:
             return self._slowly(now, mode, fired)
         settled, sure = tried
@@ -173,12 +173,43 @@ class Laws:
         if mode.count(SLIP) > 1 or any(len(contact.tangential) > 1 for contact in self.contacts) or meets:
             return None
         slip = self.quick.slips(now.t, now.x, now.c)
-        slips, count = np.stack([slip, np.zeros_like(slip)], axis=2), len(now.t)
+        slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
         table, codes = self._coded(None, slips, now, mode, fired, result.speeds)
         known = not any(point.kind == "turn" for point in fired)
+        return self._decided(now, slips, (table, codes), result, known=known)
+
+    def _begun(self, now: Instants) -> tuple[Settled, NDArray[np.bool_]] | None:
+        """Return the same as `_quickly` for cases that start, where no contact may be open."""
+        if any(c.constraint is not None or len(c.tangential) != 1 or c.regularization is not None for c in self.contacts):
+            return None
+        slip, size, mu, static, restitution = self.quick.starts(now.t, now.x, now.c)
+        result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
+        sliding = ~(np.abs(slip) <= NOISE * np.maximum(result.speeds, size))
+        codes = sliding @ (1 << np.arange(len(self.contacts)))
+        table = {
+            int(code): [Standing(SLIDING if code >> i & 1 else GRIPPED) for i in range(len(self.contacts))]
+            for code in np.unique(codes)
+        }
+        slips = np.stack([slip, np.zeros_like(slip)], axis=2)
+        decided = self._decided(now, slips, (table, codes), result, known=False)
+        bad = np.any((mu < 0.0) | (static < mu) | (restitution < 0.0) | (restitution > 1.0), axis=1)
+        result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
+        return decided
+
+    def _decided(
+        self,
+        now: Instants,
+        slips: FloatArray,
+        coded: tuple[dict[int, list[Standing]], NDArray[np.intp]],
+        result: Settled,
+        *,
+        known: bool,
+    ) -> tuple[Settled, NDArray[np.bool_]] | None:
+        """Write to `result` what kernels decide; return it, and for which cases they are sure."""
+        (table, codes), count = coded, len(now.t)
         sure = np.ones(count, np.bool_)
-        for code in np.unique(codes):
+        for code in table:
             some = np.flatnonzero(codes == code)
             whole = len(some) == count
             here = now if whole else now.part(some)
