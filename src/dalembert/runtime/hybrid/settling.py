@@ -20,7 +20,7 @@ from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Choice, Standin
 from .facts import Facts, FloatArray, facts_at
 from .quick import Quick
 
-__all__ = ["Instants", "Laws", "Settled"]
+__all__ = ["Instants", "Laws", "Settled", "placed"]
 
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
@@ -56,10 +56,17 @@ class Instants:
         forward = np.tile(np.array([1.0, 0.0]), (count, contacts, 1))
         return cls(t, x, c, forward, np.ones((count, contacts)), np.zeros((count, contacts)), np.zeros(count))
 
-    def part(self, some: NDArray[np.intp]) -> Instants:
-        """Return some of the cases."""
+    def part(self, some: NDArray[np.intp] | slice) -> Instants:
+        """Return some of the cases; a slice gives views."""
         fields = (self.t, self.x, self.c, self.directions, self.sides, self.speeds, self.passed)
         return Instants(*(values[some] for values in fields))
+
+
+def placed(some: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Return numbers that rise, as a slice where none is left out."""
+    if len(some) and int(some[-1]) - int(some[0]) + 1 == len(some):
+        return slice(int(some[0]), int(some[-1]) + 1)
+    return some
 
 
 @final

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -25,13 +25,17 @@ from ..reductions import Reduction
 from ..sweeping import meter
 from .facts import FloatArray
 from .running import JAMMED, Modes
-from .settling import Instants
+from .settling import Instants, placed
 
 __all__ = ["Campaign", "sweep"]
 
 _RUNNING = -1
 _BETWEEN_FITS = 16
 """Rounds in one mode after which it is asked anew which method fits."""
+_WORTH_HALVING = 2000
+"""Cases from which on one half runs while it is decided how the other goes on."""
+
+_Group = tuple[Mode, NDArray[np.intp], dict[str, FloatArray], Callable[[], Sweep]]
 
 
 @final
@@ -120,13 +124,17 @@ class _Sweep:
         with meter(len(self.status), self.campaign.progress) as advance:
             advance(int(np.sum(self.status != _RUNNING)))
             try:
-                while np.any(self.status == _RUNNING):
-                    before = int(np.sum(self.status == _RUNNING))
-                    running = np.flatnonzero(self.status == _RUNNING)
-                    mixed = self.mode[running] * len(self.causes) + self.cause[running]
-                    for number in np.unique(mixed):
-                        self._round(running[mixed == number])
-                    advance(before - int(np.sum(self.status == _RUNNING)))
+                wings = np.array_split(np.arange(len(self.status)), 1 + (len(self.status) >= _WORTH_HALVING))
+                going = [self._begin_round(wing) for wing in wings]
+                before = int(np.sum(self.status == _RUNNING))
+                while any(going):
+                    for number, wing in enumerate(wings):
+                        for group in going[number]:
+                            self._end_round(*group)
+                        going[number] = self._begin_round(wing)
+                    running = int(np.sum(self.status == _RUNNING))
+                    advance(before - running)
+                    before = running
             except KeyboardInterrupt:
                 pass
         self.status[self.status == _RUNNING] = int(Status.INTERRUPTED)
@@ -134,20 +142,36 @@ class _Sweep:
 
     # -- one round -------------------------------------------------------------------------
 
-    def _round(self, some: NDArray[np.intp]) -> None:
-        """Run cases in one mode and for one cause, each to its next sample, its end, or what ends the mode."""
-        mode = self.table[self.mode[some[0]]]
-        columns = self._columns(mode, self._states(some))
-        run = self._run(mode, some, columns)
-        x = self.modes.expand(mode, run.t, run.y, columns)
-        passed = run.t - self.now.t[some]
+    def _begin_round(self, wing: NDArray[np.intp]) -> list[_Group]:
+        """Begin to run cases, each to its next sample, its end, or what ends its mode: those alike in one group."""
+        running = wing[self.status[wing] == _RUNNING]
+        mixed = self.mode[running] * len(self.causes) + self.cause[running]
+        groups = []
+        for number in np.unique(mixed):
+            some = running[mixed == number]
+            mode = self.table[self.mode[some[0]]]
+            columns = self._columns(mode, some)
+            groups.append((mode, some, columns, self._begin(mode, some, columns)))
+        return groups
+
+    def _end_round(
+        self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray], waiting: Callable[[], Sweep]
+    ) -> None:
+        """Wait for a group of cases, and look how each goes on."""
+        run = waiting()
+        rounds, _ = self.fits.get(mode, (0, ""))
+        self.fits[mode] = rounds + 1, run.stats.method
+        self.methods[run.stats.method] = None
+        x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
+        passed = run.t - self.now.t[place]
         self._keep(run, some, passed)
-        self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
-        self.steps[some] += run.steps
-        self.cause[some] = 0
+        self.now.t[place], self.now.x[place], self.now.passed[place] = run.t, x, passed
+        self.steps[place] += run.steps
+        self.cause[place] = 0
         status = run.status.astype(np.int64)
-        failed = ~np.isin(status, (Status.SUCCESS, Status.EVENT))
-        self.status[some[failed]] = self._judged(run, status, mode)[failed]
+        failed = (status != Status.SUCCESS) & (status != Status.EVENT)
+        if np.any(failed):
+            self.status[some[failed]] = self._judged(run, status, mode)[failed]
         reached = status == Status.SUCCESS
         done = reached & (run.t == self.campaign.t1[some])
         self.status[some[done]] = int(Status.SUCCESS)
@@ -163,48 +187,45 @@ class _Sweep:
             goal[more] = t_eval[self.next[some[more]]]
         return goal
 
-    def _columns(self, mode: Mode, states: States) -> dict[str, FloatArray]:
-        """Return the parameters (k,) or (1,) of a mode's model at some states, in the order of its layout."""
-        own = {name: self._parameter(i, states.case) for i, name in enumerate(self.campaign.layout.parameters)}
-        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
-        return {name: columns[name] for name in self.modes.model(mode).layout.parameters}
-
-    def _parameter(self, i: int, cases: NDArray[np.intp]) -> FloatArray:
-        """Return a parameter of some cases, one number where all cases of the sweep have the same."""
-        column = self.campaign.varied[1][self.campaign.layout.parameters[i]]
-        return column if len(column) == 1 else column[cases]
+    def _columns(self, mode: Mode, some: NDArray[np.intp]) -> dict[str, FloatArray]:
+        """Return the parameters (k,) or (1,) of a mode's model for some cases, in the order of its layout."""
+        before, place, given = time.perf_counter(), placed(some), self.campaign.varied[1]
+        layout = self.modes.model(mode).layout
+        self.compile_seconds += time.perf_counter() - before
+        own = {name: given[name] for name in self.campaign.layout.parameters}
+        columns = {name: values if len(values) == 1 else values[place] for name, values in own.items()}
+        columns |= self.modes.added(mode, self.now.directions[place], self.now.sides[place])
+        return {name: columns[name] for name in layout.parameters}
 
     def _rows(self, mode: Mode, states: States) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
-        columns = self._columns(mode, states).values()
-        return np.stack([np.broadcast_to(column, len(states.t)) for column in columns], axis=1)
+        layout = self.modes.model(mode).layout
+        own = {name: self.campaign.p[states.case, i] for i, name in enumerate(self.campaign.layout.parameters)}
+        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
+        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
         now = self.now
         return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
 
-    def _run(self, mode: Mode, some: NDArray[np.intp], columns: dict[str, FloatArray]) -> Sweep:
-        before = time.perf_counter()
-        model = self.modes.model(mode)
-        self.compile_seconds += time.perf_counter() - before
+    def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[[], Sweep]:
+        """Begin to run cases in one mode that come from one cause; return what waits for the results."""
+        model, place = self.modes.model(mode), placed(some)
         events = [replace(e, name=e.label) for e in self.campaign.events]
         events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
         rounds, method = self.fits.get(mode, (0, ""))
         options = {**self.campaign.options}
         if rounds % _BETWEEN_FITS:
             options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
-        run = model.sweep(
+        return model._begin_sweep(
             (self.now.t[some], self._goal(some)),
-            {name: self.now.x[some, i] for i, name in enumerate(self.names)},
+            {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
             events=events,
             reduce=dict(self.campaign.reductions),
             **options,
         )
-        self.fits[mode] = rounds + 1, run.stats.method
-        self.methods[run.stats.method] = None
-        return run
 
     def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
         """Return statuses, those of runs into Painleve's paradox told from other failures."""
@@ -292,14 +313,13 @@ class _Sweep:
         if cause not in self.causes:
             self.causes.append(cause)
         self.cause[some] = self.causes.index(cause)
-        whole = len(some) == len(self.mode)
-        settled = self.modes.laws.settle(self.now if whole else self.now.part(some), mode, fired)
+        settled = self.modes.laws.settle(self.now.part(placed(some)), mode, fired)
         good = settled.status == Status.SUCCESS
         if not np.all(good):
             self.status[some[~good]] = settled.status[~good]
-            some, settled, whole = some[good], settled.part(good), False
+            some, settled = some[good], settled.part(good)
         for name in ("x", "directions", "sides", "speeds"):
-            getattr(self.now, name)[slice(None) if whole else some] = getattr(settled, name)
+            getattr(self.now, name)[placed(some)] = getattr(settled, name)
         self.table += [found for found in settled.table if found not in self.table]
         numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
         self.mode[some] = numbers[settled.mode]
