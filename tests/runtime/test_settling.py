@@ -7,7 +7,7 @@ import sympy as sp
 import dalembert as da
 from dalembert.integrators.status import Status
 from dalembert.mechanics.equations import Watchpoint
-from dalembert.runtime.hybrid.settling import Instants
+from dalembert.runtime.hybrid.instants import Instants
 from hard_cases.contacts import corner_plate, loose_plate
 
 MU = sp.Symbol("mu", positive=True)

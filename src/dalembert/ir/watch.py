@@ -60,7 +60,8 @@ def followed_kernel(count: int, size: int, degree: int) -> Kernel:
     lines = Lines()
     loads = [Load("size_", "y", size), Load("direction_", "s", 1)]
     first = size + 2 + (size - count) * (degree + 1)
-    h, power = lines.mul("size_", "direction_"), 1.0
+    h = lines.mul("size_", "direction_")
+    power: Operand = 1.0
     scales: list[Operand] = []
     for k in range(degree):
         scales.append(lines.mul(power, float(k + 1)))

@@ -25,7 +25,17 @@ from .events import EventCode
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["Cases", "Settings", "agreed", "available_threads", "begin_cases", "fitted", "meter", "run_cases", "single_problem"]
+__all__ = [
+    "Cases",
+    "Settings",
+    "agreed",
+    "available_threads",
+    "begin_cases",
+    "fitted",
+    "meter",
+    "run_cases",
+    "single_problem",
+]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -313,9 +323,7 @@ def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Callable[[]
     return lambda: _in_blocks(engine, cases, settings, result, threads)
 
 
-def _in_blocks(
-    engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int
-) -> BlockResult:
+def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
     """Run all cases, block by block."""
     count = cases.count
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD

@@ -265,9 +265,7 @@ class NumbaEngine(Engine):
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
-    def _watch(
-        self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int
-    ) -> Watch:
+    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
         """Return compiled events, for steps of a method with polynomials and a memory of that shape.
 
         So many of them are followed along by the steps: all or none.

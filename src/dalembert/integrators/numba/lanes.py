@@ -21,9 +21,10 @@ from ..problem import FloatArray
 from ..status import Status
 from .code import bare, call_code, call_test, element, row, take
 from .correcting import FAILED, NONE, WANTED, correct
+from .following import follow
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
-from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, follow, resolve, scan, starts, state_at, zeros_at_end
+from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .workspace import (
     CASE,
     FRESH,

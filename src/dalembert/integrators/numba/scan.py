@@ -16,6 +16,7 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import bare, call_code, row
+from .following import alone, sample_curves, value_at, zero_of_curve
 from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .workspace import Scratch, Watch
 
@@ -28,7 +29,6 @@ __all__ = [
     "STOPPED",
     "WATCH",
     "begin_signs",
-    "follow",
     "resolve",
     "sample",
     "scan",
@@ -50,7 +50,6 @@ _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STAT
 _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
 _BUDGET, _TRIES = 8192, 200
-_NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 
 WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2, INTEGER), Watch._fields)
 SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
@@ -87,21 +86,6 @@ def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
 
 
 @bare
-def _value(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
-    """Return one expression at a fraction of the step."""
-    degree = room.series.shape[1] - 1
-    for u in range(watch.used.size):
-        m = watch.used[u]
-        value = room.series[m, degree]
-        for k in range(degree - 1, -1, -1):
-            value = value * theta + room.series[m, k]
-        room.one_point[0, m] = value
-    room.one_clock[0, 0] = t + theta * h
-    call_code(watch.value, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
-    return float(room.one_out[0, event])
-
-
-@bare
 def sample(
     values: int, used: NDArray[np.int64], room: Scratch, c: int, t: float, h: float, low: float, width: float
 ) -> None:
@@ -123,92 +107,6 @@ def sample(
         point[0], point[1], point[2], point[3] = a, b, c0, d
         point[4], point[5], point[6], point[7] = e, f, g, w
     call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
-
-
-@bare
-def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -> None:
-    """Take the series of what may change its sign in a step, in its fraction, from those of the integrals in `states`."""
-    count, terms = room.curves.shape
-    power = 1.0
-    for k in range(terms):
-        room.powers[0, k] = power * (k + 1)
-        power *= h
-    for e in range(count):
-        if room.open[0, e] != 0.0:
-            for k in range(terms):
-                room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
-
-
-@bare
-def _sample_curves(room: Scratch, low: float, width: float) -> None:
-    """Evaluate what may change its sign at the eight points of a piece of the step, into ``values``."""
-    count, terms = room.curves.shape
-    x0, x1, x2, x3 = low + width * _POINTS[0], low + width * _POINTS[1], low + width * _POINTS[2], low + width * _POINTS[3]
-    x4, x5, x6, x7 = low + width * _POINTS[4], low + width * _POINTS[5], low + width * _POINTS[6], low + width * _POINTS[7]
-    for e in range(count):
-        if room.open[0, e] == 0.0:
-            continue
-        a = b = c = d = p = q = r = s = room.curves[e, terms - 1]
-        for k in range(terms - 2, -1, -1):
-            term = room.curves[e, k]
-            a, b, c, d = a * x0 + term, b * x1 + term, c * x2 + term, d * x3 + term
-            p, q, r, s = p * x4 + term, q * x5 + term, r * x6 + term, s * x7 + term
-        values = room.values[e]
-        values[0], values[1], values[2], values[3] = a, b, c, d
-        values[4], values[5], values[6], values[7] = p, q, r, s
-
-
-@bare
-def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
-    """Return value and slope of what is followed at a fraction of the step."""
-    last = room.curves.shape[1] - 1
-    value, slope = room.curves[event, last], 0.0
-    for k in range(last - 1, -1, -1):
-        slope = slope * theta + value
-        value = value * theta + room.curves[event, k]
-    return value, slope
-
-
-@bare
-def _zero_of_curve(
-    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, low: float, high: float, first: float, last: float
-) -> float:
-    """Return the zero of what is followed on a monotone piece of the step that goes from one value to another.
-
-    Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
-    """
-    a, b = low, high
-    theta = low + (high - low) * (first / (first - last))
-    value, slope = _on_curve(room, event, theta)
-    for _ in range(_NEWTON):
-        if (value > 0.0) == (first > 0.0):
-            a = theta
-        else:
-            b = theta
-        following = theta - value / slope
-        if not (following > a and following < b):
-            following = 0.5 * (a + b)
-        done = abs(following - theta) <= _CLOSE * (high - low)
-        theta = following
-        value, slope = _on_curve(room, event, theta)
-        if done:
-            break
-    exact = theta - _value(watch, room, c, t, h, theta, event) / slope
-    return min(max(exact, low), high) if math.isfinite(exact) else theta
-
-
-@bare
-def _alone(watch: Watch, room: Scratch, theta: float) -> bool:
-    """Return whether nothing that may change its sign is near zero at a fraction of the step, but what happens there."""
-    alone = True
-    for e in range(watch.directions.size):
-        if room.happens[0, e] == 0.0 and room.open[0, e] != 0.0:
-            size = 0.0
-            for k in range(room.curves.shape[1]):
-                size += abs(room.curves[e, k])
-            value, _ = _on_curve(room, e, theta)
-            alone = alone and abs(value) > _NEAR * size
-    return alone
 
 
 @bare
@@ -300,7 +198,7 @@ def _zero(
     share, best, f_best = 0.5, x1, f1
     for _ in range(_TRIES):
         x = x1 + share * (x2 - x1)
-        f = _value(watch, room, c, t, h, x, event)
+        f = value_at(watch, room, c, t, h, x, event)
         if (f > 0.0) == (f1 > 0.0):
             x3, f3 = x1, f1
         else:
@@ -335,7 +233,7 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
                 theta = low
                 if side == 1 and first * new < 0.0:
                     if watch.followed > 0:
-                        theta = _zero_of_curve(watch, room, c, t, h, e, low, high, first, last)
+                        theta = zero_of_curve(watch, room, c, t, h, e, low, high, first, last)
                     else:
                         theta = _zero(watch, room, c, t, h, e, low, high, first, last)
             room.signs[lane, e] = new
@@ -432,7 +330,7 @@ def scan(
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
         if watch.followed > 0:
-            _sample_curves(room, low, high - low)
+            sample_curves(room, low, high - low)
         else:
             sample(watch.values, watch.used, room, many, t, h, low, high - low)
         budget -= 1
@@ -512,7 +410,7 @@ def resolve(
     Returns the status that it gives the case, or -1 where it goes on.
     """
     count = watch.directions.size
-    if watch.followed > 0 and theta < 1.0 and _alone(watch, room, theta):
+    if watch.followed > 0 and theta < 1.0 and alone(watch, room, theta):
         return _EVENT
     room.one_clock[0, 0] = t
     call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))

@@ -22,7 +22,8 @@ from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from ..events import Event, leaving
 from .facts import FloatArray
-from .settling import Instants, Laws, Settled
+from .instants import Instants, Settled
+from .settling import Laws
 
 if TYPE_CHECKING:
     from ..model import CompiledModel

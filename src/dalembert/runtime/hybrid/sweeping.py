@@ -24,8 +24,8 @@ from ..events import Event
 from ..reductions import Reduction
 from ..sweeping import meter
 from .facts import FloatArray
+from .instants import Instants, placed
 from .running import JAMMED, Modes
-from .settling import Instants, placed
 
 __all__ = ["Campaign", "sweep"]
 
