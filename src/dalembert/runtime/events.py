@@ -217,18 +217,24 @@ class EventCode:
         out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
         return out
 
-    def watched(self, c: FloatArray) -> Watched:
-        """Return what an integration with the constants c (n_c,) needs to know."""
+    def watched(self, c: FloatArray, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
+        """Return what an integration with the constants c (n_c,) needs to know.
+
+        `rows` evaluates the watched expressions, as `Engine.rows` does.
+        """
         program, watch = self.program, self.watch
 
+        def evaluate(kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
+            return rows(kernel, t, y, np.broadcast_to(c, (len(t), len(c))))
+
         def begins(t: float, y: FloatArray) -> FloatArray:
-            return interpret_rows(watch.begins, np.array([t]), y.reshape(1, -1), c).reshape(-1, 3)
+            return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
 
         size = len(program.layout.state)
         jumps = [None if jump is None else self._jump(jump, c, size) for jump in self.jumps]
         rules = [Rule(e.direction, int(e.terminal), jump) for e, jump in zip(self.events, jumps, strict=True)]
         return Watched(
-            values=lambda t, y: interpret_rows(watch.values, t, y, c),
+            values=lambda t, y: evaluate(watch.values, t, y),
             begins=begins,
             settle=lambda t, y: projected(program, c, t, y),
             rules=rules,
