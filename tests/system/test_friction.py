@@ -11,6 +11,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.integrators.status import Status
+from dalembert.runtime.hybrid import sweeping as hybrid_sweeping
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
 from oracles.friction_rod import Rod
@@ -317,6 +318,30 @@ def test_a_sweep_is_its_single_runs():
         assert sweep.final["theta"][i] == pytest.approx(run["theta"][-1], abs=1e-10)
         assert sweep.phases[i] == len(run.phases)
         assert last[i] == run.phases[-1].modes["corner"]
+
+
+def test_halves_of_a_sweep_and_threads_change_no_bit(monkeypatch):
+    model, mu = plate_model(FORCE), np.linspace(0.7, 0.95, 9)
+
+    def swept(**options):
+        return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
+
+    together = [swept(threads=threads) for threads in (1, 2)]
+    monkeypatch.setattr(hybrid_sweeping, "_WORTH_HALVING", 2)
+    together.append(swept())
+    for other in together[1:]:
+        np.testing.assert_array_equal(other.final["theta"], together[0].final["theta"])
+        np.testing.assert_array_equal(other.steps, together[0].steps)
+        np.testing.assert_array_equal(other.phases, together[0].phases)
+
+
+@pytest.mark.parametrize("method, bound", [("taylor", 1e-10), ("dop853", 1e-9)])
+def test_transitions_of_a_sweep_are_those_of_the_reference(method, bound):
+    """Each case ends between two samples, at the phase that it is in there: a sweep has no times of phases."""
+    times = [float(phase["t"]) for phase in contact_reference("plate_push_pull")["phases"]][1:5]
+    model, near = plate_model(FORCE), np.repeat(times, 2) + np.tile([-bound, bound], 4)
+    sweep = model.sweep((0, near), at_angle(0.5), {**PLATE, "mu": 0.8}, rtol=1e-12, atol=1e-14, method=method)
+    np.testing.assert_array_equal(sweep.phases, np.array([1, 2, 2, 3, 3, 4, 4, 5]))
 
 
 def test_one_paradox_does_not_spoil_a_sweep():

@@ -15,7 +15,7 @@ from typing import final
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["Integrated", "Recurrences", "recurrences"]
+__all__ = ["Integrated", "Recurrences", "analytic", "recurrences"]
 
 
 @final
@@ -39,6 +39,9 @@ class Recurrences:
         Values that change along the motion; all others have one coefficient.
     states, rates : tuple
         Names of the components of the state, and the value that is the rate of each.
+    followed : int
+        How many of the states, the last ones, are integrals of what is followed along a step: nothing depends on them,
+        and they begin at zero in every step.
     """
 
     kernel: Kernel
@@ -46,6 +49,7 @@ class Recurrences:
     varying: frozenset[str]
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
+    followed: int = 0
 
     @property
     def angles(self) -> frozenset[str]:
@@ -64,8 +68,11 @@ class Recurrences:
         return lines
 
 
-def recurrences(kernel: Kernel) -> Recurrences:
-    """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``."""
+def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
+    """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``.
+
+    The last `followed` outputs are not rates of the state, but what is followed along a step.
+    """
     loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
     states = tuple(loaded.get(i, f"y_{i}_") for i in range(len(kernel.outputs)))
     varying = set(states) | {load.target for load in kernel.loads if load.array == "t"}
@@ -79,7 +86,15 @@ def recurrences(kernel: Kernel) -> Recurrences:
         new = _expanded(line, known, done)
         items += new
         varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
-    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs)
+    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed)
+
+
+_KINKED = ("abs", "sign", "floor", "min", "max", "less", "less_equal", "select")
+
+
+def analytic(kernel: Kernel) -> bool:
+    """Return whether a kernel has no operation whose series says nothing of what is behind a kink or a jump."""
+    return not any(line.op in _KINKED for line in kernel.body)
 
 
 Items = list[Assignment | Integrated]

@@ -88,6 +88,10 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
 
 
 _TURNS = 4.0 * math.pi
+_LOW_TERMS = 4
+"""Terms of what is followed that may be the largest: those after which it leaves zero."""
+_NOTHING, _LESS = 1e-250, 1e-300
+"""Sizes that stand for zero, such that what is zero all over a step does not limit it."""
 
 SETTING_NAMES = ("largest_", "direction_", "floor_")
 
@@ -103,11 +107,12 @@ def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     powers = [h]
     while len(powers) < (order - 1).bit_length():
         powers.append(lines.op("mul", powers[-1], powers[-1]))
-    for state, rate in zip(recurrences.states, rates, strict=True):
+    own = len(recurrences.states) - recurrences.followed
+    for state, rate in zip(recurrences.states[:own], rates[:own], strict=True):
         moved = _polynomial(lines, [over(lines, coefficient(rate, k), k + 1, faithful) for k in range(order)], powers)
         new.append(lines.add(state, lines.mul(moved, h)))
         check = lines.op("fma", new[-1], 0.0, check)
-    return [*new, size, check]
+    return [*new, *recurrences.states[own:], size, check]
 
 
 def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -> Operand:
@@ -145,9 +150,12 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     The scale is the largest component that anything depends on, but at least the floor; quadratures count in
     the error and not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
+    own = len(recurrences.states) - recurrences.followed
+    rates, followed = rates[:own], rates[own:]
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
-    scale: list[Operand] = [state for state in recurrences.states if state in used] or list(recurrences.states)
+    states = recurrences.states[:own]
+    scale: list[Operand] = [state for state in states if state in used] or list(states)
     angles = [state for state in scale if state in recurrences.angles]
     largest = _norm(lines, [state for state in scale if state not in recurrences.angles], floor)
     if angles:
@@ -160,9 +168,34 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
         norm = lines.op("rough_log2", _norm(lines, [coefficient(rate, k - 1) for rate in rates], 1e-300))
         gap = lines.op("add", lines.op("sub", size, norm), math.log2(k))
         steps.append(lines.mul(gap, 1.0 / k))
+    steps += [lines.op("min", *_share_of_itself(lines, series, order)) for series in followed]
     share = _FLOOR_SHARE if order == _FLOOR_ORDER else _GROWTH
     safety = (-share - 0.7 / (order - 1)) / math.log(2.0)
-    return lines.op("rough_exp2", lines.op("add", lines.op("min", *steps), safety))
+    shortest = steps[0]
+    for step in steps[1:]:
+        shortest = lines.op("min", step, shortest)
+    return lines.op("rough_exp2", lines.op("add", shortest, safety))
+
+
+def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
+    """Return log2 of the steps at whose end the last two terms of a series are as large as the largest of the first.
+
+    What it counts as large is the series itself, whatever its units.
+    """
+
+    def size(k: int, least: float) -> Operand:
+        return lines.op("rough_log2", _norm(lines, [coefficient(series, k)], least))
+
+    first = [size(k, _NOTHING) for k in range(_LOW_TERMS)]
+    steps = []
+    for k in (order - 2, order - 1):
+        last = size(k, _LESS)
+        best: Operand = -math.inf
+        for low, term in enumerate(first):
+            reach = lines.mul(lines.sub(term, last), 1.0 / (k - low))
+            best = reach if low == 0 else lines.op("max", reach, best)
+        steps.append(best)
+    return steps
 
 
 def _norm(lines: Lines, values: Sequence[Operand], least: Operand) -> Operand:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from ..integrators.crossings import COEFFICIENTS, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..integrators.crossings import COEFFICIENTS, POINTS, SLOPE_TAIL, SLOPES, TAIL, chebyshev_of_powers
 from ..integrators.problem import FloatArray
 from ..integrators.reductions import INTEGRAL, NEGLIGIBLE, SMOOTH
 from .lines import Lines
@@ -18,7 +18,7 @@ from .passes import eliminate_dead_code, run
 from .program import Kernel, Load, Operand
 from .runge_kutta import inlined
 
-__all__ = ["StepShape", "quiet_kernel", "running_kernel"]
+__all__ = ["StepShape", "followed_kernel", "quiet_kernel", "running_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
 
@@ -43,6 +43,37 @@ def quiet_kernel(values: Kernel, shape: StepShape) -> Kernel:
     `values` are the expressions, from time, state and constants.
     """
     return _over_step("quiet", values, shape, lambda lines, row: [_sign(lines, _series(lines, COEFFICIENTS, row))])
+
+
+def followed_kernel(count: int, size: int, degree: int) -> Kernel:
+    """Return the kernel of a step's outputs that `quiet_kernel` would be, from series.
+
+    Parameters
+    ----------
+    count : int
+        How many expressions are followed.
+    size : int
+        Place of the size of the step among its outputs; behind its check are polynomials, the last of the integrals.
+    degree : int
+        Of the polynomials in time.
+    """
+    lines = Lines()
+    loads = [Load("size_", "y", size), Load("direction_", "s", 1)]
+    first = size + 2 + (size - count) * (degree + 1)
+    h = lines.mul("size_", "direction_")
+    power: Operand = 1.0
+    scales: list[Operand] = []
+    for k in range(degree):
+        scales.append(lines.mul(power, float(k + 1)))
+        power = lines.mul(power, h)
+    outputs = []
+    for e in range(count):
+        names = [f"a_{e}_{k}_" for k in range(1, degree + 1)]
+        loads += [Load(name, "y", first + e * (degree + 1) + k) for k, name in enumerate(names, 1)]
+        terms = [lines.mul(name, scale) for name, scale in zip(names, scales, strict=True)]
+        outputs.append(_sign(lines, _series(lines, chebyshev_of_powers(degree), terms)))
+    kernel = Kernel("followed", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
+    return run(kernel, [eliminate_dead_code])
 
 
 def running_kernel(values: Kernel, shape: StepShape) -> Kernel:

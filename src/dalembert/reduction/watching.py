@@ -6,8 +6,9 @@ name: components of its state, the outputs that were requested, and the energies
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, final
 
 from ..errors import ExpressionError, UnknownNameError, unknown_name
@@ -19,14 +20,14 @@ from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
 from .base import ReducedSystem
 
-__all__ = ["Watch", "jumping", "watching"]
+__all__ = ["Watch", "expanding", "jumping", "watching"]
 
 _ROUNDINGS = 64 * 2.220446049250313e-16
 _ARGUMENTS = ("t", "y", "c")
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Watch:
     """Kernels of (t, y, c), c beginning with the parameters.
 
@@ -41,6 +42,12 @@ class Watch:
 
     values: Kernel
     begins: Kernel
+    _join: Callable[[], Kernel]
+
+    @cached_property
+    def joint(self) -> Kernel:
+        """The right-hand side of the system, then the values: together, because they have much in common."""
+        return self._join()
 
 
 def watching(
@@ -94,7 +101,13 @@ def watching(
         size = [total + graph.call("abs", slope * place) for total, slope in zip(size, slopes, strict=True)]
     noise = [graph.node(_ROUNDINGS) * total for total in size]
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
-    return Watch(reader.kernel("watch", nodes), reader.kernel("watch_begins", begins))
+    still = [place for place in y if flow[place].is_zero]
+    rhs = [flow[place] for place in y]
+    return Watch(
+        reader.kernel("watch", nodes),
+        reader.kernel("watch_begins", begins),
+        lambda: reader.along([*rhs, *nodes], still),
+    )
 
 
 def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
@@ -122,6 +135,16 @@ def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], wha
             raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
         after[name] = reader.read(expression, f"{what}, {name} after it")
     return reader.kernel("jump", list(after.values()))
+
+
+def expanding(system: ReducedSystem) -> Kernel:
+    """Return the kernel from (t, y, c), c beginning with the parameters, to coordinates and rates (2 n_q,)."""
+    equations = system.equations
+    graph, symbols = equations.graph, equations.symbols
+    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
+    inputs |= {node: ("y", i) for node, i in system.places.items()}
+    return lower_kernel(graph, "expanded", (*system.coordinates, *system.rates), inputs, arguments=_ARGUMENTS)
 
 
 @final
@@ -185,3 +208,12 @@ class _Reader:
         inputs = {self.time: ("t", None), **self.parameters}
         inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}
         return lower_kernel(self.graph, name, nodes, inputs, arguments=_ARGUMENTS)
+
+    def along(self, nodes: Sequence[Node], still: Sequence[Node]) -> Kernel:
+        """Return the kernel of nodes whose series are wanted, with few products of what varies; `still` does not."""
+        inputs: dict[Node, tuple[str, int | None]] = {self.time: ("t", None)}
+        inputs |= {node: ("p", i) for node, (_, i) in self.parameters.items()}
+        inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}
+        kernel = lower_kernel(self.graph, "joint", nodes, inputs, fixed=(*self.parameters, *still))
+        loads = tuple(replace(load, array="c") if load.array == "p" else load for load in kernel.loads)
+        return replace(kernel, arguments=_ARGUMENTS, loads=loads)

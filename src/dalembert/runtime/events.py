@@ -16,6 +16,7 @@ from ..integrators.status import Status
 from ..integrators.watched import Jump, Rule, Watched
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
+from ..ir.recurrences import analytic
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
@@ -134,6 +135,9 @@ class EventCode:
         Kind of each reduction, and its number among those of its kind.
     rank : int
         Number of the first event that tells of a rank that constraints lose, all others following; -1 without any.
+    smooth : bool
+        Whether every event is what ends a mode of contacts, of which none is open, and has a series wherever the motion
+        has one.
     """
 
     program: Program
@@ -147,6 +151,7 @@ class EventCode:
     finals: Kernel
     plan: Mapping[str, tuple[str, int]]
     rank: int = -1
+    smooth: bool = False
 
     @property
     def along(self) -> bool:
@@ -212,18 +217,24 @@ class EventCode:
         out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
         return out
 
-    def watched(self, c: FloatArray) -> Watched:
-        """Return what an integration with the constants c (n_c,) needs to know."""
+    def watched(self, c: FloatArray, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
+        """Return what an integration with the constants c (n_c,) needs to know.
+
+        `rows` evaluates the watched expressions, as `Engine.rows` does.
+        """
         program, watch = self.program, self.watch
 
+        def evaluate(kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
+            return rows(kernel, t, y, np.broadcast_to(c, (len(t), len(c))))
+
         def begins(t: float, y: FloatArray) -> FloatArray:
-            return interpret_rows(watch.begins, np.array([t]), y.reshape(1, -1), c).reshape(-1, 3)
+            return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
 
         size = len(program.layout.state)
         jumps = [None if jump is None else self._jump(jump, c, size) for jump in self.jumps]
         rules = [Rule(e.direction, int(e.terminal), jump) for e, jump in zip(self.events, jumps, strict=True)]
         return Watched(
-            values=lambda t, y: interpret_rows(watch.values, t, y, c),
+            values=lambda t, y: evaluate(watch.values, t, y),
             begins=begins,
             settle=lambda t, y: projected(program, c, t, y),
             rules=rules,
@@ -275,17 +286,20 @@ def compiled_events(
             plan[name] = reduction.kind, len(running)
             running.append(reduction.expression)
             kinds.append(reduction.kind)
+    ends = {p.output for p in reduced.equations.watchpoints if p.kind != "meet"}
+    smooth = bool(watched) and all(e.expression in ends and e.terminal and e.apply is None for e in watched)
     rank = len(watched) if margins else -1
     watched += [Event(name, direction=-1) for name in margins or {}]
     jumps = [
         None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
         for event in watched
     ]
+    watch = watching(scene, reduced, [event.expression for event in watched], "event", moving=True, further=margins)
     return EventCode(
         program=stages.program,
         events=tuple(watched),
         reported=len(events),
-        watch=watching(scene, reduced, [event.expression for event in watched], "event", moving=True, further=margins),
+        watch=watch,
         jumps=tuple(jumps),
         start=start((*layout.coordinates, *layout.rates)),
         running=watching(scene, reduced, running, "reduction", moving=False).values,
@@ -293,4 +307,5 @@ def compiled_events(
         finals=watching(scene, reduced, finals, "reduction", moving=False).values,
         plan=plan,
         rank=rank,
+        smooth=smooth and not margins and analytic(watch.values),
     )

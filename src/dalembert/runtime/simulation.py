@@ -340,7 +340,9 @@ class Simulated(Held):
                 return self._engine.stretches(part, method)
             return iter([prescribed(part)])
 
-        return integrate_watched(stretches, problem, watch.watched(problem.constants))
+        # what ends modes is watched again and again, so that compiling it pays
+        rows = self._engine.rows if watch.smooth else interpret_rows
+        return integrate_watched(stretches, problem, watch.watched(problem.constants, rows))
 
     def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals of a motion."""

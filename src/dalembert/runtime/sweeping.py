@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,9 +23,19 @@ from . import inputs
 from .events import EventCode
 
 if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["Cases", "Settings", "agreed", "available_threads", "fitted", "meter", "run_cases", "single_problem"]
+__all__ = [
+    "Cases",
+    "Settings",
+    "agreed",
+    "available_threads",
+    "begin_cases",
+    "fitted",
+    "meter",
+    "run_cases",
+    "single_problem",
+]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -294,6 +304,11 @@ def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
 
 def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     """Return the results of all cases. A case that fails is a status; an interrupt keeps what is finished."""
+    return begin_cases(engine, cases, settings)()
+
+
+def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Callable[[], BlockResult]:
+    """Begin to run cases, in threads where the engine makes them itself; return what waits for the results of all."""
     count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
     watch = settings.watch
@@ -302,8 +317,15 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
-    if not wanted and _whole(engine, cases, settings, result, threads):
-        return result
+    waiting = None if wanted else _whole(engine, cases, settings, result, threads)
+    if waiting is not None:
+        return waiting
+    return lambda: _in_blocks(engine, cases, settings, result, threads)
+
+
+def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
+    """Run all cases, block by block."""
+    count = cases.count
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
@@ -322,25 +344,40 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     return result
 
 
-def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> bool:
-    """Run all cases in threads that share them, where the engine makes them itself; return whether that is so.
+def _whole(
+    engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int
+) -> Callable[[], BlockResult] | None:
+    """Begin to run all cases in threads that share them; return what waits for them, None where it is not so done.
 
     What is watched is reduced from the constants of all cases of a part, so these are of a limited size.
     """
     count = cases.count
     length = max(1, count) if settings.watch is None else _LARGEST_PART
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
-    for first in range(0, count, length):
-        part = slice(first, min(first + length, count))
+    parts = [slice(first, min(first + length, count)) for first in range(0, count, length)]
+
+    def begin(part: slice) -> Callable[[], bool] | None:
         run = _columns_run(engine, cases, settings, part, result[part], share)
         if run is None:
-            return False
-        size = part.stop - first
-        if not _run_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress):
-            break
-    for first in range(0, count, _LARGEST_BLOCK):
-        _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
-    return True
+            return None
+        size = part.stop - part.start
+        return _begin_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress)
+
+    waiting = begin(parts[0]) if parts else lambda: True
+    if waiting is None:
+        return None
+
+    def wait() -> BlockResult:
+        going, rest = waiting(), parts[1:]
+        while going and rest:
+            following = begin(rest.pop(0))
+            assert following is not None
+            going = following()
+        for first in range(0, count, _LARGEST_BLOCK):
+            _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
+        return result
+
+    return wait
 
 
 @cache
@@ -355,17 +392,25 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
 
 
-def _run_whole(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
-    """Let threads do the work, while this one waits; few cases need no thread. Return whether it came to its end."""
+def _begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[], bool]:
+    """Let threads do the work; return what waits for them, and says whether it came to its end.
+
+    Few cases need no thread.
+    """
     if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
         run.work()
         run.finish()
-        return True
+        return lambda: True
+    pool = _pool(threads)
+    workers = [pool.submit(run.work) for _ in range(threads)]
+    return lambda: _wait_whole(run, workers, count, progress)
+
+
+def _wait_whole(run: CaseRun, workers: Sequence[Future[None]], count: int, progress: bool) -> bool:
     from concurrent.futures import wait
 
-    shown, pool, whole = 0, _pool(threads), True
+    shown, whole = 0, True
     with meter(count, progress) as advance:
-        workers = [pool.submit(run.work) for _ in range(threads)]
         try:
             while wait(workers, _BETWEEN_LOOKS if progress else None).not_done:
                 begun = min(int(run.turn[0]), count)
@@ -438,7 +483,9 @@ def _columns_run(
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
     if watch is None and settings.t_eval is None:
         return engine.sweeper(columns, settings.method, here, np.empty((0, 0)), share)
-    constants, done = np.empty((count, cases.program.layout.constants)), here
+    reduces = watch is not None and bool(watch.plan)
+    constants = np.empty((count, cases.program.layout.constants) if reduces or watch is None else (0, 0))
+    done = here
     if watch is not None:
         happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
         done = replace(here, happened=happened, totals=totals)
@@ -448,9 +495,10 @@ def _columns_run(
 
     def finish() -> None:
         run.finish()
-        spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
         here.happened[:] = done.happened[:, : 3 * watch.reported]
-        here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
+        if reduces:
+            spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+            here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
         watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)

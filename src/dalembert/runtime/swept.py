@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from .held import NO_ESTIMATE
 from .keeping import kept_values, refuse_jumps
 from .simulation import Simulated
 from .singular import judged_cases, searched
-from .sweeping import Cases, Settings, agreed, fitted, run_cases, single_problem
+from .sweeping import Cases, Settings, agreed, begin_cases, fitted, single_problem
 
 __all__ = ["Swept", "with_grid"]
 
@@ -91,13 +91,35 @@ class Swept(Simulated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong for all cases.
         """
+        options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+        options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+        options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
         if project_invariants is not False:
             refuse_jumps(events, self.layout.aliases)
             keeper, further = self._keeping_cases(project_invariants, t_span, initial, parameters, grid)
-            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
-            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
-            options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
             return keeper.sweep(t_span, initial, {**parameters, **further}, **options)
+        return self._begin_sweep(t_span, initial, parameters, **options)()
+
+    def _begin_sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float,
+        atol: float,
+        max_step: float,
+        max_steps: int,
+        threads: int | None,
+        progress: bool = False,
+        error_estimate: bool = False,
+        events: Any = (),
+        reduce: Any = (),
+    ) -> Callable[[], Sweep]:
+        """Begin a sweep, as `sweep` does; return what waits for its results."""
         begin = time.perf_counter()
         chosen = self._method(method, rtol, atol, many=True)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
@@ -123,24 +145,30 @@ class Swept(Simulated):
         first = single_problem(cases, settings, 0) if self._enforced else None
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
-            options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
             options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
             options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
-            return able.sweep(*given, **options)
+            return able._begin_sweep(*given, **options)
         if method == "auto":
             settings = fitted(self._engine, cases, settings)
         if self._ranked and settings.method != "radau":
             settings = replace(settings, watch=self._events(events, reduce, ranks=True))
         give_gains(self._engine, cases, settings, parameters)
         axes = {} if grid is None else grid.axes
-        done = self._run_cases(cases, settings, axes, begin)
-        if error_estimate:
+        waiting = self._begin_cases(cases, settings, axes, begin)
+        if not error_estimate:
+            return waiting
+
+        def estimated() -> Sweep:
+            done = waiting()
             finer = replace(settings, rtol=rtol * TIGHTER, atol=atol * TIGHTER)
             finer = replace(finer, method=self._method(method, finer.rtol, finer.atol, many=True))
             if method == "auto":
                 finer = fitted(self._engine, cases, finer)
-            done.with_twin(self._run_cases(cases, finer, axes, time.perf_counter()))
-        return done
+            done.with_twin(self._begin_cases(cases, finer, axes, time.perf_counter())())
+            return done
+
+        return estimated
 
     def _keeping_cases(
         self,
@@ -163,26 +191,33 @@ class Swept(Simulated):
         assert isinstance(keeper, Swept)
         return keeper, kept_values(names, self._program, self._conservable, c, t, y)
 
-    def _run_cases(self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float) -> Sweep:
-        """Run all cases; the run time counts from `begin`."""
+    def _begin_cases(
+        self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
+    ) -> Callable[[], Sweep]:
+        """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
         if self._gimbals is not None or self._ranked:
             settings = replace(settings, judge=lambda block, part: self._judge(settings.method, block, part))
-        done = run_cases(self._engine, cases, settings)
-        statistics = SweepStatistics(
-            method=settings.method,
-            threads=settings.threads,
-            steps=int(done.ends[:, 2].sum()),
-            compile_seconds=sum(self.stages.seconds.values()),
-            run_seconds=time.perf_counter() - begin,
-            note=settings.note,
-        )
-        samples = None if settings.t_eval is None else done.samples
-        varied = (cases.initial, cases.parameters)
-        run = Sweep(
-            self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
-        )
-        watch = settings.watch
-        return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+        waiting = begin_cases(self._engine, cases, settings)
+
+        def wait() -> Sweep:
+            done = waiting()
+            statistics = SweepStatistics(
+                method=settings.method,
+                threads=settings.threads,
+                steps=int(done.ends[:, 2].sum()),
+                compile_seconds=sum(self.stages.seconds.values()),
+                run_seconds=time.perf_counter() - begin,
+                note=settings.note,
+            )
+            samples = None if settings.t_eval is None else done.samples
+            varied = (cases.initial, cases.parameters)
+            run = Sweep(
+                self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
+            )
+            watch = settings.watch
+            return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+
+        return wait
 
     @property
     def _ranked(self) -> bool:

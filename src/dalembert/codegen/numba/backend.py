@@ -27,7 +27,7 @@ from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
-from ...ir.watch import StepShape, quiet_kernel, running_kernel
+from ...ir.watch import StepShape, followed_kernel, quiet_kernel, running_kernel
 from ...runtime.cache import keep, load, rebuilding
 from ..base import (
     Backend,
@@ -73,7 +73,7 @@ class NumbaEngine(Engine):
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
         self._further: dict[int, tuple[Kernel, int]] = {}
-        self._watches: dict[tuple[EventCode, str, tuple[int, int], int], Watch] = {}
+        self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], Watch] = {}
 
     @property
     def _rhs(self) -> Kernel:
@@ -213,11 +213,16 @@ class NumbaEngine(Engine):
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
         wanted, lanes = len(cases.t_eval), native_lanes()
         dense = wanted > 0 or watched is not None
-        codes, memory, degree, settings = self._stepping(method, cases.rtol, cases.atol, lanes, dense=dense)
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
+        followed = 0
+        if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
+            followed = len(watched.events)
+        codes, memory, degree, settings = self._stepping(
+            method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
+        )
         paced = pace(lanes) if watched is None and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
-        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense)
+        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(
             (*codes, position, velocity, prepare, start, paced),
             shape,
@@ -225,7 +230,7 @@ class NumbaEngine(Engine):
             cases,
             result,
             constants,
-            self._watch(watched, method, (degree, memory), lanes),
+            self._watch(watched, method, (degree, memory), lanes, followed),
             watched is not None,
         )
 
@@ -242,23 +247,32 @@ class NumbaEngine(Engine):
         return prepared_run(addresses, sizes, memory, settings, problem, self.steps)
 
     def _stepping(
-        self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool
+        self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool, watched: EventCode | None = None
     ) -> tuple[tuple[int, int], int, int, list[float]]:
-        """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings."""
+        """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings.
+
+        With `watched` a Taylor step follows these events along.
+        """
         if method == "taylor":
             tolerance = clipped_tolerance(rtol, atol)
             order = order_for(tolerance)
+            if watched is not None:
+                step = self.steps.following(watched.watch.joint, len(watched.events), order, lanes)
+                return (step, 0), 0, order, [max(atol / tolerance, 1e-300)]
             return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [max(atol / tolerance, 1e-300)]
         tableau = _pair(method)
         memory = memory_size(self._sizes["rhs"], self.steps.carried)
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
-    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int) -> Watch:
-        """Return compiled events, for steps of a method with polynomials and a memory of that shape."""
+    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
+        """Return compiled events, for steps of a method with polynomials and a memory of that shape.
+
+        So many of them are followed along by the steps: all or none.
+        """
         if code is None:
             return unwatched()
-        key = (code, method, shape, lanes)
+        key = (code, method, shape, lanes, followed)
         if key not in self._watches:
             if len(self._watches) >= _MOST_WATCHES:
                 self._watches.clear()
@@ -266,10 +280,11 @@ class NumbaEngine(Engine):
             tableau = None if method == "taylor" else _pair(method)
             jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
             (degree, memory), n = shape, self._sizes["rhs"]
-            step = StepShape(degree, n, n + 2 + memory, in_time=tableau is None)
+            step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
+            quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
             running = code.running
             self._watches[key] = Watch(
-                quiet=steps.further(quiet_kernel(values, step), lanes),
+                quiet=steps.further(quiet, lanes),
                 values=steps.further(values, POINT_LANES),
                 value=steps.further(values, 1),
                 begins=steps.further(code.watch.begins, 1),
@@ -286,6 +301,7 @@ class NumbaEngine(Engine):
                 at=steps.further(running, 1),
                 kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
                 read=_components(running),
+                followed=followed,
             )
         return self._watches[key]
 

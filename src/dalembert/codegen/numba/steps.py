@@ -56,6 +56,7 @@ class StepLibrary:
         self._program, self._folder = program, folder
         self._recurrences: Recurrences | None = None
         self._loaded: dict[tuple[str, int], Compiled] = {}
+        self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
         self._lock = _LOCK
 
     def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
@@ -67,14 +68,22 @@ class StepLibrary:
         """Return the lines of the recurrences of a Taylor step, unrolled."""
         return self._known_recurrences().unrolled_lines(order)
 
+    def following(self, joint: Kernel, followed: int, order: int, lanes: int) -> int:
+        """Return the address of a Taylor step that writes its series and those of what is followed along it.
+
+        `joint` is a right-hand side with so many further outputs, which are what is followed; the step takes and
+        writes them as integrals behind the state.
+        """
+        key = id(joint), order, lanes
+        if key not in self._following:  # the kernel is kept, so that no other can have its number
+            text = _step_text("step", recurrences(joint, followed), order, lanes, dense=True)
+            name = f"following{order}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+            self._following[key] = joint, self._entry(name, lanes, lambda: text, "step")
+        return self._following[key][1]
+
     def taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
         """Return a Taylor step: unrolled where it is short, else with loops, and the longest with few lines besides."""
-        known, lines = self._known_recurrences(), self.series_lines(order)
-        if lines <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
-            return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
-        if len(known.items) <= _LARGEST_PASS:
-            return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
-        return loop_assembly(name, known, order, lanes, dense=dense)
+        return _step_text(name, self._known_recurrences(), order, lanes, dense=dense)
 
     def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
@@ -159,3 +168,12 @@ class StepLibrary:
             if key not in self._loaded:
                 self._loaded[key] = load_object(object_code(self._folder, f"{name}_{lanes}", text))
             return self._loaded[key].address(function)
+
+
+def _step_text(name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
+    lines = known.unrolled_lines(order)
+    if lines <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
+        return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
+    if len(known.items) <= _LARGEST_PASS:
+        return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
+    return loop_assembly(name, known, order, lanes, dense=dense)

@@ -22,7 +22,7 @@ __all__ = ["SweepShape", "case_run"]
 class SweepShape:
     """Lanes, components of the state, constants, degree and memory of a step, and how many cases are taken at a time.
 
-    ``dense`` says whether the step writes its polynomials.
+    ``dense`` says whether the step writes its polynomials, and ``followed`` how many it writes besides.
     """
 
     lanes: int
@@ -32,6 +32,7 @@ class SweepShape:
     memory: int
     share: int
     dense: bool
+    followed: int = 0
 
 
 def case_run(
@@ -65,8 +66,9 @@ def case_run(
     projections = codes[2:4]
     inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
     turn = np.zeros(1, np.int64)
-    size = n + 2 + shape.memory
-    rows = size + (n * (shape.degree + 1) if shape.dense else 0)
+    more = n + shape.followed
+    size = more + 2 + shape.memory
+    rows = size + (more * (shape.degree + 1) if shape.dense else 0)
     t_eval = np.ascontiguousarray(cases.t_eval)
     first = (
         codes,

@@ -21,6 +21,7 @@ from ..problem import FloatArray
 from ..status import Status
 from .code import bare, call_code, call_test, element, row, take
 from .correcting import FAILED, NONE, WANTED, correct
+from .following import follow
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
 from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
@@ -224,7 +225,10 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         reach, direction = settings[0], settings[1]
         n_c, wanted = kept_constants.shape[1], t_eval.size
         largest, budget = limits[0, 0], limits[0, 1]
-        held, rows = n + 2 + memory, states.shape[0] // 2
+        followed = watch.followed if watched else 0
+        points = 0 if watched and followed > 0 and watch.kinds.size == 0 else POINT_LANES
+        size_at = n + followed
+        held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
         for lane in range(lanes):
             case[lane], status[lane] = -1, _IDLE
@@ -291,7 +295,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                         fresh_of[lane] = 1
                         for m in range(constants.shape[0]):
                             spare.own[lane, m] = room.constants_ahead[m, place]
-                            for point in range(POINT_LANES):
+                            for point in range(points):
                                 spare.constants[lane * constants.shape[0] + m, point] = spare.own[lane, m]
                         for m in range(n):
                             spare.one_point[0, m] = room.begun[m, place]
@@ -314,9 +318,9 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 mark[lane] = NONE
                 if status[lane] != _RUNNING:
                     continue
-                now, size = time[lane], states[new + n, lane]
+                now, size = time[lane], states[new + size_at, lane]
                 rest = abs(end_of[lane] - now)
-                broken = states[new + n + 1, lane] != 0.0
+                broken = states[new + size_at + 1, lane] != 0.0
                 smallest = _SMALLEST * abs(now) + 1e-30 * rest
                 attempts[lane] += 1.0
                 if memory > 0:
@@ -392,11 +396,15 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 h, scale = time[lane] - now, 1.0 if memory > 0 else time[lane] - now
                 quiet, found, theta = True, NOTHING, 1.0
                 for e in range(spare.over.shape[0]):
-                    quiet = quiet and spare.over[e, lane] * spare.signs[lane, e] > 0.0
-                    quiet = quiet and not (fresh and spare.zero[lane, e] != 0.0)
-                    spare.seen[lane, e] = 1.0 if quiet else spare.seen[lane, e]
+                    keeps = spare.over[e, lane] * spare.signs[lane, e] > 0.0
+                    keeps = keeps and not (fresh and spare.zero[lane, e] != 0.0)
+                    quiet = quiet and keeps
+                    spare.seen[lane, e] = 1.0 if quiet or (followed > 0 and keeps) else spare.seen[lane, e]
+                    spare.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
+                    if watch.followed > 0:
+                        follow(spare, lane, states, old + held + n * (degree + 1), h)
                     found, theta = scan(watch, spare, lane, many, one, now, h, fresh, happened, i)
                 fresh_of[lane] = 0
                 followed = not quiet
@@ -445,7 +453,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     status[lane] = _EVENT_NON_FINITE
                     continue
                 span = abs(end_of[lane] - first_of[lane])
-                outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i)
+                outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i, theta)
                 for m in range(n):
                     states[old + m, lane] = spare.one_point[0, m]
                 if outcome >= 0:

@@ -16,6 +16,7 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import bare, call_code, row
+from .following import alone, sample_curves, value_at, zero_of_curve
 from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .workspace import Scratch, Watch
 
@@ -50,7 +51,7 @@ _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
 _BUDGET, _TRIES = 8192, 200
 
-WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2), Watch._fields)
+WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2, INTEGER), Watch._fields)
 SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
 _THETA = 3
 
@@ -64,6 +65,7 @@ def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: flo
         value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
         limit = noise + RESOLUTION * abs(t) * abs(rate)
         limit = (limit if math.isfinite(limit) else 0.0) + room.residual[0, e]
+        room.level[lane, e] = noise if math.isfinite(noise) else 0.0
         room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
         deciding = rate * direction if abs(value) <= limit else value
         room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
@@ -81,21 +83,6 @@ def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
         for k in range(degree - 1, -1, -1):
             value = value * theta + room.series[m, k]
         room.one_point[target, m] = value
-
-
-@bare
-def _value(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
-    """Return one expression at a fraction of the step."""
-    degree = room.series.shape[1] - 1
-    for u in range(watch.used.size):
-        m = watch.used[u]
-        value = room.series[m, degree]
-        for k in range(degree - 1, -1, -1):
-            value = value * theta + room.series[m, k]
-        room.one_point[0, m] = value
-    room.one_clock[0, 0] = t + theta * h
-    call_code(watch.value, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
-    return float(room.one_out[0, event])
 
 
 @bare
@@ -160,6 +147,8 @@ def _simple(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> t
     """
     simple = finite = True
     for e in range(count):
+        if room.open[0, e] == 0.0:
+            continue
         lost, largest = True, 0.0
         for j in range(8):
             value = room.values[e, j]
@@ -209,7 +198,7 @@ def _zero(
     share, best, f_best = 0.5, x1, f1
     for _ in range(_TRIES):
         x = x1 + share * (x2 - x1)
-        f = _value(watch, room, c, t, h, x, event)
+        f = value_at(watch, room, c, t, h, x, event)
         if (f > 0.0) == (f1 > 0.0):
             x3, f3 = x1, f1
         else:
@@ -232,6 +221,8 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
     """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
     count = 0
     for e in range(watch.directions.size):
+        if room.open[0, e] == 0.0:
+            continue
         first, last, noise = room.ends[0, e], room.ends[1, e], room.noise[0, e]
         for side in range(2):
             new = _sign(first if side == 0 else last, noise)
@@ -241,7 +232,10 @@ def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, lo
             if new * room.signs[lane, e] < 0.0:
                 theta = low
                 if side == 1 and first * new < 0.0:
-                    theta = _zero(watch, room, c, t, h, e, low, high, first, last)
+                    if watch.followed > 0:
+                        theta = zero_of_curve(watch, room, c, t, h, e, low, high, first, last)
+                    else:
+                        theta = _zero(watch, room, c, t, h, e, low, high, first, last)
             room.signs[lane, e] = new
             if math.isfinite(theta):
                 place = count
@@ -288,6 +282,24 @@ def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray
 
 
 @bare
+def _begin_step(watch: Watch, room: Scratch, lane: int, one: int, t: float, h: float) -> None:
+    """Take down the rates of all expressions where a step begins, and the sizes below which they count as zero."""
+    if watch.followed == 0:
+        for m in range(room.series.shape[0]):
+            room.one_point[0, m] = room.series[m, 0]
+        room.one_clock[0, 0] = t
+        call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    for e in range(watch.directions.size):
+        rate, noise = 0.0, room.level[lane, e]
+        if watch.followed > 0:
+            rate = room.curves[e, 1] / h
+        else:
+            rate, noise = room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+        noise += 4.0 * _ULP * abs(t) * abs(rate)
+        room.rates[0, e], room.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
+
+
+@bare
 def scan(
     watch: Watch,
     room: Scratch,
@@ -306,15 +318,10 @@ def scan(
     starts with this step. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
     count = watch.directions.size
-    for m in range(room.series.shape[0]):
-        room.one_point[0, m] = room.series[m, 0]
-    room.one_clock[0, 0] = t
-    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    _begin_step(watch, room, lane, one, t, h)
     for e in range(count):
-        noise = room.one_out[0, 3 * e + 2] + 4.0 * _ULP * abs(t) * abs(room.one_out[0, 3 * e + 1])
-        room.noise[0, e] = noise if math.isfinite(noise) else 0.0
         if fresh and room.zero[lane, e] != 0.0:
-            room.zero[lane, e] = max(abs(room.one_out[0, 3 * e + 1] * h), _SMALLEST)
+            room.zero[lane, e] = max(abs(room.rates[0, e] * h), _SMALLEST)
         room.happens[0, e] = 0.0
     least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
@@ -322,7 +329,10 @@ def scan(
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
-        sample(watch.values, watch.used, room, many, t, h, low, high - low)
+        if watch.followed > 0:
+            sample_curves(room, low, high - low)
+        else:
+            sample(watch.values, watch.used, room, many, t, h, low, high - low)
         budget -= 1
         simple, finite = _simple(room, count, lane, fresh and low == 0.0, high)
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
@@ -334,6 +344,8 @@ def scan(
         if not finite:
             return BROKEN, low
         for e in range(count):
+            if room.open[0, e] == 0.0:
+                continue
             room.ends[0, e], room.ends[1, e] = room.values[e, 0], room.values[e, 7]
             if fresh and low == 0.0 and room.zero[lane, e] != 0.0:
                 room.ends[0, e] = 0.0
@@ -344,7 +356,7 @@ def scan(
         if stop >= 0.0:
             return STOPPED, stop
         for e in range(count):
-            if abs(room.ends[1, e]) > room.noise[0, e]:
+            if room.open[0, e] != 0.0 and abs(room.ends[1, e]) > room.noise[0, e]:
                 room.seen[lane, e] = 1.0
     return NOTHING, 1.0
 
@@ -388,13 +400,18 @@ def resolve(
     one: int,
     happened: FloatArray,
     case: int,
+    theta: float,
 ) -> int:
     """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
+
+    `theta` is the fraction of the step where that is, 1 or more at its end.
 
     Other expressions that are zero there to rounding, and about to change their sign, change it at the same time.
     Returns the status that it gives the case, or -1 where it goes on.
     """
     count = watch.directions.size
+    if watch.followed > 0 and theta < 1.0 and alone(watch, room, theta):
+        return _EVENT
     room.one_clock[0, 0] = t
     call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
     ended, jumped, seen = False, False, True

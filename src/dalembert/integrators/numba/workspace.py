@@ -106,6 +106,8 @@ class Watch(NamedTuple):
 
     Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
     points and ``at`` one; ``quick`` tests them over a step of every lane, and ``read`` is what they read of the state.
+
+    Where ``followed`` is not 0 but the number of events, all of these end the case, and a step writes their series too.
     """
 
     quiet: int
@@ -125,6 +127,7 @@ class Watch(NamedTuple):
     at: int
     kinds: NDArray[np.int64]
     read: NDArray[np.int64]
+    followed: int = 0
 
 
 def unwatched() -> Watch:
@@ -135,6 +138,10 @@ def unwatched() -> Watch:
 
 class Scratch(NamedTuple):
     """Arrays to watch cases with, and what each lane remembers: signs, what was seen of them, and zeros at the start.
+
+    ``curves`` are the series of what is followed, in the fraction of the step, and ``level`` what rounding of the state
+    made of it where each lane began. ``open`` are 1 for what may change its sign in the present step, else 0; ``rates``
+    belong to its beginning.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
     """
@@ -164,6 +171,11 @@ class Scratch(NamedTuple):
     jumped: FloatArray
     work: FloatArray
     stack: FloatArray
+    curves: FloatArray
+    level: FloatArray
+    rates: FloatArray
+    open: FloatArray
+    powers: FloatArray
 
 
 def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> Scratch:
@@ -196,4 +208,9 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -
         jumped=aligned(lanes, 2),
         work=aligned(5, 8),
         stack=aligned(2 * DEEPEST + 4, 3),
+        curves=aligned(max(watch.followed, 1), degree),
+        level=aligned(lanes, k),
+        rates=aligned(1, k),
+        open=np.ones((1, k)),
+        powers=aligned(1, degree + 1),
     )

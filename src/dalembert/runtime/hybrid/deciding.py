@@ -161,14 +161,25 @@ def judge(contacts: Sequence[ContactRow], tried: Sequence[Trial]) -> Choice:
                 if side_name(contact) is not None:
                     apart |= tried[a].sides[:, i] != tried[b].sides[:, i]
                 status[clear[a] & clear[b] & apart] = int(Status.CONTACT_AMBIGUOUS)
-    number, case = np.argmax(allowed, axis=0), np.arange(count)
+    number = np.argmax(allowed, axis=0)
+
+    def picked(values: Sequence[FloatArray]) -> FloatArray:
+        """Return what each case has of the combination that it takes, in few passes where most take the same."""
+        first = int(number[0]) if count else 0
+        found = values[first].copy()
+        for i, value in enumerate(values):
+            here = number == i
+            if i != first and np.any(here):
+                found[here] = value[here]
+        return found
+
     return Choice(
         mode=np.where(status == Status.SUCCESS, number, -1),
         modes=[trial.mode for trial in tried],
-        directions=np.array([trial.along for trial in tried])[number, case],
-        sides=np.array([trial.sides for trial in tried])[number, case],
+        directions=picked([trial.along for trial in tried]),
+        sides=picked([trial.sides for trial in tried]),
         status=status,
-        motion=np.array([trial.motion for trial in tried])[number, case],
+        motion=picked([trial.motion for trial in tried]),
     )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion
 from ...reduction.modes import SLIP, STICK, Mode, side_name
-from ...reduction.verdicts import Attempt, Verdict, slip_kernel, verdict
+from ...reduction.verdicts import Attempt, Verdict, slip_kernel, start_kernel, verdict
 from .deciding import (
     FREE,
     GRAZING,
@@ -56,6 +56,7 @@ class Quick:
     def __init__(self, equations: EquationsOfMotion, rows: Rows) -> None:
         self._equations, self._rows = equations, rows
         self._slips: Kernel | None = None
+        self._starts: Kernel | None = None
         self._verdicts: dict[tuple[tuple[Standing, ...], bool], Verdict | None] = {}
 
     def slips(self, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
@@ -63,6 +64,13 @@ class Quick:
         if self._slips is None:
             self._slips = slip_kernel(self._equations)
         return self._rows(self._slips, t, x, p)
+
+    def starts(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, ...]:
+        """Return what tells how contacts stand at the start, (k, n_contacts) each; see `start_kernel`."""
+        if self._starts is None:
+            self._starts = start_kernel(self._equations)
+        found = self._rows(self._starts, t, x, p).reshape(len(t), -1, 5)
+        return tuple(np.moveaxis(found, 2, 0))
 
     def choose(
         self,

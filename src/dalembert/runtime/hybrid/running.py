@@ -12,16 +12,18 @@ import numpy as np
 from ...errors import InitialStateError, ValueInputError
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
-from ...ir.program import Layout
+from ...ir.program import Kernel, Layout
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
+from ...reduction.watching import expanding
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from ..events import Event, leaving
 from .facts import FloatArray
-from .settling import Instants, Laws, Settled
+from .instants import Instants, Settled
+from .settling import Laws
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -41,6 +43,7 @@ class Modes:
     laws: Laws
     model: Callable[[Mode], CompiledModel]
     _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
+    _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
 
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""
@@ -63,6 +66,19 @@ class Modes:
             )
             found.append(leaving(event) if leaves else event)
         return found
+
+    def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
+        """Return coordinates and rates (k, 2 n_q) of states (k, n_y) of a mode at times (k,).
+
+        `columns` are the parameters of the mode's model in their order, (k,) or (1,) each.
+        """
+        model = self.model(mode)
+        if mode not in self._expansions:
+            self._expansions[mode] = expanding(model.stages.reduced)
+        p = np.empty((len(t), len(columns)))
+        for i, column in enumerate(columns.values()):
+            p[:, i] = column
+        return model._engine.rows(self._expansions[mode], t, y, p)
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""

@@ -6,7 +6,7 @@ Cases that come from one mode for one reason are settled together, as the ones o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -16,105 +16,13 @@ from ...integrators.status import Status
 from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.contact_data import ContactData
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
-from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Choice, Standing, choose
+from .deciding import FREE, GRIPPED, SLIDING, TOUCHING, Standing, choose
 from .facts import Facts, FloatArray, facts_at
+from .instants import Instants, Settled
 from .quick import Quick
+from .standings import NOISE, Standings, length
 
-__all__ = ["Instants", "Laws", "Settled"]
-
-NOISE = 1e-8
-"""Share of a velocity, or of a position, below which it counts as zero."""
-
-STOPPED = 1e-5
-"""Share of the slip velocities of a run below which one along two directions has come to rest."""
-
-_LENGTH = 1.0001
-"""What gaps are compared with beside their own size."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Instants:
-    """Cases at an instant: times (k,), states (q, q_dot) (k, 2 n_q), parameters (k, n_p), and what they slip with.
-
-    `passed` (k,) is how long the last phase was, `directions` (k, n_contacts, 2) and `sides` (k, n_contacts) what it
-    slipped with, and `speeds` (k, n_contacts) the sizes of the slip speeds so far.
-    """
-
-    t: FloatArray
-    x: FloatArray
-    c: FloatArray
-    directions: FloatArray
-    sides: FloatArray
-    speeds: FloatArray
-    passed: FloatArray
-
-    @classmethod
-    def starting(cls, t: FloatArray, x: FloatArray, c: FloatArray, contacts: int) -> Instants:
-        """Return cases of which nothing else is known."""
-        count = len(t)
-        forward = np.tile(np.array([1.0, 0.0]), (count, contacts, 1))
-        return cls(t, x, c, forward, np.ones((count, contacts)), np.zeros((count, contacts)), np.zeros(count))
-
-    def part(self, some: NDArray[np.intp]) -> Instants:
-        """Return some of the cases."""
-        fields = (self.t, self.x, self.c, self.directions, self.sides, self.speeds, self.passed)
-        return Instants(*(values[some] for values in fields))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """How cases go on.
-
-    Attributes
-    ----------
-    table : list of Mode
-        The modes that occur.
-    mode : ndarray (k,) of int
-        Number of the mode of each case, -1 where the status is not SUCCESS.
-    x, directions, sides, speeds
-        As in `Instants`.
-    status : ndarray (k,) of int
-    """
-
-    table: list[Mode]
-    mode: NDArray[np.intp]
-    x: FloatArray
-    directions: FloatArray
-    sides: FloatArray
-    speeds: FloatArray
-    status: NDArray[np.int64]
-
-    @classmethod
-    def copied(cls, now: Instants, speeds: FloatArray) -> Settled:
-        """Return cases of which nothing is decided yet."""
-        count = len(now.t)
-        x, directions, sides = now.x.copy(), now.directions.copy(), now.sides.copy()
-        return cls([], np.full(count, -1), x, directions, sides, speeds, np.zeros(count, np.int64))
-
-    def put(self, cases: NDArray[np.intp], other: Settled) -> None:
-        """Replace what is said of some cases."""
-        for name in ("x", "directions", "sides", "speeds", "status"):
-            getattr(self, name)[cases] = getattr(other, name)
-        self.mode[cases] = -1
-        for number, mode in enumerate(other.table):
-            self.take(mode, cases[other.mode == number])
-
-    def record(self, cases: NDArray[np.intp], choice: Choice) -> None:
-        """Take down what was chosen for some cases."""
-        self.status[cases] = choice.status
-        self.directions[cases], self.sides[cases] = choice.directions, choice.sides
-        for number, mode in enumerate(choice.modes):
-            here = choice.mode == number
-            if np.any(here):
-                self.take(mode, cases[here])
-
-    def take(self, mode: Mode, cases: NDArray[np.intp]) -> None:
-        """Put cases into a mode."""
-        if mode not in self.table:
-            self.table.append(mode)
-        self.mode[cases] = self.table.index(mode)
+__all__ = ["Laws"]
 
 
 @final
@@ -131,6 +39,7 @@ class Laws:
 
     def __init__(self, data: ContactData, contacts: Sequence[ContactRow], quick: Quick) -> None:
         self.data, self.contacts, self.quick = data, tuple(contacts), quick
+        self.standings = Standings(contacts)
 
     def facts(self, t: FloatArray, x: FloatArray, c: FloatArray) -> Facts:
         """Return the facts of cases."""
@@ -140,14 +49,14 @@ class Laws:
         """Return the mode of the first case if all that touches is closed, and slips."""
         able = []
         for i, contact in enumerate(self.contacts):
-            apart = contact.constraint is not None and facts.gap[0, i] > self._gap_noise(facts, i)[0]
+            apart = contact.constraint is not None and facts.gap[0, i] > self.standings.gap_noise(facts, i)[0]
             smooth = SMOOTH if contact.regularization is not None else SLIP
             able.append(OPEN if apart else smooth if contact.tangential else CLOSED)
         return tuple(able)
 
     def settle(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on that come from `mode` because of `fired`; None where nothing is known of them."""
-        tried = None if mode is None else self._quickly(now, mode, fired)
+        tried = self._begun(now) if mode is None else self._quickly(now, mode, fired)
         if tried is None:
             return self._slowly(now, mode, fired)
         settled, sure = tried
@@ -167,12 +76,45 @@ class Laws:
         if mode.count(SLIP) > 1 or any(len(contact.tangential) > 1 for contact in self.contacts) or meets:
             return None
         slip = self.quick.slips(now.t, now.x, now.c)
-        slips, count = np.stack([slip, np.zeros_like(slip)], axis=2), len(now.t)
+        slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
-        table, codes = self._coded(None, slips, now, mode, fired, result.speeds)
+        table, codes = self.standings.coded(None, slips, now, mode, fired, result.speeds)
         known = not any(point.kind == "turn" for point in fired)
+        return self._decided(now, slips, (table, codes), result, known=known)
+
+    def _begun(self, now: Instants) -> tuple[Settled, NDArray[np.bool_]] | None:
+        """Return the same as `_quickly` for cases that start, where no contact may be open."""
+        if any(
+            c.constraint is not None or len(c.tangential) != 1 or c.regularization is not None for c in self.contacts
+        ):
+            return None
+        slip, size, mu, static, restitution = self.quick.starts(now.t, now.x, now.c)
+        result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
+        sliding = ~(np.abs(slip) <= NOISE * np.maximum(result.speeds, size))
+        codes = sliding @ (1 << np.arange(len(self.contacts)))
+        table = {
+            int(code): [Standing(SLIDING if code >> i & 1 else GRIPPED) for i in range(len(self.contacts))]
+            for code in np.unique(codes)
+        }
+        slips = np.stack([slip, np.zeros_like(slip)], axis=2)
+        decided = self._decided(now, slips, (table, codes), result, known=False)
+        bad = np.any((mu < 0.0) | (static < mu) | (restitution < 0.0) | (restitution > 1.0), axis=1)
+        result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
+        return decided
+
+    def _decided(
+        self,
+        now: Instants,
+        slips: FloatArray,
+        coded: tuple[dict[int, list[Standing]], NDArray[np.intp]],
+        result: Settled,
+        *,
+        known: bool,
+    ) -> tuple[Settled, NDArray[np.bool_]] | None:
+        """Write to `result` what kernels decide; return it, and for which cases they are sure."""
+        (table, codes), count = coded, len(now.t)
         sure = np.ones(count, np.bool_)
-        for code in np.unique(codes):
+        for code in table:
             some = np.flatnonzero(codes == code)
             whole = len(some) == count
             here = now if whole else now.part(some)
@@ -182,25 +124,9 @@ class Laws:
             if found is None:
                 return None
             sure[some] = found.sure
-            result.x[some, here.x.shape[1] // 2 :] = found.rates
+            result.x[slice(None) if whole else some, here.x.shape[1] // 2 :] = found.rates
             result.record(some, found.choice)
         return result, sure
-
-    def _coded(
-        self,
-        facts: Facts | None,
-        slips: FloatArray,
-        now: Instants,
-        mode: Mode | None,
-        fired: Sequence[Watchpoint],
-        speeds: FloatArray,
-    ) -> tuple[dict[int, list[Standing]], NDArray[np.intp]]:
-        """Return a number for each case, and what it says of how its contacts stand."""
-        k, table = len(self.contacts), list[Standing]()
-        codes = np.array([self._standings(facts, slips, i, mode, fired, speeds, table) for i in range(k)]).T
-        mixed = codes.reshape(len(now.t), k) @ (len(table) ** np.arange(k))
-        _, firsts = np.unique(mixed, return_index=True)
-        return {int(mixed[i]): [table[code] for code in codes[i]] for i in firsts}, mixed
 
     def _slowly(self, now: Instants, mode: Mode | None, fired: Sequence[Watchpoint]) -> Settled:
         """Return how cases go on, by linear systems that may be singular."""
@@ -208,7 +134,7 @@ class Laws:
         count, k = len(facts), len(self.contacts)
         speeds = np.maximum(now.speeds, self._speeds(facts, now, mode))
         slips = np.stack([facts.slips(i) for i in range(k)], axis=1)
-        table, codes = self._coded(facts, slips, now, mode, fired, speeds)
+        table, codes = self.standings.coded(facts, slips, now, mode, fired, speeds)
         result = Settled.copied(now, speeds)
         for code, alike in table.items():
             some = np.flatnonzero(codes == code)
@@ -223,11 +149,11 @@ class Laws:
         """Return the sizes of the slip speeds: present ones, and what they have lost in the last phase."""
         speeds = np.zeros((len(facts), len(self.contacts)))
         for i in range(len(self.contacts)):
-            speeds[:, i] = _length(facts.slips(i))
+            speeds[:, i] = length(facts.slips(i))
         unsure = any(len(contact.tangential) > 1 for contact in self.contacts)  # whether zero is a matter of size
         if mode is not None and SLIP in mode and (mode.count(SLIP) > 1 or unsure):
             change = facts.solve(facts.accelerating(), mode, now.directions, now.sides).slip
-            speeds = np.maximum(speeds, np.nan_to_num(_length(change) * np.abs(now.passed)[:, np.newaxis]))
+            speeds = np.maximum(speeds, np.nan_to_num(length(change) * np.abs(now.passed)[:, np.newaxis]))
         return speeds
 
     def _refused(self, facts: Facts, mode: Mode | None) -> NDArray[np.bool_]:
@@ -236,82 +162,9 @@ class Laws:
         bad |= np.any(facts.restitution < 0.0, axis=1) | np.any(facts.restitution > 1.0, axis=1)
         for i, contact in enumerate(self.contacts):
             if contact.constraint is not None and mode is None:
-                bad |= facts.gap[:, i] < -self._gap_noise(facts, i)
+                bad |= facts.gap[:, i] < -self.standings.gap_noise(facts, i)
                 bad |= ~facts.pushes_open(i)
         return np.asarray(bad)
-
-    def _gap_noise(self, facts: Facts, i: int) -> FloatArray:
-        return NOISE * (np.abs(facts.gap[:, i]) + _LENGTH)
-
-    def _standings(
-        self,
-        facts: Facts | None,
-        slips: FloatArray,
-        i: int,
-        mode: Mode | None,
-        fired: Sequence[Watchpoint],
-        speeds: FloatArray,
-        table: list[Standing],
-    ) -> NDArray[np.intp]:
-        """Return how a contact stands in each case (k,), as numbers in `table`, which grows.
-
-        The facts are needed where nothing is known before, and where a gap closes.
-        """
-        contact, count = self.contacts[i], len(slips)
-        mine = [point for point in fired if point.contact == i]
-        kinds = {point.kind for point in mine}
-        before = None if mode is None else mode[i]
-
-        def number(standing: Standing) -> int:
-            if standing not in table:
-                table.append(standing)
-            return table.index(standing)
-
-        sliding, still = self._closed(facts, slips, i, before, mine, speeds)
-        codes = np.where(sliding, number(Standing(SLIDING)), number(still))
-        if contact.constraint is None or before not in (None, OPEN):
-            return np.full(count, number(Standing(LIFTING))) if "lift" in kinds else codes
-        if before == OPEN and "meet" not in kinds:
-            return np.full(count, number(Standing(FREE)))
-        assert facts is not None
-        rate, noise = facts.gap_rate(i), self._rate_noise(facts, i)
-        struck = np.where(sliding, number(Standing(SLIDING, struck=True)), number(Standing(still.kind, struck=True)))
-        codes = np.where(rate < -noise, struck, codes)
-        apart = rate > noise
-        if before is None:
-            apart |= facts.gap[:, i] > self._gap_noise(facts, i)
-        return np.where(apart, number(Standing(FREE)), codes)
-
-    def _rate_noise(self, facts: Facts, i: int) -> FloatArray:
-        row = self.contacts[i].constraint
-        assert row is not None
-        return NOISE * np.sum(np.abs(facts.jacobian[:, row] * facts.qdot), axis=1)
-
-    def _closed(
-        self,
-        facts: Facts | None,
-        slips: FloatArray,
-        i: int,
-        before: str | None,
-        mine: Sequence[Watchpoint],
-        speeds: FloatArray,
-    ) -> tuple[NDArray[np.bool_], Standing]:
-        """Return in which cases a contact slides if it is closed (k,), and how it stands in the others."""
-        contact, never = self.contacts[i], np.zeros(len(slips), np.bool_)
-        if not contact.tangential or contact.regularization is not None:
-            return never, Standing(TOUCHING)
-        broken = [point.sign for point in mine if point.kind == "break"]
-        if broken:
-            return never, Standing(GRIPPED, broken=broken[0])
-        stopped = any(point.kind == "stop" for point in mine)
-        if before == STICK or (stopped and len(contact.tangential) == 1):
-            return never, Standing(GRIPPED)
-        scale = speeds[:, i]
-        if before is None:
-            assert facts is not None
-            rows = facts.slip_jacobian[:, facts.places[i]]
-            scale = np.maximum(scale, np.max(np.sum(np.abs(rows * facts.qdot[:, np.newaxis]), axis=2), axis=1))
-        return ~(_length(slips[:, i]) <= (STOPPED if stopped else NOISE) * scale), Standing(GRIPPED)
 
     # -- one group of cases that stand alike ----------------------------------------------
 
@@ -396,11 +249,7 @@ class Laws:
         return _turned_along(np.stack([facts.slips(i) for i in range(len(self.contacts))], axis=1), before)
 
 
-def _length(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.sum(vectors**2, axis=-1)))
-
-
 def _turned_along(slips: FloatArray, before: FloatArray) -> FloatArray:
     """Return unit vectors along slip velocities (k, n_contacts, 2), the former ones where there is none."""
-    size = _length(slips)[:, :, None]
+    size = length(slips)[:, :, None]
     return np.where(size > 0.0, slips / np.where(size > 0.0, size, 1.0), before)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -24,12 +24,18 @@ from ..events import Event
 from ..reductions import Reduction
 from ..sweeping import meter
 from .facts import FloatArray
+from .instants import Instants, placed
 from .running import JAMMED, Modes
-from .settling import Instants
 
 __all__ = ["Campaign", "sweep"]
 
 _RUNNING = -1
+_BETWEEN_FITS = 16
+"""Rounds in one mode after which it is asked anew which method fits."""
+_WORTH_HALVING = 2000
+"""Cases from which on one half runs while it is decided how the other goes on."""
+
+_Group = tuple[Mode, NDArray[np.intp], dict[str, FloatArray], Callable[[], Sweep]]
 
 
 @final
@@ -108,6 +114,7 @@ class _Sweep:
         self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k) if wanted else None
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
+        self.fits: dict[Mode, tuple[int, str]] = {}
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
@@ -117,13 +124,17 @@ class _Sweep:
         with meter(len(self.status), self.campaign.progress) as advance:
             advance(int(np.sum(self.status != _RUNNING)))
             try:
-                while np.any(self.status == _RUNNING):
-                    before = int(np.sum(self.status == _RUNNING))
-                    running = np.flatnonzero(self.status == _RUNNING)
-                    mixed = self.mode[running] * len(self.causes) + self.cause[running]
-                    for number in np.unique(mixed):
-                        self._round(running[mixed == number])
-                    advance(before - int(np.sum(self.status == _RUNNING)))
+                wings = np.array_split(np.arange(len(self.status)), 1 + (len(self.status) >= _WORTH_HALVING))
+                going = [self._begin_round(wing) for wing in wings]
+                before = int(np.sum(self.status == _RUNNING))
+                while any(going):
+                    for number, wing in enumerate(wings):
+                        for group in going[number]:
+                            self._end_round(*group)
+                        going[number] = self._begin_round(wing)
+                    running = int(np.sum(self.status == _RUNNING))
+                    advance(before - running)
+                    before = running
             except KeyboardInterrupt:
                 pass
         self.status[self.status == _RUNNING] = int(Status.INTERRUPTED)
@@ -131,22 +142,36 @@ class _Sweep:
 
     # -- one round -------------------------------------------------------------------------
 
-    def _round(self, some: NDArray[np.intp]) -> None:
-        """Run cases in one mode and for one cause, each to its next sample, its end, or what ends the mode."""
-        mode = self.table[self.mode[some[0]]]
-        goal = self._goal(some)
-        run = self._run(mode, some, goal)
-        program = self.modes.model(mode).stages.program
-        c = inputs.prepare_rows(program, self._rows(mode, self._states(some)))
-        x = interpret_rows(program.kernel("expand"), run.t, run.y, c)
-        passed = run.t - self.now.t[some]
+    def _begin_round(self, wing: NDArray[np.intp]) -> list[_Group]:
+        """Begin to run cases, each to its next sample, its end, or what ends its mode: those alike in one group."""
+        running = wing[self.status[wing] == _RUNNING]
+        mixed = self.mode[running] * len(self.causes) + self.cause[running]
+        groups = []
+        for number in np.unique(mixed):
+            some = running[mixed == number]
+            mode = self.table[self.mode[some[0]]]
+            columns = self._columns(mode, some)
+            groups.append((mode, some, columns, self._begin(mode, some, columns)))
+        return groups
+
+    def _end_round(
+        self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray], waiting: Callable[[], Sweep]
+    ) -> None:
+        """Wait for a group of cases, and look how each goes on."""
+        run = waiting()
+        rounds, _ = self.fits.get(mode, (0, ""))
+        self.fits[mode] = rounds + 1, run.stats.method
+        self.methods[run.stats.method] = None
+        x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
+        passed = run.t - self.now.t[place]
         self._keep(run, some, passed)
-        self.now.t[some], self.now.x[some], self.now.passed[some] = run.t, x, passed
-        self.steps[some] += run.steps
-        self.cause[some] = 0
+        self.now.t[place], self.now.x[place], self.now.passed[place] = run.t, x, passed
+        self.steps[place] += run.steps
+        self.cause[place] = 0
         status = run.status.astype(np.int64)
-        failed = ~np.isin(status, (Status.SUCCESS, Status.EVENT))
-        self.status[some[failed]] = self._judged(run, status, mode)[failed]
+        failed = (status != Status.SUCCESS) & (status != Status.EVENT)
+        if np.any(failed):
+            self.status[some[failed]] = self._judged(run, status, mode)[failed]
         reached = status == Status.SUCCESS
         done = reached & (run.t == self.campaign.t1[some])
         self.status[some[done]] = int(Status.SUCCESS)
@@ -162,6 +187,16 @@ class _Sweep:
             goal[more] = t_eval[self.next[some[more]]]
         return goal
 
+    def _columns(self, mode: Mode, some: NDArray[np.intp]) -> dict[str, FloatArray]:
+        """Return the parameters (k,) or (1,) of a mode's model for some cases, in the order of its layout."""
+        before, place, given = time.perf_counter(), placed(some), self.campaign.varied[1]
+        layout = self.modes.model(mode).layout
+        self.compile_seconds += time.perf_counter() - before
+        own = {name: given[name] for name in self.campaign.layout.parameters}
+        columns = {name: values if len(values) == 1 else values[place] for name, values in own.items()}
+        columns |= self.modes.added(mode, self.now.directions[place], self.now.sides[place])
+        return {name: columns[name] for name in layout.parameters}
+
     def _rows(self, mode: Mode, states: States) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
@@ -174,23 +209,23 @@ class _Sweep:
         now = self.now
         return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
 
-    def _run(self, mode: Mode, some: NDArray[np.intp], goal: FloatArray) -> Sweep:
-        before = time.perf_counter()
-        model = self.modes.model(mode)
-        self.compile_seconds += time.perf_counter() - before
+    def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[[], Sweep]:
+        """Begin to run cases in one mode that come from one cause; return what waits for the results."""
+        model, place = self.modes.model(mode), placed(some)
         events = [replace(e, name=e.label) for e in self.campaign.events]
         events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
-        rows = self._rows(mode, self._states(some))
-        run = model.sweep(
-            (self.now.t[some], goal),
-            {name: self.now.x[some, i] for i, name in enumerate(self.names)},
-            {name: rows[:, i] for i, name in enumerate(model.layout.parameters)},
+        rounds, method = self.fits.get(mode, (0, ""))
+        options = {**self.campaign.options}
+        if rounds % _BETWEEN_FITS:
+            options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
+        return model._begin_sweep(
+            (self.now.t[some], self._goal(some)),
+            {name: self.now.x[place, i] for i, name in enumerate(self.names)},
+            columns,
             events=events,
             reduce=dict(self.campaign.reductions),
-            **self.campaign.options,
+            **options,
         )
-        self.methods[run.stats.method] = None
-        return run
 
     def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
         """Return statuses, those of runs into Painleve's paradox told from other failures."""
@@ -241,18 +276,12 @@ class _Sweep:
         """Settle the cases whose phase was ended by events."""
         points = self.modes.points(mode)
         fired = np.array([run.events[p.output].last == run.t for p in points]).reshape(len(points), len(some))
-        ends = np.zeros(len(some), np.bool_)
         for event in self.campaign.events:
             if event.terminal:
-                ends |= run.events[event.label].last == run.t
-        self.status[some[ended[ends[ended]]]] = int(Status.EVENT)
-        ended = ended[~ends[ended]]
-        paradox = np.zeros(len(some), np.bool_)
+                ended = self._over(some, ended, run.events[event.label].last == run.t, Status.EVENT)
         for point, row in zip(points, fired, strict=True):
             if point.kind == "paradox":
-                paradox |= row
-        self.status[some[ended[paradox[ended]]]] = int(Status.CONTACT_IMPOSSIBLE)
-        ended = ended[~paradox[ended]]
+                ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
         cases = some[ended]
         self.phases[cases] += 1
         quick = np.abs(self.now.passed[cases]) <= SOON * self.span[cases]
@@ -260,10 +289,21 @@ class _Sweep:
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
-        mixed = (1 << np.arange(len(points))) @ fired[:, ended]
+        mixed = np.zeros(len(ended), np.int64)
+        for i, row in enumerate(fired):
+            mixed += np.left_shift(row[ended], i, dtype=np.int64)
         for number in np.unique(mixed):
             self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
         self._sample(cases)
+
+    def _over(
+        self, some: NDArray[np.intp], ended: NDArray[np.intp], over: NDArray[np.bool_], status: Status
+    ) -> NDArray[np.intp]:
+        """Give a status to those of `some` with the numbers `ended` that are `over`, and return the other numbers."""
+        if not np.any(over):
+            return ended
+        self.status[some[ended[over[ended]]]] = int(status)
+        return ended[~over[ended]]
 
     def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Watchpoint]) -> None:
         """Decide how cases go on."""
@@ -273,19 +313,17 @@ class _Sweep:
         if cause not in self.causes:
             self.causes.append(cause)
         self.cause[some] = self.causes.index(cause)
-        settled = self.modes.laws.settle(self.now.part(some), mode, fired)
+        settled = self.modes.laws.settle(self.now.part(placed(some)), mode, fired)
         good = settled.status == Status.SUCCESS
-        self.status[some[~good]] = settled.status[~good]
-        for own, new in ((self.now.x, settled.x), (self.now.directions, settled.directions)):
-            own[some[good]] = new[good]
-        for own, new in ((self.now.sides, settled.sides), (self.now.speeds, settled.speeds)):
-            own[some[good]] = new[good]
-        for number, found in enumerate(settled.table):
-            if found not in self.table:
-                self.table.append(found)
-            self.mode[some[good & (settled.mode == number)]] = self.table.index(found)
-        over = some[good][self.now.t[some[good]] == self.campaign.t1[some[good]]]
-        self.status[over] = int(Status.SUCCESS)
+        if not np.all(good):
+            self.status[some[~good]] = settled.status[~good]
+            some, settled = some[good], settled.part(good)
+        for name in ("x", "directions", "sides", "speeds"):
+            getattr(self.now, name)[placed(some)] = getattr(settled, name)
+        self.table += [found for found in settled.table if found not in self.table]
+        numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
+        self.mode[some] = numbers[settled.mode]
+        self.status[some[self.now.t[some] == self.campaign.t1[some]]] = int(Status.SUCCESS)
 
     # -- results ---------------------------------------------------------------------------
 

@@ -1,0 +1,139 @@
+"""What is followed along Taylor steps: events that have series of their own.
+
+Where it changes its sign is then told without evaluating it, but for one evaluation that makes up for what the series
+leave out.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..crossings import POINTS
+from ..problem import FloatArray
+from .code import bare, call_code, row
+from .workspace import Scratch, Watch
+
+__all__ = ["alone", "follow", "sample_curves", "value_at", "zero_of_curve"]
+
+_POINTS = POINTS.copy()
+_NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
+
+
+@bare
+def value_at(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
+    """Return one expression at a fraction of the step."""
+    degree = room.series.shape[1] - 1
+    for u in range(watch.used.size):
+        m = watch.used[u]
+        value = room.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = value * theta + room.series[m, k]
+        room.one_point[0, m] = value
+    room.one_clock[0, 0] = t + theta * h
+    call_code(watch.value, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
+    return float(room.one_out[0, event])
+
+
+@bare
+def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -> None:
+    """Take the series of what may change its sign in a step, in its fraction, from those of its integrals."""
+    count, terms = room.curves.shape
+    power = 1.0
+    for k in range(terms):
+        room.powers[0, k] = power * (k + 1)
+        power *= h
+    for e in range(count):
+        if room.open[0, e] != 0.0:
+            for k in range(terms):
+                room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
+
+
+@bare
+def sample_curves(room: Scratch, low: float, width: float) -> None:
+    """Evaluate what may change its sign at the eight points of a piece of the step, into ``values``."""
+    count, terms = room.curves.shape
+    x0, x1, x2, x3 = (
+        low + width * _POINTS[0],
+        low + width * _POINTS[1],
+        low + width * _POINTS[2],
+        low + width * _POINTS[3],
+    )
+    x4, x5, x6, x7 = (
+        low + width * _POINTS[4],
+        low + width * _POINTS[5],
+        low + width * _POINTS[6],
+        low + width * _POINTS[7],
+    )
+    for e in range(count):
+        if room.open[0, e] == 0.0:
+            continue
+        a = b = c = d = p = q = r = s = room.curves[e, terms - 1]
+        for k in range(terms - 2, -1, -1):
+            term = room.curves[e, k]
+            a, b, c, d = a * x0 + term, b * x1 + term, c * x2 + term, d * x3 + term
+            p, q, r, s = p * x4 + term, q * x5 + term, r * x6 + term, s * x7 + term
+        values = room.values[e]
+        values[0], values[1], values[2], values[3] = a, b, c, d
+        values[4], values[5], values[6], values[7] = p, q, r, s
+
+
+@bare
+def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
+    """Return value and slope of what is followed at a fraction of the step."""
+    last = room.curves.shape[1] - 1
+    value, slope = room.curves[event, last], 0.0
+    for k in range(last - 1, -1, -1):
+        slope = slope * theta + value
+        value = value * theta + room.curves[event, k]
+    return value, slope
+
+
+@bare
+def zero_of_curve(
+    watch: Watch,
+    room: Scratch,
+    c: int,
+    t: float,
+    h: float,
+    event: int,
+    low: float,
+    high: float,
+    first: float,
+    last: float,
+) -> float:
+    """Return the zero of what is followed on a monotone piece of the step that goes from one value to another.
+
+    Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
+    """
+    a, b = low, high
+    theta = low + (high - low) * (first / (first - last))
+    value, slope = _on_curve(room, event, theta)
+    for _ in range(_NEWTON):
+        if (value > 0.0) == (first > 0.0):
+            a = theta
+        else:
+            b = theta
+        following = theta - value / slope
+        if not (following > a and following < b):
+            following = 0.5 * (a + b)
+        done = abs(following - theta) <= _CLOSE * (high - low)
+        theta = following
+        value, slope = _on_curve(room, event, theta)
+        if done:
+            break
+    exact = theta - value_at(watch, room, c, t, h, theta, event) / slope
+    return min(max(exact, low), high) if math.isfinite(exact) else theta
+
+
+@bare
+def alone(watch: Watch, room: Scratch, theta: float) -> bool:
+    """Return whether nothing else that may change its sign is near zero where something happens."""
+    nothing = True
+    for e in range(watch.directions.size):
+        if room.happens[0, e] == 0.0 and room.open[0, e] != 0.0:
+            size = 0.0
+            for k in range(room.curves.shape[1]):
+                size += abs(room.curves[e, k])
+            value, _ = _on_curve(room, e, theta)
+            nothing = nothing and abs(value) > _NEAR * size
+    return nothing

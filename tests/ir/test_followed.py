@@ -1,0 +1,99 @@
+"""What is followed along a Taylor step: its series, what it does to the step, and the test of its sign."""
+
+import numpy as np
+import pytest
+
+from dalembert.integrators.crossings import chebyshev_of_powers
+from dalembert.ir.graph import Graph
+from dalembert.ir.interpret import interpret
+from dalembert.ir.lower import lower_kernel
+from dalembert.ir.recurrences import analytic, recurrences
+from dalembert.ir.taylor import step_kernel
+from dalembert.ir.watch import followed_kernel
+
+ORDER = 14
+STATE, LARGEST = [0.7, 0.4], 5.0
+
+
+def joint(*expressions):
+    """Return the kernel of a pendulum's right-hand side and of expressions of graph, angle, rate and time."""
+    graph = Graph()
+    x, v, t = (graph.input(name) for name in ("x", "v", "t"))
+    nodes = [v, -9.81 * graph.sin(x), *(make(graph, x, v, t) for make in expressions)]
+    inputs = {x: ("y", 0), v: ("y", 1), t: ("t", None)}
+    return lower_kernel(graph, "joint", nodes, inputs, arguments=("t", "y", "c"))
+
+
+def stepped(kernel, count, direction=1.0):
+    """Return the state after a step, its size, and the series of state and integrals."""
+    step = step_kernel(recurrences(kernel, count), ORDER, dense=True)
+    given = {"t": 0.3, "y": [*STATE, *[0.0] * count], "c": [], "s": [LARGEST, direction, 1e-3]}
+    out = interpret(step, given)
+    size = 2 + count
+    assert out[2:size] == [0.0] * count  # integrals begin anew in the next step
+    return np.array(out[:2]), out[size], np.reshape(out[size + 2 :], (size, ORDER + 1))
+
+
+def pull(graph, x, v, t):
+    return v * v * 2 + 9.81 * graph.cos(x) - graph.sin(3 * t) / (2 + x)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_series_are_those_of_the_expressions(direction):
+    kernel = joint(pull)
+    _, size, series = stepped(kernel, 1, direction)
+    terms = series[2, 1:] * np.arange(1, ORDER + 1)
+    for h in direction * size * np.array([0.0, 0.4, 1.0]):
+        state = [np.polynomial.polynomial.polyval(h, row) for row in series[:2]]
+        exact = interpret(kernel, {"t": 0.3 + h, "y": state, "c": []})[2]
+        assert np.polynomial.polynomial.polyval(h, terms) == pytest.approx(exact, rel=1e-6)
+
+
+def test_units_of_what_is_followed_do_not_set_the_step():
+    sizes = [stepped(joint(lambda g, x, v, t, c=c: c * pull(g, x, v, t)), 1)[1] for c in (1e-9, 1.0, 1e9)]
+    np.testing.assert_allclose(sizes, sizes[1], rtol=1e-9)
+
+
+def test_what_varies_fast_shortens_the_step_and_nothing_does_not():
+    plain, fast, zero = (
+        stepped(joint(make), 1)[1]
+        for make in (lambda g, x, v, t: v, lambda g, x, v, t: g.sin(60 * t), lambda g, x, v, t: v - v)
+    )
+    assert fast < 0.5 * plain
+    assert zero == stepped(joint(), 0)[1] >= plain
+
+
+def test_the_state_moves_as_without():
+    alone, size, _ = stepped(joint(), 0)
+    together, other, _ = stepped(joint(lambda g, x, v, t: v - v), 1)
+    assert size == other
+    np.testing.assert_array_equal(alone, together)
+
+
+def test_chebyshev_coefficients_of_powers():
+    rng = np.random.default_rng(3)
+    powers, x = rng.normal(size=9), np.linspace(0, 1, 7)
+    found = np.polynomial.chebyshev.chebval(2 * x - 1, chebyshev_of_powers(9) @ powers)
+    np.testing.assert_allclose(found, np.polynomial.polynomial.polyval(x, powers), atol=1e-13)
+
+
+def test_the_sign_over_a_step_is_never_wrong():
+    """Random series: what is said to keep its sign does, and most of those far from zero are said to."""
+    kernel, rng, sure = followed_kernel(1, 3, ORDER), np.random.default_rng(11), 0
+    for _ in range(200):
+        h = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 2.0)
+        terms = rng.normal(size=ORDER) * 0.4 ** np.arange(ORDER) / np.abs(h) ** np.arange(ORDER)
+        terms[0] += rng.choice([-1.5, 0.0, 1.5])
+        integral = np.concatenate([[0.0], terms / np.arange(1, ORDER + 1)])
+        y = [0.0] * 3 + [abs(h), 0.0] + [0.0] * (2 * (ORDER + 1)) + integral.tolist()
+        (sign,) = interpret(kernel, {"t": 0.0, "y": y, "c": [], "s": [9.0, np.sign(h)]})
+        values = np.polynomial.polynomial.polyval(np.linspace(0, h, 200), terms)
+        if sign:
+            assert np.all(sign * values > 0)
+        sure += bool(sign)
+    assert sure > 60
+
+
+def test_kinks_are_not_analytic():
+    assert analytic(joint(pull))
+    assert not analytic(joint(lambda g, x, v, t: g.call("abs", v)))
