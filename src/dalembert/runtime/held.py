@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..codegen import backend_named
 from ..codegen.base import Engine
-from ..errors import OptionError, ValueInputError, unknown_name
+from ..errors import OptionError, ValueInputError, list_names, unknown_name
 from ..ir.program import Layout
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
@@ -84,6 +85,9 @@ class Held(Evaluated):
         if method == "auto":
             return self._engine.automatic(self.methods, rtol, atol, many=many)
         if not isinstance(method, str) or method not in self._methods:
+            why = backend_named(self.backend).refusal(self._program, str(method))
+            if why:
+                raise OptionError(f"{why}. Take one of: {list_names(['auto', *self._methods])}")
             raise OptionError(
                 unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
             )

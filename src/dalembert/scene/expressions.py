@@ -151,8 +151,9 @@ class ExpressionReader:
 
     def _power(self, e: Any) -> Node:
         base = self._read(e.base)
-        if e.exp.is_Rational:
-            exponent = Fraction(int(e.exp.p), int(e.exp.q))
+        halves = e.exp.is_Float and float(2 * e.exp).is_integer()  # x**2.0 is x**2, also where x is zero
+        if e.exp.is_Rational or halves:
+            exponent = Fraction(float(e.exp)) if halves else Fraction(int(e.exp.p), int(e.exp.q))
             if exponent < 0:
                 return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
             return self.graph.power(base, exponent)
