@@ -11,6 +11,7 @@ from ..errors import OptionError, ValueInputError, list_names, unknown_name
 from ..ir.program import Layout
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
+from ..values import number
 from .evaluation import Evaluated
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
@@ -114,7 +115,7 @@ class Held(Evaluated):
 def span_of(t_span: Sequence[float]) -> tuple[float, float]:
     """Return start and end of a run as numbers."""
     try:
-        t0, t1 = (float(t) for t in t_span)
+        t0, t1 = (number(t) for t in t_span)
     except (TypeError, ValueError):
         raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
     return t0, t1

@@ -216,7 +216,8 @@ class _SceneReader:
         for kind, names in kinds:
             for name in names:
                 if name in taken and taken[name] != f"a {kind}":
-                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
+                    meant = " (where time is meant, use dynamicsymbols._t itself)" if name == TIME else ""
+                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
         time = dynamicsymbols._t
         aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):

@@ -116,6 +116,9 @@ class Scene:
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
         if not isinstance(origin, Point):
             faults.append(f"origin must be a Point, not {origin!r}")
+        listed: Any = coordinates
+        if not isinstance(listed, Iterable) or isinstance(listed, str):
+            faults.append(f"coordinates must be a sequence of dynamicsymbols, such as [x, y], not {coordinates!r}")
         if faults:
             raise SceneError(str(name), faults)
         self.name = str(name)
