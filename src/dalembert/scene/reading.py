@@ -36,6 +36,7 @@ from .model import (
     SceneModel,
     SymbolTable,
 )
+from .said import contradictions
 from .scene import Joint, Place, Scene, Unknown
 from .speeds import read_speeds
 from .tree import Tree
@@ -93,6 +94,7 @@ class _SceneReader:
         self.points = Tree(scene.origin, "_pos_dict")
         self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
         self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
+        self._met: list[Any] = [scene.origin]
 
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
@@ -137,6 +139,8 @@ class _SceneReader:
                 [action for action in actions if action is not None],
                 symbols.unknowns,
             )
+        if not self.faults and placed:
+            self.faults += contradictions(scene, self.frames, self.points, self._met)
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
@@ -257,6 +261,7 @@ class _SceneReader:
                 matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
+                self._met.append(node)
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             number = known
         return number
@@ -284,6 +289,7 @@ class _SceneReader:
             if known not in self.point_models:
                 vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
                 pieces = self._vector(vector, f"position of point {node.name!r}")
+                self._met.append(node)
                 self.point_models[known] = PointModel(node.name, number, pieces)
             number = known
         return number
@@ -357,12 +363,27 @@ class _SceneReader:
             return None
         place = f"body {body.name!r}"
         if isinstance(body, Particle):
-            mass = self.expressions.read(body.mass, f"mass of {place}")
+            mass = self._mass(body, place)
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
         inertia = self._rows(body.central_inertia.to_matrix(body.frame), f"inertia of {place}")
-        mass = self.expressions.read(body.mass, f"mass of {place}")
+        moving = self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])
+        if any(entry.deps & moving for row in inertia for entry in row):
+            self.faults.append(
+                f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where it"
+                " must be constant: write it on that frame, or let the body have the frame that it is written on"
+            )
+        mass = self._mass(body, place)
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
+
+    def _mass(self, body: Any, place: str) -> Node:
+        mass = self.expressions.read(body.mass, f"mass of {place}")
+        if mass.deps & (self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])):
+            self.faults.append(
+                f"the mass of {place} changes along the motion; it must be constant, because equations of a mass that"
+                " is lost or gained depend on the velocity with which it leaves or comes"
+            )
+        return mass
 
     def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
         if not isinstance(joint, Joint):
