@@ -370,8 +370,8 @@ class _SceneReader:
         moving = self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])
         if any(entry.deps & moving for row in inertia for entry in row):
             self.faults.append(
-                f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where it"
-                " must be constant: write it on that frame, or let the body have the frame that it is written on"
+                f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where"
+                " it must be constant: write it on that frame, or give the body the frame that it is written on"
             )
         mass = self._mass(body, place)
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)

@@ -88,7 +88,7 @@ class Scene:
     """A constrained mechanical scene, written with ``sympy.physics.mechanics``.
 
     The velocities of points and frames follow from positions and orientations and need not be
-    set. Every plain symbol that the scene uses is a parameter; every function of time must be
+    set; where they were, they must not contradict them. Every plain symbol that the scene uses is a parameter; every function of time must be
     one of the coordinates.
 
     Parameters
@@ -174,7 +174,11 @@ class Scene:
         return twin
 
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:
-        """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located."""
+        """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located.
+
+        As in SymPy, the ``potential_energy`` of a body exerts no force: it says what loads of its own do, and is added
+        to that of `apply_uniform_gravity` in the energies.
+        """
         self.bodies += bodies
 
     def add_joints(self, *joints: Joint) -> None:
