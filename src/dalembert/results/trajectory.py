@@ -157,7 +157,8 @@ class Trajectory(Motion):
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         layout = self._program.layout
-        return (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
+        listed = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
+        return tuple(dict.fromkeys(listed))
 
     def __getitem__(self, key: Any) -> FloatArray:
         layout = self._program.layout

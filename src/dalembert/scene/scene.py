@@ -88,8 +88,8 @@ class Scene:
     """A constrained mechanical scene, written with ``sympy.physics.mechanics``.
 
     The velocities of points and frames follow from positions and orientations and need not be
-    set; where they were, they must not contradict them. Every plain symbol that the scene uses is a parameter; every function of time must be
-    one of the coordinates.
+    set; where they were, they must not contradict them. Every plain symbol that the scene uses is a
+    parameter; every function of time must be one of the coordinates.
 
     Parameters
     ----------

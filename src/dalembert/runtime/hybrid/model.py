@@ -159,6 +159,17 @@ class HybridModel:
     def __repr__(self) -> str:
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
 
+    def __getattr__(self, name: str) -> Any:
+        from ..model import CompiledModel
+
+        hint = ""
+        if not name.startswith("_") and hasattr(CompiledModel, name):
+            hint = (
+                f" of its own, because its contacts change what it is; ask the model of one mode, such as"
+                f" model.mode().{name}, or model.mode({self.contacts[0]}={OPEN!r}).{name}"
+            )
+        raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
+
     def __reduce__(self) -> tuple[Any, ...]:
         from ...compiler import compile_modes
 
