@@ -11,6 +11,7 @@ from sympy.physics.mechanics import Particle, dynamicsymbols
 import dalembert as da
 from dalembert.errors import (
     DalembertError,
+    ExpressionError,
     InitialStateError,
     OptionError,
     SceneError,
@@ -250,7 +251,20 @@ def test_options_that_are_no_names_are_refused_as_options(wrong):
         run(method=wrong)
 
 
-@pytest.mark.parametrize("t_span", [3, (0,), (0, 1, 2), "ab", None, (0, "x")])
+@pytest.mark.parametrize("wrong", [None, 3, ["X", 3], da.scenes.chaplygin_sleigh().frame, [np.sin]])
+def test_outputs_are_names_expressions_or_points(wrong):
+    with pytest.raises(OptionError, match=r"outputs are names, expressions .* or Points, not "):
+        da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=wrong)
+
+
+def test_one_output_may_be_given_alone():
+    scene = da.scenes.chaplygin_sleigh()
+    for alone in ("X", x.diff() ** 2, scene.origin):
+        model = da.compile_model(scene, backend="numpy", outputs=alone)
+        assert model.layout.outputs == da.compile_model(scene, backend="numpy", outputs=[alone]).layout.outputs
+
+
+@pytest.mark.parametrize("t_span", ["01", ("0", "1"), 3, (0,), (0, 1, 2), "ab", None, (0, "x")])
 def test_span_must_be_two_numbers(t_span):
     with pytest.raises(ValueInputError, match="t_span must be two numbers"):
         sleigh().simulate(t_span, START, P)
@@ -274,6 +288,22 @@ def test_options_out_of_range_are_refused(options):
     with pytest.raises(OptionError) as caught:
         run(**options)
     assert any(name in str(caught.value) for name in options)
+
+
+def test_comparison_of_unknown_formulations_and_methods():
+    run = ((0, 0.1), START, P)
+    for options in ({"method": "dop835"}, {"method": {"minimal": "dop835"}}):
+        with pytest.raises(OptionError, match=r"unknown method 'dop835'.*Did you mean 'dop853'"):
+            sleigh().compare_formulations(*run, **options)
+    with pytest.raises(OptionError, match=r"unknown formulation 'mininal'.*Did you mean 'minimal'"):
+        sleigh().compare_formulations(*run, method={"mininal": "dop853"})
+    assert len(sleigh().compare_formulations(*run, formulations="minimal").rows) == 1
+
+
+def test_no_events_are_none():
+    assert run(events=None).success
+    with pytest.raises(ExpressionError, match="not a SymPy expression"):
+        run(events=[None])
 
 
 def test_span_that_is_not_finite_is_refused():

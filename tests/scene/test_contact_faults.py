@@ -166,3 +166,11 @@ def test_names_of_what_a_sweep_has():
         sweep["thta"]
     with pytest.raises(UnknownNameError, match=r"N_Q.*It is a reaction of the scene; ask for it with compile_model"):
         sweep["N_Q"]
+
+
+def test_what_only_the_model_of_a_mode_has():
+    model = da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
+    for name in ("linearize", "prepare", "sensitivity"):
+        with pytest.raises(AttributeError, match=rf"no '{name}' of its own.*model\.mode\(.*\)\.{name}"):
+            getattr(model, name)
+    assert not hasattr(model, "velocity") and model.mode().linearize

@@ -38,6 +38,11 @@ EXPRESSIONS = [
     sp.Piecewise((a, sp.And(a > 0, b > 0, a < b)), (0, True)),
     sp.Piecewise((1, sp.Or(a > 1, b > 3)), (2, True)),
     sp.Piecewise((1, ~(a > b)), (2, True)),
+    sp.Piecewise((1, ~sp.And(a > 1, b > 1, evaluate=False)), (2, True)),
+    sp.Piecewise((sp.sin(a) / a, sp.Ne(a, 0)), (1, True)) + sp.Piecewise((5, sp.Eq(a, b)), (b, True)),
+    sp.Piecewise((a, a < 0), (b, a >= 0)),
+    sp.Piecewise((1, a < 0), (2, (a >= 0) & (a < b)), (3, a >= b)),
+    sp.Heaviside(a - a * b / b, 0.25) + sp.Heaviside(0 * a),
     sp.Piecewise((1, (a > 1) ^ (b > 1)), (2, True)),
     sp.Piecewise((sp.log(-a), a < 0), (sp.log(a), True)),
     sp.Integer(10) ** 20 * a / 7,
@@ -110,3 +115,27 @@ def test_faults_are_collected_once_each_and_read_as_zero():
 def test_what_sympy_cannot_read_is_a_fault():
     _, reader, _ = read(object())
     assert "not a SymPy expression" in reader.faults[0]
+
+
+@pytest.mark.parametrize("most", [2, sp.oo])
+def test_piecewise_without_a_value_somewhere(most):
+    f, t = sp.Function("f"), sp.Symbol("t")
+    graph = Graph()
+    reader = ExpressionReader(graph, {f(t): graph.input("f"), t: graph.input("t")})
+    reader.read(sp.Piecewise((1, f(t) < 1), (2, f(t) < 1.5), (a, (f(t) < most) & (a > 0))), "force")
+    assert len(reader.faults) == 1 and "end it with (value, True)" in reader.faults[0]
+    reader.read(sp.Piecewise((1, f(t) < 1), (2, f(t) >= 1)) + sp.Piecewise((1, t < a), (2, t >= a)), "force")
+    assert len(reader.faults) == 1
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 2.0])
+def test_step_has_sympys_value_where_it_steps(value):
+    for step in (sp.Heaviside(a), sp.Heaviside(a, 0.25), sp.Heaviside(a, b)):
+        graph, _, node = read(step)
+        expected = float(step.subs({b: POINT["b"]}).subs(a, sp.nsimplify(value)))
+        assert evaluate(graph, [node], {"a": value, "b": POINT["b"]})[0] == expected
+
+
+def test_relation_is_no_expression():
+    _, reader, _ = read(sp.Eq(a, b))
+    assert "left side minus right side" in reader.faults[0]

@@ -330,6 +330,9 @@ class Backend(ABC):
     for_stages: ClassVar[tuple[str, ...]] = ()
     """Those of its methods that integrate systems of index 2."""
 
+    series: ClassVar[tuple[str, ...]] = ()
+    """Those of its methods that follow one power series over a whole step."""
+
     def serving(self, program: Program) -> Mapping[str, str]:
         """Return the methods that can integrate a program.
 
@@ -339,13 +342,24 @@ class Backend(ABC):
             Where there is none.
         """
         if "stages" not in program:
-            return self.methods
+            return {name: what for name, what in self.methods.items() if not (program.kinks and name in self.series)}
         if not self.for_stages:
             raise FormulationError(
                 f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
                 f' {program.name!r}. Use formulation="minimal" or "projected", or backend="numba"'
             )
         return {name: self.methods[name] for name in self.for_stages}
+
+    def refusal(self, program: Program, method: str) -> str:
+        """Return why one of its methods does not integrate a program; nothing for a method that it does not have."""
+        if method not in self.methods:
+            return ""
+        if "stages" in program:
+            return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"
+        return (
+            f"{method!r} does not serve {program.name!r}: a power series knows nothing of what lies behind a kink or a"
+            f" jump, and the scene has some ({', '.join(program.kinks)} of state or time)"
+        )
 
     @abstractmethod
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

@@ -1,13 +1,25 @@
-"""Which operations of a kernel only branches of selections use."""
+"""What is not smooth: operations that kernels compute only for branches, and those with a kink or a jump."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from .graph import Graph, Node
 from .program import Kernel
 
-__all__ = ["only_in_branches"]
+__all__ = ["kinks", "only_in_branches"]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
+_KINKED = {*_CHOOSING, *_JUMPING, "abs"}
+
+
+def kinks(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> tuple[str, ...]:
+    """Return the names of the operations with a kink or a jump that `nodes` make on what is `moving`."""
+    mask = 0
+    for node in moving:
+        mask |= node.deps
+    return tuple(sorted({node.op for node in graph.topological(nodes) if node.op in _KINKED and node.deps & mask}))
 
 
 def only_in_branches(kernel: Kernel) -> frozenset[str]:

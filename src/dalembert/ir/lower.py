@@ -85,7 +85,8 @@ def lower(system: ReducedSystem) -> Program:
         defaults={**equations.defaults, **system.defaults},
         entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
-    return Program(equations.name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), system.notes)
+    everything = (hoisted.prepare, *hoisted.kernels)
+    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.kinks)
 
 
 def lower_kernel(

@@ -120,13 +120,14 @@ class Layout:
 @final
 @dataclass(frozen=True)
 class Program:
-    """The kernels of one scene in one formulation, and what their arrays hold."""
+    """The kernels of one scene in one formulation, what their arrays hold, and what in the scene is not smooth."""
 
     name: str
     formulation: str
     layout: Layout
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
+    kinks: tuple[str, ...] = ()
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

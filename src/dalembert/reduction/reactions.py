@@ -81,7 +81,10 @@ def requested_outputs(
             nodes[name] = energies[name]
         else:
             known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
-            raise UnknownNameError(unknown_name("output", name, known) + " A SymPy expression of them serves too.")
+            raise UnknownNameError(
+                unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is"
+                " (not its name), which gives its position."
+            )
     needed = _needed_unknowns(equations, nodes)
     lost = [name for name in needed if name in undetermined and not equations.least]
     if lost:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValueInputError
+from ..values import array_of
 
 __all__ = ["Grid", "grid"]
 
@@ -51,9 +52,16 @@ def grid(**axes: Any) -> Grid:
     Raises
     ------
     ValueInputError
-        For an axis that is not one-dimensional or has no values.
+        For an axis that is not one-dimensional, has no values, or holds what are no numbers.
     """
-    values = {name: np.atleast_1d(np.asarray(axis, dtype=float)) for name, axis in axes.items()}
+    values, strange = {}, []
+    for name, axis in axes.items():
+        try:
+            values[name] = np.atleast_1d(array_of(axis))
+        except ValueError as reason:
+            strange.append(f"{name} = {axis!r} {reason}")
+    if strange:
+        raise ValueInputError(f"the axes of a grid are arrays of numbers: {'; '.join(strange)}")
     wrong = [f"{name} has shape {axis.shape}" for name, axis in values.items() if axis.ndim != 1 or not len(axis)]
     if wrong or not values:
         given = "; ".join(wrong) or "none given"

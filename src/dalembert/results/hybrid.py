@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.status import Status
 from ..ir.program import Layout
+from ..values import times_of
 from .events import EventRecord, EventRecords
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
 from .trajectory import Trajectory
@@ -176,7 +177,7 @@ class HybridTrajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        times, lasting = np.atleast_1d(np.asarray(t, dtype=float)), self._lasting
+        times, lasting = times_of("t", t), self._lasting
         first, last = lasting[0].phase.t0, lasting[-1].phase.t1
         forward = 1.0 if last >= first else -1.0
         if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import MissingExtraError, OptionError
 from ..integrators.status import Status
 from ..ir.program import Layout
+from ..values import option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -148,7 +149,8 @@ class Motion(ABC):
         if self._pictured is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
         scene, constants = self._pictured
-        return animate(self, skeleton(scene, self._layout.parameters, points), constants, float(fps), float(speed))
+        drawn = skeleton(scene, self._layout.parameters, points)
+        return animate(self, drawn, constants, option("fps", fps), option("speed", speed))
 
 
 def reaction_hint(layout: Layout, name: str) -> str:

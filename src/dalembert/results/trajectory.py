@@ -16,6 +16,7 @@ from ..integrators.watched import Occurrence
 from ..ir.interpret import interpret_rows
 from ..ir.periodic import angles_in
 from ..ir.program import Program
+from ..values import times_of
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
@@ -156,7 +157,8 @@ class Trajectory(Motion):
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         layout = self._program.layout
-        return (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
+        listed = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
+        return tuple(dict.fromkeys(listed))
 
     def __getitem__(self, key: Any) -> FloatArray:
         layout = self._program.layout
@@ -225,7 +227,7 @@ class Trajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = times_of("t", t)
         if self._dense is None:
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
         y = projected(self._program, self._c, times, self._dense(times))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ def compare(
     run: tuple[Any, Mapping[Any, Any], Mapping[Any, Any]],
     tolerances: tuple[float, float],
     methods: str | Mapping[str, str],
+    known: Collection[str],
 ) -> Comparison:
     """Return the comparison of a run (span, initial values, parameters).
 
@@ -42,16 +43,27 @@ def compare(
         rtol and atol.
     methods : str or mapping of str to str
         The method for all, or by formulation; those that a formulation does not have become "auto".
+    known : collection of str
+        Methods of the backend.
 
     Raises
     ------
     OptionError
-        For unknown formulations.
+        For unknown formulations and methods.
     """
-    names = tuple(FORMULATIONS) if chosen is None else tuple(chosen)
+    names = tuple(FORMULATIONS) if chosen is None else (chosen,) if isinstance(chosen, str) else tuple(chosen)
     for name in names:
         if name not in FORMULATIONS:
             raise OptionError(unknown_name("formulation", str(name), FORMULATIONS))
+    table = {} if isinstance(methods, str) else dict(methods)
+    strange = [unknown_name("formulation", str(name), FORMULATIONS) for name in table if name not in FORMULATIONS]
+    strange += [
+        unknown_name("method", str(name), ["auto", *known])
+        for name in dict.fromkeys([methods] if isinstance(methods, str) else table.values())
+        if name not in ("auto", *known)
+    ]
+    if strange:
+        raise OptionError("\n".join(strange))
     rows = []
     for name in names:
         method = methods if isinstance(methods, str) else methods.get(name, "auto")

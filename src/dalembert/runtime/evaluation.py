@@ -11,9 +11,10 @@ import numpy as np
 from ..codegen.base import Engine, FloatArray
 from ..errors import ValueInputError
 from ..ir.program import Layout, Program
+from ..values import array_of, times_of
 from . import inputs
 
-__all__ = ["Evaluated"]
+__all__ = ["Evaluated", "rows_of"]
 
 
 class Evaluated(ABC):
@@ -59,12 +60,12 @@ class Evaluated(ABC):
         return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))
 
     def _evaluate(self, kernel: str, t: Any, q: Any, qdot: Any, p: Any, shape: tuple[int, ...]) -> FloatArray:
-        size = len(self.layout.coordinates)
-        q = _rows("q", q, size)
-        qdot = np.zeros_like(q) if qdot is None else _rows("qdot", qdot, size)
+        size, at = len(self.layout.coordinates), times_of("t", t)
+        q = rows_of("q", q, size)
+        qdot = np.zeros_like(q) if qdot is None else rows_of("qdot", qdot, size)
         single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
         q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
-        sizes = {"q": len(q), "qdot": len(qdot), "t": np.size(t)}
+        sizes = {"q": len(q), "qdot": len(qdot), "t": len(at)}
         counts = set(sizes.values()) - {1}
         if len(counts) > 1:
             given = ", ".join(f"{name}: {size}" for name, size in sizes.items())
@@ -72,18 +73,28 @@ class Evaluated(ABC):
         count = counts.pop() if counts else 1
         y = np.empty((count, 2 * size))
         y[:, :size], y[:, size:] = q, qdot
-        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (count,)))
+        times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
         if isinstance(p, Mapping):
             p = inputs.parameter_vector(self.layout, p)
-        c = inputs.constants(self._program, _rows("p", p, len(self.layout.parameters)))
+        c = inputs.constants(self._program, rows_of("p", p, len(self.layout.parameters)))
         if kernel not in self._program:
             return np.zeros(shape if single else (count, *shape))
         out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
         return out[0] if single else out
 
 
-def _rows(name: str, values: Any, size: int) -> FloatArray:
-    array = np.asarray(values, dtype=float)
+def rows_of(name: str, values: Any, size: int) -> FloatArray:
+    """Return an array (size,) or (k, size) that a user gave.
+
+    Raises
+    ------
+    ValueInputError
+        For another shape, and for what are no numbers.
+    """
+    try:
+        array = array_of(values)
+    except ValueError as reason:
+        raise ValueInputError(f"{name} = {values!r} {reason}") from None
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
     return array

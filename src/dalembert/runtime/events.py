@@ -100,6 +100,8 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
     OptionError
         When two have one name.
     """
+    if events is None:
+        return ()
     if isinstance(events, Event | str) or not isinstance(events, Iterable):
         events = (events,)
     made = [event if isinstance(event, Event) else Event(event) for event in events]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from ..codegen import backend_named
 from ..errors import list_names
 from ..ir.program import Program, describe_counts
 
@@ -28,6 +29,7 @@ def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
+        *_kinked(stages, methods),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
         f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
@@ -53,6 +55,12 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
     if "radau" not in methods or first == "radau":
         return []
     return ["              a run whose steps are held by modes long dead is stiff, and auto takes radau for it"]
+
+
+def _kinked(stages: Stages, methods: Mapping[str, str]) -> list[str]:
+    backend = backend_named(stages.rendered.backend)
+    refused = [name for name in backend.series if name not in methods and stages.program.kinks]
+    return [f"              {backend.refusal(stages.program, name)}" for name in refused]
 
 
 def _projections(program: Program) -> list[str]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..codegen import backend_named
 from ..codegen.base import Engine
-from ..errors import OptionError, ValueInputError, unknown_name
+from ..errors import OptionError, ValueInputError, list_names, unknown_name
 from ..ir.program import Layout
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
+from ..values import number
 from .evaluation import Evaluated
 from .events import EventCode, compiled_events, event_list
 from .explain import explain
@@ -84,6 +86,9 @@ class Held(Evaluated):
         if method == "auto":
             return self._engine.automatic(self.methods, rtol, atol, many=many)
         if not isinstance(method, str) or method not in self._methods:
+            why = backend_named(self.backend).refusal(self._program, str(method))
+            if why:
+                raise OptionError(f"{why}. Take one of: {list_names(['auto', *self._methods])}")
             raise OptionError(
                 unknown_name("method", str(method), ["auto", *self._methods]) + f" (of the backend {self.backend!r})"
             )
@@ -110,7 +115,7 @@ class Held(Evaluated):
 def span_of(t_span: Sequence[float]) -> tuple[float, float]:
     """Return start and end of a run as numbers."""
     try:
-        t0, t1 = (float(t) for t in t_span)
+        t0, t1 = (number(t) for t in t_span)
     except (TypeError, ValueError):
         raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
     return t0, t1

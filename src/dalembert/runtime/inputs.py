@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -13,6 +14,7 @@ from ..errors import InitialStateError, PrecisionWarning, UnknownNameError, Valu
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
+from ..values import number
 from .assembly import nearest
 
 __all__ = [
@@ -61,13 +63,13 @@ def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: 
         elif name in values:
             unknown.append(f"{kind} {name!r} is given twice")
         try:
-            number = float(value)
-        except (TypeError, ValueError):
-            wrong.append(f"{name} = {value!r} is not a number")
+            found = number(value)
+        except ValueError as reason:
+            wrong.append(f"{name} = {value!r} {reason}")
             continue
-        if not np.isfinite(number):
-            wrong.append(f"{name} = {number!r} is not finite")
-        values[name] = number
+        if not math.isfinite(found):
+            wrong.append(f"{name} = {found!r} is not finite")
+        values[name] = found
     if unknown:
         raise UnknownNameError("\n".join(unknown))
     if wrong:
@@ -84,7 +86,7 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
         For those that are not known, all of them at once.
     """
     known = list(known)
-    names = [aliases.get(str(key), str(key)) for key in given]
+    names = [aliases.get(str(key), str(key)) for key in ([given] if isinstance(given, str) else given)]
     unknown = [unknown_name(kind, name, known) for name in names if name not in known]
     if unknown:
         raise UnknownNameError("\n".join(unknown))

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ..codegen import backend_named
 from ..codegen.base import Engine
 from ..integrators.problem import IntegrationProblem
 from ..options import CompileOptions
 from ..results.comparison import Comparison
 from ..results.linearization import Linearization
 from ..results.sensitivity import Sensitivity
+from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .comparing import compare
 from .held import span_of
@@ -74,10 +76,10 @@ class CompiledModel(Swept):
         Raises
         ------
         OptionError
-            For unknown formulations, and as `simulate`.
+            For unknown formulations and methods, and as `simulate`.
         """
-        run = (t_span, initial, parameters)
-        return compare(self._in_formulation, self.name, formulations, run, (float(rtol), float(atol)), method)
+        run, known = (t_span, initial, parameters), backend_named(self.backend).methods
+        return compare(self._in_formulation, self.name, formulations, run, tolerances(rtol, atol), method, known)
 
     def linearize(
         self,
@@ -112,8 +114,9 @@ class CompiledModel(Swept):
         p = self.parameter_vector(parameters)
         c = inputs.constants(self._program, p)
         values = inputs.given_values(self.layout, initial)
-        y = inputs.initial_state(self._start(values), float(t), values, c, self._program)
-        return linearized(self._program, float(t), y, p, c, states)
+        time = option("t", t)
+        y = inputs.initial_state(self._start(values), time, values, c, self._program)
+        return linearized(self._program, time, y, p, c, states)
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""
@@ -165,6 +168,7 @@ class CompiledModel(Swept):
             For input that is wrong.
         """
         t0, t1 = span_of(t_span)
+        rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         values = inputs.given_values(self.layout, initial)
         start = self._start(values)
@@ -179,10 +183,10 @@ class CompiledModel(Swept):
             t1=t1,
             y0=inputs.initial_state(start, t0, values, c, self._program),
             constants=c,
-            rtol=float(rtol),
-            atol=float(atol),
-            t_eval=None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float)),
-            max_steps=int(max_steps),
+            rtol=rtol,
+            atol=atol,
+            t_eval=None if t_eval is None else times_of("t_eval", t_eval),
+            max_steps=whole("max_steps", max_steps),
         )
         if method == "auto":
             chosen = variation.engine.automatic(self.methods, rtol, atol)

@@ -22,8 +22,10 @@ from ..reduction.keeping import refuse_formulation
 from ..results.estimate import TIGHTER
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
+from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .assembly import assembled
+from .evaluation import rows_of
 from .events import EventCode
 from .gains import with_gains
 from .gimbal import locked, remedy
@@ -159,6 +161,7 @@ class Simulated(Held):
             options |= {"events": events, "error_estimate": error_estimate}
             return keeper.simulate(t_span, initial, {**parameters, **further}, **options)
         begin = time.perf_counter()
+        rtol, atol = tolerances(rtol, atol)
         chosen = self._method(method, rtol, atol)
         t0, t1 = span_of(t_span)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
@@ -169,12 +172,12 @@ class Simulated(Held):
             t1=t1,
             y0=inputs.initial_state(self._start(values), t0, values, c, self._program),
             constants=c,
-            rtol=float(rtol),
-            atol=float(atol),
-            t_eval=None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float)),
-            first_step=first_step,
-            max_step=float(max_step),
-            max_steps=int(max_steps),
+            rtol=rtol,
+            atol=atol,
+            t_eval=None if t_eval is None else times_of("t_eval", t_eval),
+            first_step=None if first_step is None else option("first_step", first_step),
+            max_step=option("max_step", max_step),
+            max_steps=whole("max_steps", max_steps),
             dense=dense,
         )
         watch = self._events(events)
@@ -357,12 +360,13 @@ class Simulated(Held):
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
         values = inputs.given_values(self.layout, initial)
-        return inputs.initial_state(self._start(values), float(t), values, c, self._program)
+        return inputs.initial_state(self._start(values), option("t", t), values, c, self._program)
 
     def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
-        return interpret_rows(self._program.kernel("expand"), np.array([float(t)]), y[np.newaxis], c)[0]
+        state = rows_of("y", y, len(self.layout.state))
+        return interpret_rows(self._program.kernel("expand"), np.array([option("t", t)]), state[np.newaxis], c)[0]
 
     def assemble(
         self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
@@ -395,7 +399,7 @@ class Simulated(Held):
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, guess, plain=True)
         held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
-        return assembled(self._program, c, float(t), values, held)
+        return assembled(self._program, c, option("t", t), values, held)
 
     def prepare(
         self,
@@ -425,6 +429,7 @@ class Simulated(Held):
             For options that do not exist, and integrals that are not known or that the formulation cannot keep.
         """
         t0, t1 = span_of(t_span)
+        rtol, atol = tolerances(rtol, atol)
         if project_invariants is not False:
             refuse_formulation(self.stages.reduced)
             refuse_unknown(project_invariants, self._conservable)
@@ -441,8 +446,8 @@ class Simulated(Held):
             constants=np.zeros(self.layout.constants),
             rtol=rtol,
             atol=atol,
-            max_step=max_step,
-            max_steps=max_steps,
+            max_step=option("max_step", max_step),
+            max_steps=whole("max_steps", max_steps),
         )
         run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
         return PreparedRun(run, chosen)

@@ -19,6 +19,7 @@ from ..integrators.status import Status
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Program
 from ..reduction.starting import Start
+from ..values import array_of, times_of, whole
 from . import inputs
 from .events import EventCode
 
@@ -91,7 +92,7 @@ class Cases:
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
             )
         try:
-            first, last = (np.ascontiguousarray(np.atleast_1d(np.asarray(t, dtype=float))) for t in t_span)
+            first, last = (np.ascontiguousarray(np.atleast_1d(array_of(t))) for t in t_span)
         except (TypeError, ValueError):
             raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
         self.span = {"start": first, "end": last}
@@ -197,10 +198,10 @@ def agreed(
     OptionError, ValueInputError
         For settings that make no sense, or not with these cases.
     """
-    times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+    times = None if t_eval is None else times_of("t_eval", t_eval)
     if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
         raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
-    count = available_threads() if threads is None else int(threads)
+    count = available_threads() if threads is None else whole("threads", threads)
     if count < 1:
         raise OptionError(f"threads must be at least 1, not {threads!r}")
     IntegrationProblem(
@@ -233,9 +234,9 @@ def _columns(
         if name in columns:
             unknown.append(f"{kind} {name!r} is given twice")
         try:
-            columns[name] = np.ascontiguousarray(np.atleast_1d(np.asarray(value, dtype=float)))
-        except (TypeError, ValueError):
-            wrong.append(f"{name} = {value!r} is no array of numbers")
+            columns[name] = np.ascontiguousarray(np.atleast_1d(array_of(value)))
+        except ValueError as reason:
+            wrong.append(f"{name} = {value!r} {reason}")
             continue
         if columns[name].ndim != 1:
             wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
@@ -274,7 +275,7 @@ def meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
 def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
     """Return a case alone, or None where it cannot start."""
     block, status = cases.block(slice(number, number + 1), settings)
-    if status[0] >= 0:
+    if not len(status) or status[0] >= 0:
         return None
     return IntegrationProblem(
         t0=float(block.spans[0, 0]),

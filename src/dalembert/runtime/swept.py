@@ -15,6 +15,7 @@ from ..ir.program import Layout
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
+from ..values import option, tolerances, whole
 from . import inputs
 from .gains import give_gains
 from .gimbal import locked_cases
@@ -121,6 +122,8 @@ class Swept(Simulated):
     ) -> Callable[[], Sweep]:
         """Begin a sweep, as `sweep` does; return what waits for its results."""
         begin = time.perf_counter()
+        rtol, atol = tolerances(rtol, atol)
+        max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
         chosen = self._method(method, rtol, atol, many=True)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
         given = (t_span, initial, parameters)
@@ -236,6 +239,8 @@ def with_grid(
     layout: Layout, grid: Grid, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
 ) -> tuple[dict[Any, Any], dict[Any, Any]]:
     """Return initial values and parameters with the columns of a grid, each where it belongs."""
+    if not isinstance(grid, Grid):
+        raise ValueInputError(f"grid must be made by dalembert.grid(name=values, ...), not {grid!r}")
     initial, parameters = dict(initial), dict(parameters)
     for name, column in grid.columns().items():
         home = parameters if name in layout.parameters else initial

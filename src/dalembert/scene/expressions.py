@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
-from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Or
+from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 
 from ..errors import list_names
 from ..ir.graph import Graph, Node
@@ -33,6 +33,9 @@ _FUNCTIONS: dict[Any, str] = {
     sp.sign: "sign",
     sp.floor: "floor",
 }
+_FURTHER = ["Heaviside", "Max", "Min", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
+_ONCE = "(SymPy tells symbols with other assumptions apart); create it once and use that one everywhere"
+_OTHER = f"is not the coordinate of that name {_ONCE}"
 _RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
 
 
@@ -65,9 +68,12 @@ class ExpressionReader:
         """Return the node of `expression`, met at `place`; `unknowns` says whether reactions may occur in it."""
         self._place, self._allow_unknowns = place, unknowns
         try:
-            return self._read(sp.sympify(expression))
+            e = sp.sympify(expression)
         except sp.SympifyError:
+            e = None
+        if not isinstance(e, sp.Basic):
             return self.fault(f"{expression!r} is not a SymPy expression")
+        return self._read(e)
 
     def define(self, leaves: Mapping[Any, Node]) -> None:
         """Let SymPy objects be read as these nodes from now on, whatever they were read as before."""
@@ -111,6 +117,8 @@ class ExpressionReader:
         if isinstance(e, sp.Derivative):
             return self._derivative(e)
         if isinstance(e, AppliedUndef):
+            if str(e) in map(str, self.leaves):
+                return self.fault(f"{e} {_OTHER}")
             return self.fault(
                 f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene"
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
@@ -125,10 +133,7 @@ class ExpressionReader:
             return self.fault(f"the unknown {e.name} may only be used in the force or torque of a joint")
         held = table.setdefault(e.name, e)
         if held != e or e.name in other:
-            return self.fault(
-                f"two different symbols are both called {e.name!r} (SymPy tells symbols with other"
-                " assumptions apart); create it once and use that one everywhere"
-            )
+            return self.fault(f"two different symbols are both called {e.name!r} {_ONCE}")
         return self.graph.input(e.name)
 
     def _product(self, e: Any) -> Node:
@@ -151,8 +156,9 @@ class ExpressionReader:
 
     def _power(self, e: Any) -> Node:
         base = self._read(e.base)
-        if e.exp.is_Rational:
-            exponent = Fraction(int(e.exp.p), int(e.exp.q))
+        halves = e.exp.is_Float and float(2 * e.exp).is_integer()  # x**2.0 is x**2, also where x is zero
+        if e.exp.is_Rational or halves:
+            exponent = Fraction(float(e.exp)) if halves else Fraction(int(e.exp.p), int(e.exp.q))
             if exponent < 0:
                 return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
             return self.graph.power(base, exponent)
@@ -182,14 +188,27 @@ class ExpressionReader:
         if kind is sp.ceiling:
             return -g.call("floor", -self._read(e.args[0]))
         if kind is sp.Heaviside:
-            return g.call("less_equal", g.zero, self._read(e.args[0]))
+            x, there = self._read(e.args[0]), self._read(e.args[1])
+            return g.call(
+                "select", g.call("less", g.zero, x), g.one, g.call("select", g.call("less", x, g.zero), g.zero, there)
+            )
         if kind is sp.Piecewise:
-            result = g.zero
-            for value, condition in reversed(e.args):
-                result = g.call("select", self._condition(condition), self._read(value), result)
-            return result
-        supported = sorted([f.__name__ for f in _FUNCTIONS] + ["Min", "Max", "Piecewise", "cot", "sec", "csc"])
+            return self._piecewise(e)
+        if isinstance(e, sp.core.relational.Relational):
+            return self.fault(
+                f"{e} is a relation; write an expression, such as left side minus right side that vanishes"
+            )
+        supported = sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER)
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported)}")
+
+    def _piecewise(self, e: Any) -> Node:
+        *some, (last, _) = e.args
+        if not _exhaustive([condition for _, condition in e.args]):
+            return self.fault(f"{e} has no value where none of its conditions holds; end it with (value, True)")
+        result = self._read(last)
+        for value, condition in reversed(some):
+            result = self.graph.call("select", self._condition(condition), self._read(value), result)
+        return result
 
     def _condition(self, e: Any) -> Node:
         g = self.graph
@@ -202,8 +221,28 @@ class ExpressionReader:
         if isinstance(e, Or):
             parts = [self._condition(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
             return reduce(lambda a, b: g.call("max", a, b), parts)
+        if isinstance(e, Not):
+            return g.one - self._condition(e.args[0])
+        if isinstance(e, sp.Equality | sp.Unequality):
+            a, b = self._read(e.lhs), self._read(e.rhs)
+            same = g.mul(g.call("less_equal", a, b), g.call("less_equal", b, a))
+            return same if isinstance(e, sp.Equality) else g.one - same
         if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
             low, high = self._read(e.lts), self._read(e.gts)
             strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
             return g.call("less" if strict else "less_equal", low, high)
-        return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, And, Or")
+        return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")
+
+
+def _exhaustive(conditions: Sequence[Any]) -> bool:
+    """Whether one of some conditions holds for all real values of what occurs in them."""
+    whole = sp.Or(*conditions)
+    moving = sorted(whole.atoms(AppliedUndef, sp.Derivative), key=sp.default_sort_key, reverse=True)
+    for e in (*moving, *sorted(whole.free_symbols, key=sp.default_sort_key)):
+        whole = whole.xreplace({e: sp.Dummy(real=True)})
+    if len(whole.free_symbols) != 1:
+        return sp.simplify(whole) == sp.true
+    try:
+        return whole.as_set() == sp.S.Reals
+    except NotImplementedError:
+        return False

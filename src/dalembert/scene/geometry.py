@@ -36,6 +36,7 @@ class GeometryReader(SymbolReader):
         self.points = Tree(scene.origin, "_pos_dict")
         self.frame_models: dict[int, FrameModel] = {0: FrameModel(scene.frame.name, None, None)}
         self.point_models: dict[int, PointModel] = {0: PointModel(scene.origin.name, None, ())}
+        self._met: list[Any] = [scene.origin]
 
     def _frame(self, frame: ReferenceFrame, place: str) -> int:
         """Return the number of a frame, reading it and its ancestors when first met."""
@@ -59,6 +60,7 @@ class GeometryReader(SymbolReader):
                 matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
+                self._met.append(node)
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             number = known
         return number
@@ -86,6 +88,7 @@ class GeometryReader(SymbolReader):
             if known not in self.point_models:
                 vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
                 pieces = self._vector(vector, f"position of point {node.name!r}")
+                self._met.append(node)
                 self.point_models[known] = PointModel(node.name, number, pieces)
             number = known
         return number

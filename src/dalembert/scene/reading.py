@@ -18,6 +18,7 @@ from .dyadics import matrix_of
 from .geometry import GeometryReader, short
 from .given import located, read_given
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
+from .said import contradictions
 from .scene import Joint, Place, Scene
 
 __all__ = ["read"]
@@ -93,6 +94,8 @@ class _SceneReader(GeometryReader):
                 [action for action in actions if action is not None],
                 symbols.unknowns,
             )
+        if not self.faults and placed:
+            self.faults += contradictions(scene, self.frames, self.points, self._met)
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
@@ -140,12 +143,26 @@ class _SceneReader(GeometryReader):
             return None
         place = f"body {body.name!r}"
         if isinstance(body, Particle):
-            mass = self.expressions.read(body.mass, f"mass of {place}")
+            mass = self._mass(body, place)
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
         inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
-        mass = self.expressions.read(body.mass, f"mass of {place}")
+        if any(entry.deps & self._moving() for row in inertia for entry in row):
+            self.faults.append(
+                f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where"
+                " it must be constant: write it on that frame, or give the body the frame that it is written on"
+            )
+        mass = self._mass(body, place)
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
+
+    def _mass(self, body: Any, place: str) -> Node:
+        mass = self.expressions.read(body.mass, f"mass of {place}")
+        if mass.deps & self._moving():
+            self.faults.append(
+                f"the mass of {place} changes along the motion; it must be constant, because equations of a mass that"
+                " is lost or gained depend on the velocity with which it leaves or comes"
+            )
+        return mass
 
     def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
         if not isinstance(joint, Joint):

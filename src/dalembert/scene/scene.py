@@ -88,8 +88,8 @@ class Scene:
     """A constrained mechanical scene, written with ``sympy.physics.mechanics``.
 
     The velocities of points and frames follow from positions and orientations and need not be
-    set. Every plain symbol that the scene uses is a parameter; every function of time must be
-    one of the coordinates.
+    set; where they were, they must not contradict them. Every plain symbol that the scene uses is a
+    parameter; every function of time must be one of the coordinates.
 
     Parameters
     ----------
@@ -116,6 +116,9 @@ class Scene:
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
         if not isinstance(origin, Point):
             faults.append(f"origin must be a Point, not {origin!r}")
+        listed: Any = coordinates
+        if not isinstance(listed, Iterable) or isinstance(listed, str):
+            faults.append(f"coordinates must be a sequence of dynamicsymbols, such as [x, y], not {coordinates!r}")
         if faults:
             raise SceneError(str(name), faults)
         self.name = str(name)
@@ -171,7 +174,11 @@ class Scene:
         return twin
 
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:
-        """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located."""
+        """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located.
+
+        As in SymPy, the ``potential_energy`` of a body exerts no force: it says what loads of its own do, and is added
+        to that of `apply_uniform_gravity` in the energies.
+        """
         self.bodies += bodies
 
     def add_joints(self, *joints: Joint) -> None:

@@ -97,7 +97,8 @@ class SymbolReader:
         for kind, names in kinds:
             for name in names:
                 if name in taken and taken[name] != f"a {kind}":
-                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it")
+                    meant = " (where time is meant, use dynamicsymbols._t itself)" if name == TIME else ""
+                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
         time = dynamicsymbols._t
         aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
@@ -119,3 +120,7 @@ class SymbolReader:
     def _mask(self, kind: str) -> int:
         names = [q.func.__name__ for q in self.coordinates]
         return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
+
+    def _moving(self) -> int:
+        """Return the dependency bits of what changes along a motion: coordinates, rates and time."""
+        return self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])

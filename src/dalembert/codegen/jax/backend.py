@@ -105,7 +105,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        if self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
+        if "taylor" in methods and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
@@ -241,6 +241,7 @@ class JaxBackend(Backend):
     """For accelerators, and for programs that are JAX already."""
 
     name = "jax"
+    series = ("taylor",)
     methods: ClassVar[Mapping[str, str]] = {
         "dopri8": "explicit Runge-Kutta of order 8 (Prince and Dormand; diffrax, in sweeps DOP853)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras; diffrax, in sweeps a loop of our own)",

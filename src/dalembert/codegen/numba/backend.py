@@ -117,7 +117,7 @@ class NumbaEngine(Engine):
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
-        if len(methods) == 1:
+        if "taylor" not in methods:
             return methods[0]
         tolerance = clipped_tolerance(rtol, atol)
         lines = self.steps.series_lines(order_for(tolerance))
@@ -350,6 +350,7 @@ class NumbaBackend(Backend):
 
     name = "numba"
     for_stages = ("radau",)
+    series = ("taylor",)
     methods: ClassVar[Mapping[str, str]] = {
         "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
         "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",

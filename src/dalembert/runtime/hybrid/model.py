@@ -19,6 +19,7 @@ from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...scene import Scene
+from ...values import option, times_of, tolerances, whole
 from .. import inputs
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
@@ -158,6 +159,17 @@ class HybridModel:
     def __repr__(self) -> str:
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
 
+    def __getattr__(self, name: str) -> Any:
+        from ..model import CompiledModel
+
+        hint = ""
+        if not name.startswith("_") and hasattr(CompiledModel, name):
+            hint = (
+                f" of its own, because its contacts change what it is; ask the model of one mode, such as"
+                f" model.mode().{name}, or model.mode({self.contacts[0]}={OPEN!r}).{name}"
+            )
+        raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
+
     def __reduce__(self) -> tuple[Any, ...]:
         from ...compiler import compile_scene
 
@@ -215,20 +227,21 @@ class HybridModel:
         """
         self._refuse_keeping(project_invariants)
         t0, t1 = span_of(t_span)
+        rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
         inputs.warn_below_floor(rtol, atol)
         listed = event_list(events, self.layout.aliases)
-        times = None if t_eval is None else np.atleast_1d(np.asarray(t_eval, dtype=float))
+        times = None if t_eval is None else times_of("t_eval", t_eval)
         if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
             raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
         options = {
             "method": method,
-            "rtol": float(rtol),
-            "atol": float(atol),
+            "rtol": rtol,
+            "atol": atol,
             "first_step": first_step,
-            "max_step": float(max_step),
-            "max_steps": int(max_steps),
+            "max_step": option("max_step", max_step),
+            "max_steps": whole("max_steps", max_steps),
             "dense": bool(dense),
         }
         request = Request(
@@ -287,6 +300,8 @@ class HybridModel:
             For input that is wrong for all cases; `project_invariants` is, for contacts.
         """
         self._refuse_keeping(project_invariants)
+        rtol, atol = tolerances(rtol, atol)
+        max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
         inputs.warn_below_floor(rtol, atol)
         listed = event_list(events, self.layout.aliases)
         for event in listed:
@@ -305,10 +320,10 @@ class HybridModel:
             cases,
             t_eval=t_eval,
             method=model._method(method, rtol, atol, many=True),
-            rtol=float(rtol),
-            atol=float(atol),
-            max_step=float(max_step),
-            max_steps=int(max_steps),
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
             threads=threads,
             progress=progress,
         )

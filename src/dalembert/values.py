@@ -1,0 +1,117 @@
+"""Numbers that users give: what is one, and what only looks like one.
+
+NumPy reads strings, durations and quantities with units as numbers, drops imaginary parts and forgets masks. Here they
+are refused.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import OptionError, ValueInputError
+
+__all__ = ["array_of", "number", "option", "times_of", "tolerances", "whole"]
+
+FloatArray = NDArray[np.float64]
+_REAL = "biuf"
+_UNITS = ("magnitude", "to_value")
+"""What quantities with units have, of the packages that offer them."""
+
+
+def array_of(value: Any) -> FloatArray:
+    """Return what a user gave as an array of its shape; numbers that are not finite are left.
+
+    Raises
+    ------
+    ValueError
+        For what is no array of real numbers, with the reason: "is not a number", "has units", ...
+    """
+    if any(hasattr(value, name) for name in _UNITS):
+        raise ValueError("has units; give plain numbers, all in one system of units such as SI")
+    try:
+        given = np.asanyarray(value)
+    except (TypeError, ValueError):
+        raise ValueError("is not an array of numbers") from None
+    if isinstance(given, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(given)):
+        raise ValueError("has masked values; give numbers, or NaN")
+    kind = given.dtype.kind
+    if kind == "O" and not any(isinstance(x, str | bytes | complex | np.generic) for x in given.flat):
+        try:
+            return np.asarray([float(x) for x in given.flat]).reshape(given.shape)
+        except (TypeError, ValueError, OverflowError):
+            kind = ""
+    if kind not in _REAL or not kind:
+        raise ValueError("is not a number" if given.ndim == 0 else "is not an array of numbers")
+    return np.asarray(given, dtype=float)
+
+
+def number(value: Any) -> float:
+    """Return one number that a user gave.
+
+    Raises
+    ------
+    ValueError
+        For what is none, with the reason.
+    """
+    if type(value) is float:
+        return value
+    found = array_of(value)
+    if found.ndim:
+        raise ValueError(f"is not a number: it has shape {found.shape}")
+    return float(found)
+
+
+def option(name: str, value: Any) -> float:
+    """Return the number that an option is.
+
+    Raises
+    ------
+    OptionError
+        For what is none.
+    """
+    try:
+        return number(value)
+    except ValueError:
+        raise OptionError(f"{name} must be a number, not {value!r}") from None
+
+
+def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:
+    """Return rtol and atol as numbers.
+
+    Raises
+    ------
+    OptionError
+        For what is none.
+    """
+    return option("rtol", rtol), option("atol", atol)
+
+
+def whole(name: str, value: Any) -> int:
+    """Return the whole number that an option is.
+
+    Raises
+    ------
+    OptionError
+        For what is none.
+    """
+    found = option(name, value)
+    if not found.is_integer():
+        raise OptionError(f"{name} must be a whole number, not {value!r}")
+    return int(found)
+
+
+def times_of(name: str, value: Any) -> FloatArray:
+    """Return times as an array, a single one as an array of length 1.
+
+    Raises
+    ------
+    ValueInputError
+        For what are no numbers.
+    """
+    try:
+        return np.atleast_1d(array_of(value))
+    except ValueError as reason:
+        raise ValueInputError(f"{name} = {value!r} {reason}; give times in seconds") from None

@@ -1,0 +1,52 @@
+"""What the documents show runs as it is written: the Python of each, block after block."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.results.motion import Motion
+from dalembert.results.sweep import CaseResults
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+
+
+def blocks(page):
+    return BLOCK.findall(page.read_text())
+
+
+def surroundings(page):
+    """Return the names that a page takes for known: those that it says in words, or has from a script beside it."""
+    if page.name != "jax.md":
+        return {}
+    scene = da.scenes.chaplygin_sleigh()
+    model = da.compile_model(scene, backend="numpy", outputs=["X"])
+    x, *_ = scene.coordinates
+    return {"model": model, "start": START, "p": {"m": 1, "b": 0.3, "I_C": 0.5}, "x": x, "times": [0, 5, 10]}
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.name)
+def test_code_runs_as_written(page):
+    if (script := page.with_suffix(".py")).exists():
+        quoted = {line.strip() for block in blocks(page) for line in block.splitlines()}
+        assert quoted <= {line.strip() for line in script.read_text().splitlines()}
+        return
+    names = surroundings(page)
+    for number, block in enumerate(blocks(page), 1):
+        exec(compile(block, f"{page.name}, block {number}", "exec"), names)
+    assert all(np.all(run.success) for run in names.values() if isinstance(run, Motion | CaseResults))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([\w-]+))?\)", page.read_text()):
+        other = page.parent / target if target else page
+        assert other.exists(), target
+        if anchor:
+            heads = re.findall(r"^#+ (.*)$", other.read_text(), re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", head).lower().replace(" ", "-") for head in heads}, anchor
