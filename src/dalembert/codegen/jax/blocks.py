@@ -33,8 +33,8 @@ LARGEST_WHOLE = 100
 """Operations up to which a kernel is one piece."""
 
 _TURN, _HANDED = 16, 8
-"""Operations of a block that a loop takes in its turn, and the values that it hands on: XLA does not fuse what is joined
-from more than eight, and a block that it does not fuse touches more than a kilobyte."""
+"""Most operations of a block that a loop takes in its turn, and most values that it hands on: XLA joins few values in
+one fused loop, and a block that is not fused touches more than a kilobyte."""
 
 _GIVEN = "__given"
 """Argument of a block: no value has this name."""
