@@ -1,62 +1,80 @@
 """The jax backend: single runs beside diffrax used by hand, gradients, and compile times.
 
-``python benchmarks/jax_speed.py`` prints them, with ``--compile`` the last alone; `measure` is for ``run.py --jax``.
+`singles` is for every run of the benchmarks, `measure` for ``run.py --jax``; ``python benchmarks/jax_speed.py`` prints
+what that measures, with ``--compile`` compile times alone.
 Sweeps of this backend stand beside those of the others in `sweeps`.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from cases import END, PROBLEMS, Problem
 from chains import planar_chain
-from contenders import absolute
+from contenders import Contender, Prepared, absolute
 from measure import interleaved
 from peers import peers
+from precision import measure_contenders
 
 import dalembert as da
 
-__all__ = ["measure", "text"]
+__all__ = ["NAMES", "TOLERANCES", "measure", "singles", "text"]
 
 NAMES = ("sleigh", "unequal sphere")
+METHODS = ("taylor", "tsit5", "dopri8")
+TOLERANCES = (1e-6, 1e-9, 1e-12)
 
 
-def _own(problem: Problem, model: Any, rtol: float) -> Callable[[], Any]:
-    """Return a run as a JAX program has it: a jitted `solve_fn` from the state, by Tsit5 as the peer's."""
+def _own(problem: Problem, model: Any, method: str, rtol: float) -> Prepared:
+    """Return a run as a JAX program has it: a jitted `solve_fn` from the state to the state."""
     import jax
 
-    solve = model.solve_fn(method="tsit5", mode="forward", rtol=rtol, atol=absolute(rtol))
-    y, p = model.state(problem.initial, problem.parameters), model.parameter_vector(problem.parameters)
+    solve = model.solve_fn(method=method, mode="forward", rtol=rtol, atol=absolute(rtol))
     times = np.array([0.0, END])
-    run = jax.jit(lambda y, p: solve(times, y, p).y[-1])
-    return lambda: jax.block_until_ready(run(y, p))
+    with jax.enable_x64(True):
+        y, p = (
+            jax.numpy.asarray(v)
+            for v in (model.state(problem.initial, problem.parameters), model.parameter_vector(problem.parameters))
+        )
+        motion = jax.jit(solve)(times, y, p)
+        error = problem.error(np.asarray(motion.q[-1]), np.asarray(motion.qdot[-1]))
+        compiled = jax.jit(lambda y, p: solve(times, y, p).y[-1])
+        compiled(y, p)
+
+    def run() -> Any:
+        with jax.enable_x64(True):
+            return compiled(y, p).block_until_ready()
+
+    return Prepared(run, None, error)
+
+
+def singles(
+    names: Sequence[str], tolerances: Sequence[float], rounds: int, seconds_each: float, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Return a record a scene, method and tolerance: one trajectory by `solve_fn`, and by diffrax used by hand."""
+    records: list[dict[str, Any]] = []
+    for name in names:
+        problem = PROBLEMS[name]
+        model = da.compile_model(problem.build(), backend="jax")
+        contenders = [
+            Contender("dalembert jax solve_fn", "", method, partial(_own, problem, model, method)) for method in METHODS
+        ]
+        contenders += [peer for peer in peers(problem) if peer.solver == "diffrax"]
+        records += measure_contenders(name, contenders, tolerances, rounds, seconds_each, math.inf)
+        say(f"  {name}: one trajectory by solve_fn and by diffrax")
+    return records
 
 
 def _timed(task: Callable[[], Any]) -> tuple[float, Any]:
     begin = time.perf_counter()
     result = task()
     return time.perf_counter() - begin, result
-
-
-def single(name: str, tolerances: Sequence[float], say: Callable[[str], None]) -> dict[str, Any]:
-    """Return seconds of one trajectory by `solve_fn` and by diffrax by hand, both Tsit5 at the same tolerance."""
-    problem = PROBLEMS[name]
-    model = da.compile_model(problem.build(), backend="jax")
-    by_hand = next(peer for peer in peers(problem) if peer.method == "Tsit5")
-    result = {}
-    for rtol in tolerances:
-        tasks = {"own": _own(problem, model, rtol), "peer": by_hand.prepare(rtol).run}
-        for task in tasks.values():
-            task()
-        timings = interleaved(tasks, rounds=15, seconds_each=1.0)
-        own, peer = timings["own"].median, timings["peer"].median
-        say(f"  one {name}, rtol {rtol:g}: {1e3 * own:.2f} ms, the peer {1e3 * peer:.2f} ms")
-        result[f"{rtol:g}"] = {"own": own, "peer": peer}
-    return result
 
 
 def gradients(say: Callable[[str], None]) -> dict[str, Any]:
@@ -124,7 +142,6 @@ def measure(quick: bool, say: Callable[[str], None] = print) -> dict[str, Any]:
     with jax.enable_x64(True):
         return {
             "device": jax.devices()[0].platform,
-            "single": {name: single(name, (1e-6, 1e-9), say) for name in NAMES},
             "gradient": gradients(say),
             "compile": compile_times((4, 10) if quick else (4, 10, 20), say),
         }
@@ -133,9 +150,6 @@ def measure(quick: bool, say: Callable[[str], None] = print) -> dict[str, Any]:
 def text(result: Mapping[str, Any]) -> str:
     """Return a result as lines of Markdown."""
     lines = []
-    for name, table in result["single"].items():
-        pairs = ", ".join(f"{1e3 * row['own']:.2f} and {1e3 * row['peer']:.2f}" for row in table.values())
-        lines.append(f"- One {name}, milliseconds by `solve_fn` and by hand, both Tsit5: {pairs}.")
     gradient = result["gradient"]
     lines.append(f"- Gradient for {gradient['parameters']} parameters: {gradient['ratio']:.1f} times the run.")
     lines += ["", "CPU seconds to compile, planar chains by `tsit5`:", "", compile_table(result["compile"])]

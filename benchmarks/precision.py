@@ -34,7 +34,8 @@ def work_precision(
     Parameters
     ----------
     backends, formulations : sequence of str
-        What to compare; a formulation that cannot serve on a backend is left out.
+        What to compare; a formulation that cannot serve on a backend is left out. Backends other than numba take the
+        first one only.
     tolerances : sequence of float
         rtol, loosest first.
     methods : mapping of str to int
@@ -53,7 +54,10 @@ def work_precision(
     records: list[Record] = []
     for name in names:
         problem, begin = PROBLEMS[name], time.perf_counter()
-        contenders = [c for backend in backends for c in own(problem, backend, formulations, methods.get(backend))]
+        contenders = []
+        for backend in backends:
+            wanted = formulations if backend == "numba" else formulations[:1]
+            contenders += own(problem, backend, wanted, methods.get(backend))
         contenders += list(peers(problem)) if with_peers else []
         records += measure_contenders(name, contenders, tolerances, rounds, seconds_each, slowest)
         say(f"  {name}: {len(contenders)} contenders, {time.perf_counter() - begin:.0f} s")

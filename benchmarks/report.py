@@ -241,13 +241,26 @@ def _contacts(result: Record) -> list[str]:
     ]
 
 
+def _singles(result: Record) -> list[str]:
+    """Return the table of single runs in JAX programs, where they were measured."""
+    records = result.get("singles")
+    if not records:
+        return []
+    return [
+        "One trajectory in a JAX program, a jitted `solve_fn` against diffrax on equations reduced by hand, at equal"
+        " error: microseconds of a run (times that of `taylor`):",
+        _markdown_table(_EQUAL, _ratio_rows(records, "trajectory", "dalembert jax solve_fn taylor")),
+    ]
+
+
 def _jax(result: Record) -> list[str]:
     """Return the section on the jax backend, where it was measured."""
-    if not result.get("jax"):
+    table, singles = result.get("jax"), _singles(result)
+    if not table and not singles:
         return []
     from jax_speed import text
 
-    return ["## The jax backend against diffrax used by hand", text(result["jax"])]
+    return ["## The jax backend against diffrax used by hand", *singles, *([text(table)] if table else [])]
 
 
 def selected(records: Sequence[Record]) -> list[Record]:
@@ -292,6 +305,7 @@ def readme_section(result: Record) -> str:
             *precision,
             "One trajectory at equal error, by `model.prepare()`: microseconds of a run (times dalembert's):",
             _markdown_table(_EQUAL, _ratio_rows(result["precision"], "trajectory", _OWN_RUN, (_OWN_RUN, *_PEERS))),
+            *_singles(result),
             f"`model.sweep()` of {result['sweeps'][0]['cases']:,} cases, the whole call, at equal error: microseconds"
             " of a case (times those of dalembert's Taylor method on two threads):",
             _markdown_table(_EQUAL, _ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),

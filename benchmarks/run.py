@@ -59,6 +59,7 @@ class Extent:
     sweep_fewer: int | None
     coverage_cases: int
     imports: int
+    jax_tolerances: int
 
 
 QUICK = Extent(
@@ -83,6 +84,7 @@ QUICK = Extent(
     sweep_fewer=None,
     coverage_cases=40,
     imports=2,
+    jax_tolerances=1,
 )
 FULL = Extent(
     tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
@@ -106,6 +108,7 @@ FULL = Extent(
     sweep_fewer=FEWER,
     coverage_cases=200,
     imports=5,
+    jax_tolerances=3,
 )
 MODES = {"quick": QUICK, "full": FULL}
 
@@ -163,6 +166,12 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     say("derivation")
     chains = scaling(extent.sizes, extent.derivation_limit, say)
     kane = kane_scaling(extent.kane_sizes, say)
+    say("one trajectory in a JAX program")
+    singles = (
+        jax_speed.singles(jax_speed.NAMES, jax_speed.TOLERANCES[: extent.jax_tolerances], extent.rounds, 1.0, say)
+        if "jax" in backends
+        else []
+    )
     say("the jax backend, compilation and gradients")
     jax_table = jax_speed.measure(mode == "quick", say) if with_jax and "jax" in backends else None
     say("start-up")
@@ -182,6 +191,7 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         "unequal": unequal_cases(extent.sweep_cases),
         "coverage": coverage(extent.coverage_cases),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
+        "singles": singles,
         "jax": jax_table,
         "memory": {name: sweep_memory(extent.memory_cases, options) for name, options in SWEEPS.items()},
         "startup": startup,

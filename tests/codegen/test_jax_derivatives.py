@@ -22,6 +22,17 @@ JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 POINTS = ("somewhere", "at rest", "zero angles and spins")
 MODES = pytest.mark.parametrize("mode", JACOBIANS)
 
+#: Compiling is what takes time: each of the others in one mode, the sleigh in both.
+RUNS = [
+    (scene, formulation, mode)
+    for scene in da.scenes.ALL
+    for formulation, mode in (
+        ("minimal", "forward"),
+        ("projected", "reverse"),
+        *((("minimal", "reverse"), ("projected", "forward")) if scene == "chaplygin_sleigh" else ()),
+    )
+]
+
 #: At which angles the coordinates themselves are singular, or the constraints cannot hold.
 NEEDED = {"rolling_sphere": ("theta",), "corner_plate": ("theta",), "edge_plate": ("theta",)}
 
@@ -54,17 +65,47 @@ def start(scene, point):
 
 
 @cache
-def jacobian(scene, formulation, mode):
-    """Return the compiled values and derivatives of everything along a motion."""
+def linear(scene, formulation, mode):
+    """Return the compiled function of a point, and of a direction of everything given or a weight of every result.
+
+    It gives the results, and their derivatives in that direction, or the derivatives of their weighted sum.
+    """
     options = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.02}  # steps of a motion at rest are long
     solve = compiled(scene, formulation).solve_fn(MOTIONS[scene][1], mode=mode, **options)
 
     def everything(p, initial):
         motion = solve(T, initial, p)
-        found = jax.numpy.concatenate([motion.q, motion.qdot, motion.outputs], axis=1)
-        return found, found
+        return jax.numpy.concatenate([motion.q, motion.qdot, motion.outputs], axis=1)
 
-    return jax.jit(JACOBIANS[mode](everything, argnums=(0, 1), has_aux=True), compiler_options=QUICK)
+    def pushed(point, direction):
+        return jax.jvp(everything, point, direction)
+
+    def pulled(point, weight):
+        values, back = jax.vjp(everything, *point)
+        return values, back(weight)
+
+    return jax.jit(pushed if mode == "forward" else pulled, compiler_options=QUICK)
+
+
+@cache
+def jacobian(scene, formulation, mode, point):
+    """Return values (n_t, n_of) along a motion, and their derivatives (n_t, n_of, n_wrt); row by row, as `vmap` takes
+    as long to compile as everything else."""
+    function, at = linear(scene, formulation, mode), (MOTIONS[scene][0], start(scene, point))
+    names = [*at[0], *at[1]]
+    if mode == "forward":
+        ones = np.eye(len(names))
+        units = [
+            [dict.fromkeys(part, 0.0) | {n: v for n, v in zip(names, row, strict=True) if n in part} for part in at]
+            for row in ones
+        ]
+        columns = [function(at, tuple(unit)) for unit in units]
+        return columns[0][0], np.stack([column for _, column in columns], axis=2)
+    layout = compiled(scene, formulation).layout
+    shape = len(T), len(layout.coordinates) + len(layout.rates) + len(layout.outputs)
+    rows = [function(at, unit.reshape(shape)) for unit in np.eye(np.prod(shape))]
+    found = [[{**p, **initial}[name] for name in names] for _, (p, initial) in rows]
+    return rows[0][0], np.array(found, dtype=float).reshape(*shape, len(names))
 
 
 @cache
@@ -76,17 +117,19 @@ def expected(scene, formulation, point):
 
 
 @pytest.mark.parametrize("point", POINTS)
-@MODES
-@pytest.mark.parametrize("formulation", ["minimal", "projected"])
-@pytest.mark.parametrize("scene", da.scenes.ALL)
+@pytest.mark.parametrize(("scene", "formulation", "mode"), RUNS)
 def test_derivatives_are_those_of_complex_steps(scene, formulation, mode, point):
-    parameters, initial = MOTIONS[scene][0], start(scene, point)
-    along, values = jacobian(scene, formulation, mode)(parameters, initial)
-    columns = {**along[0], **along[1]}
-    found = np.stack([columns[name] for name in (*parameters, *initial)], axis=2)
+    values, found = jacobian(scene, formulation, mode, point)
     exact, slopes = expected(scene, formulation, point)
     np.testing.assert_allclose(values, exact, rtol=1e-9, atol=1e-10)
     assert_close(found, slopes)
+
+
+def test_everything_is_tried():
+    """Every scene in both modes and in both formulations; all four together for the sleigh."""
+    for parts in ([0, 1], [0, 2], [1, 2]):
+        tried = {tuple(run[i] for i in parts) for run in RUNS}
+        assert len(tried) == np.prod([len({run[i] for run in RUNS}) for i in parts])
 
 
 @pytest.mark.parametrize("mode", JACOBIANS)
@@ -95,8 +138,7 @@ def test_numba_has_the_same_derivatives(mode):
     model = compiled("chaplygin_sleigh", "minimal", "numba")
     of, wrt = (*model.layout.coordinates, *model.layout.rates, "X", "Y"), (*parameters, *initial)
     run = model.sensitivity((T[0], T[-1]), initial, parameters, wrt=wrt, of=of, t_eval=T, rtol=1e-12, atol=1e-14)
-    along = jacobian("chaplygin_sleigh", "minimal", mode)(parameters, initial)[0]
-    assert_close(np.stack([{**along[0], **along[1]}[name] for name in wrt], axis=2), run.jacobians)
+    assert_close(jacobian("chaplygin_sleigh", "minimal", mode, "somewhere")[1], run.jacobians)
 
 
 # -- where there is no derivative ---------------------------------------------------------------
@@ -127,18 +169,43 @@ def test_only_operations_of_branches_are_guarded(branched):
     assert "fn.guarded" not in compiled("chaplygin_sleigh", "minimal").source
 
 
-@MODES
-def test_singular_branches_that_are_not_taken_give_no_nan(branched, mode):
-    plain = da.scenes.chaplygin_sleigh()
+def ends(model, mode, method="tsit5", **options):
+    """Return the derivatives of the end of a straight motion."""
+    solve = model.solve_fn(STRAIGHT, method=method, mode=mode, max_step=0.05, **options)
+    matrices = JACOBIANS[mode](lambda p, i: solve(T[::2], i, p).q[-1], argnums=(0, 1))
+    return np.array(jax.tree.leaves(jax.jit(matrices, compiler_options=QUICK)(SPRING, STRAIGHT)))
+
+
+def with_a_spring():
+    scene = da.scenes.chaplygin_sleigh()
     K = symbols("K", positive=True)
-    plain.add_loads((plain.bodies[0].frame, -K * plain.coordinates[2] * plain.frame.z))
-    found = []
-    for model in (branched, da.compile_model(plain, backend="jax", formulation="minimal")):
-        solve = model.solve_fn(STRAIGHT, method="tsit5", mode=mode, rtol=1e-10, atol=1e-12, max_step=0.05)
-        ends = JACOBIANS[mode](lambda p, i, solve=solve: solve(T[::2], i, p).q[-1], argnums=(0, 1))
-        found.append(jax.tree.leaves(jax.jit(ends, compiler_options=QUICK)(SPRING, STRAIGHT)))
-    assert all(np.isfinite(value).all() for value in found[0])
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-9, atol=1e-9)
+    scene.add_loads((scene.bodies[0].frame, -K * scene.coordinates[2] * scene.frame.z))
+    return scene
+
+
+def test_singular_branches_that_are_not_taken_give_no_nan(branched):
+    options = {"rtol": 1e-10, "atol": 1e-12}
+    plain = ends(da.compile_model(with_a_spring(), backend="jax", formulation="minimal"), "forward", **options)
+    for mode in JACOBIANS:
+        found = ends(branched, mode, **options)
+        assert np.isfinite(found).all()
+        np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-9)
+
+
+def test_singular_branches_of_taylor_steps():
+    scene = da.scenes.chaplygin_sleigh()
+    theta, K = scene.coordinates[2], symbols("K", positive=True)
+    moment = Piecewise((K * sqrt(theta) / theta, theta > 0.5), (-K * theta, True))
+    scene.add_loads((scene.bodies[0].frame, moment * scene.frame.z))
+    options = {"method": "taylor", "rtol": 1e-2, "atol": 1e-4}  # of a low order, which is compiled soon
+    models = [da.compile_model(made, backend="jax", formulation="minimal") for made in (with_a_spring(), scene)]
+    plain, pushed, pulled = (
+        ends(model, mode, **options)
+        for model, mode in zip((models[0], *models[1:] * 2), ("forward", *JACOBIANS), strict=True)
+    )
+    assert np.isfinite([pushed, pulled]).all()
+    np.testing.assert_allclose(pushed, plain, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(pulled, plain, rtol=1e-11, atol=1e-11)
 
 
 def test_vector_fields_with_singular_branches(branched):
@@ -159,6 +226,7 @@ def test_vector_fields_with_singular_branches(branched):
         (lambda x: functions.acos(1.0 - x * x), (0.0, 0.5)),
         (lambda x: functions.guarded(lambda a, b: a / b, x, x * x), (0.0, 2.0)),
         (lambda x: functions.guarded(jax.numpy.log, x), (0.0, 2.0)),
+        (lambda x: functions.product(1.0 / x, x * x), (0.0, 2.0)),
     ],
 )
 def test_guarded_functions(function, points):

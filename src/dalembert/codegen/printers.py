@@ -33,11 +33,14 @@ class Printer:
     guard : str
         Name of what applies a function that only branches of selections use (`only_in_branches`); empty where it does
         not matter, because nothing is differentiated.
+    products : str
+        Format of such a product of two values, which is by far the most frequent; of others `guard` is good enough.
     """
 
     name: str
     formats: Mapping[str, str]
     guard: str = ""
+    products: str = ""
 
     def operand(self, operand: Operand) -> str:
         """Return a name or an exact literal."""
@@ -55,8 +58,13 @@ class Printer:
 
     def guarded(self, line: Assignment) -> str:
         """Return the line of an operation that only branches of selections use."""
-        if line.op in _UNGUARDED:
+        factors = line.args[:2] if line.op in ("mul", "fma") else line.args[1:]
+        linear = line.op in ("mul", "fma", "div") and not all(isinstance(factor, str) for factor in factors)
+        if line.op in _UNGUARDED or linear:
             return self.assignment(line)
+        if line.op in ("mul", "fma"):
+            rest = "".join(f" + {self.operand(arg)}" for arg in line.args[2:])
+            return f"{line.target} = " + self.products.format(*map(self.operand, factors)) + rest
         names = tuple(dict.fromkeys(arg for arg in line.args if isinstance(arg, str)))
         expression = self.formats[line.op].format(*map(self.operand, line.args))
         return f"{line.target} = {self.guard}(lambda {', '.join(names)}: {expression}, {', '.join(names)})"
@@ -140,6 +148,7 @@ JAX = Printer(
         "select": "jnp.where({} != 0.0, {}, {})",
     },
     guard="fn.guarded",
+    products="fn.product({}, {})",
 )
 """Traced JAX, on ``jax.numpy`` and on `dalembert.codegen.jax.functions`, which it imports as ``fn``."""
 
@@ -155,7 +164,7 @@ JAX_STEPS = Printer(
 )
 """Steps of integrators in traced JAX."""
 
-JAX_SERIES = Printer("jax series", {**JAX_STEPS.formats, "sqrt": JAX.formats["sqrt"]}, JAX.guard)
+JAX_SERIES = Printer("jax series", {**JAX_STEPS.formats, "sqrt": JAX.formats["sqrt"]}, JAX.guard, JAX.products)
 """What of these steps is differentiated."""
 
 PRINTERS = (PYTHON, NUMPY, JAX)

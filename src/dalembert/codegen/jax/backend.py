@@ -135,8 +135,8 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0
         if key not in self._finals:
-            long = self._known_recurrences().unrolled_lines(key[1]) if method == "taylor" else 0
-            operations = (long or len(self._program.kernel("rhs").body)) + self._projecting
+            # Taylor steps of one case are cut in blocks, which are to be fused.
+            operations = 0 if method == "taylor" else len(self._program.kernel("rhs").body) + self._projecting
             pieces = pieces_of(self._program, self.kernels, *key)
             self._finals[key] = final_function(pieces, self.kernels, operations)
         return prepared_run(self._finals[key], problem)

@@ -2,13 +2,17 @@
 
 XLA on CPU merges element-by-element operations into one loop for each array that comes out, and repeats in each what
 they have in common: time to compile and to run grows faster than the code. Here a long kernel is cut into blocks of
-`BLOCK` operations, each of which hangs on a condition that is always true and that XLA cannot know, so that what one
-block hands to the next is computed once.
+`BLOCK` operations, so that what one block hands to the next is computed once. In what is differentiated, each block
+hangs on a condition that is always true and that XLA cannot know (`blocked`). In steps of a single case a loop takes
+the blocks in turn, by a switch (`looped`): XLA turns a loop around such steps into one machine function if an
+iteration touches less than a kilobyte, and of a switch it counts the largest branch alone. Ten times faster than
+steps whose operations XLA starts one by one (measured on CPU).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import accumulate, pairwise
 from typing import Any
 
 import jax
@@ -17,10 +21,10 @@ from jax import lax
 
 from ...ir.branches import only_in_branches
 from ...ir.program import Assignment, Kernel, Load
-from ..printers import JAX, Printer
+from ..printers import JAX, JAX_STEPS, Printer
 from .kernels import Function, compile_kernel
 
-__all__ = ["BLOCK", "LARGEST_WHOLE", "blocked"]
+__all__ = ["BLOCK", "LARGEST_WHOLE", "blocked", "looped"]
 
 BLOCK = 12
 """Operations of a block: few enough that little is repeated in it (measured on right-hand sides of chains)."""
@@ -28,29 +32,82 @@ BLOCK = 12
 LARGEST_WHOLE = 100
 """Operations up to which a kernel is one piece."""
 
+_TURN, _HANDED = 16, 8
+"""Most operations of a block that a loop takes in its turn, and most values that it hands on: XLA joins few values in
+one fused loop, and a block that is not fused touches more than a kilobyte."""
+
+_GIVEN = "__given"
+"""Argument of a block: no value has this name."""
+
 Conditional = Callable[[Any], Function]
 
 
 def blocked(kernel: Kernel, printer: Printer = JAX) -> Conditional:
     """Return a function from a condition, which must be true, to the function (t, y, c) of a kernel."""
-    whole = compile_kernel(kernel, printer)
     if len(kernel.body) <= LARGEST_WHOLE:
+        whole = compile_kernel(kernel, printer)
         return lambda go: whole
     chosen = only_in_branches(kernel)
     blocks = [(part.loads, part.outputs, compile_kernel(part, printer, chosen)) for part in _parts(kernel)]
-    places = {"t": 0, "y": 1, "c": 2}
 
     def run(go: Any, *arguments: Any) -> tuple[Any, ...]:
-        known: dict[Any, Any] = {}
-        for load in kernel.loads:
-            array = arguments[places[load.array]]
-            known[load.target] = array if load.index is None else array[load.index]
+        known = _loaded(kernel, arguments)
         for loads, outputs, function in blocks:
             inputs = tuple(jnp.asarray(known[load.target], dtype=float) for load in loads)
             known |= zip(outputs, _held(go, function, inputs), strict=True)
         return tuple(known.get(output, output) for output in kernel.outputs)
 
     return lambda go: lambda t, y, c: run(go, t, y, c)
+
+
+def looped(kernel: Kernel, printer: Printer = JAX_STEPS) -> Function:
+    """Return the function of a kernel of one case, from arrays to an array of its outputs.
+
+    Blocks are taken in turn by a loop. What is read, and what the blocks hand on, lies in one array.
+    """
+    parts = _parts(kernel, _cuts(kernel))
+    width = max((len(part.outputs) for part in parts), default=0)
+    functions = [compile_kernel(part, printer) for part in parts]
+
+    def run(*arguments: Any) -> Any:
+        values = [jnp.ravel(jnp.asarray(argument, dtype=float)) for argument in arguments]
+        starts = dict(zip(kernel.arguments, accumulate(map(len, values), initial=0), strict=False))
+        first = sum(map(len, values))
+        places: dict[Any, int] = {load.target: starts[load.array] + (load.index or 0) for load in kernel.loads}
+        for number, part in enumerate(parts):
+            places |= {output: first + number * width + i for i, output in enumerate(part.outputs)}
+        blocks = [
+            _on_memory(function, [places[load.target] for load in part.loads], width)
+            for function, part in zip(functions, parts, strict=True)
+        ]
+
+        def turn(i: Any, memory: Any) -> Any:
+            return lax.dynamic_update_slice(memory, lax.switch(i, blocks, memory), (first + i * width,))
+
+        memory = jnp.concatenate([*values, jnp.zeros(width * len(parts))])
+        if parts:
+            memory = lax.fori_loop(0, len(parts), turn, memory)
+        return jnp.stack([memory[places[o]] if isinstance(o, str) else jnp.asarray(o, float) for o in kernel.outputs])
+
+    return run
+
+
+def _on_memory(function: Function, places: list[int], width: int) -> Function:
+    """Return a block as a function from the array of all values to its outputs (width,), filled up with zeros."""
+
+    def block(memory: Any) -> Any:
+        values = [jnp.asarray(value, dtype=float) for value in function([memory[place] for place in places])]
+        return jnp.stack(values + [jnp.zeros(())] * (width - len(values)))
+
+    return block
+
+
+def _loaded(kernel: Kernel, arguments: tuple[Any, ...]) -> dict[Any, Any]:
+    """Return what a kernel reads of its arguments, by name."""
+    given = dict(zip(kernel.arguments, arguments, strict=True))
+    return {
+        load.target: given[load.array] if load.index is None else given[load.array][load.index] for load in kernel.loads
+    }
 
 
 def _held(go: Any, function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -64,17 +121,39 @@ def _held(go: Any, function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ..
     return found
 
 
-def _parts(kernel: Kernel) -> list[Kernel]:
-    """Return a kernel in parts of one argument x, which holds what a part reads, giving what later parts read."""
-    lines = [kernel.body[i : i + BLOCK] for i in range(0, len(kernel.body), BLOCK)]
+def _parts(kernel: Kernel, cuts: Sequence[int] | None = None) -> list[Kernel]:
+    """Return a kernel in parts of one argument, which holds what a part reads, giving what later parts read.
+
+    Parts begin at the lines `cuts`, or else have `BLOCK` operations each.
+    """
+    starts = range(0, len(kernel.body), BLOCK) if cuts is None else cuts
+    lines = [kernel.body[i:j] for i, j in pairwise((*starts, len(kernel.body)))]
     last = {arg: number for number, part in enumerate(lines) for line in part for arg in line.args}
     last |= dict.fromkeys(kernel.outputs, len(lines))
     return [_part(kernel.name, number, part, last) for number, part in enumerate(lines)]
 
 
+def _cuts(kernel: Kernel) -> list[int]:
+    """Return where blocks begin that hand on at most `_HANDED` values: the longest such, up to `_TURN` operations."""
+    last = {arg: i for i, line in enumerate(kernel.body) for arg in line.args}
+    last |= dict.fromkeys(kernel.outputs, len(kernel.body))
+    ends = [last.get(line.target, -1) for line in kernel.body]
+    cuts = [0] if ends else []
+    while cuts and cuts[-1] < len(ends):
+        start = cuts[-1]
+        lengths = (j for j in range(min(start + _TURN, len(ends)), start, -1) if _handed(ends, start, j) <= _HANDED)
+        cuts.append(next(lengths))
+    return cuts[:-1]
+
+
+def _handed(ends: Sequence[int], start: int, stop: int) -> int:
+    """Return how many values of the lines from start to stop are read behind them."""
+    return sum(end >= stop for end in ends[start:stop])
+
+
 def _part(name: str, number: int, lines: tuple[Assignment, ...], last: dict[Any, int]) -> Kernel:
     own = {line.target for line in lines}
     read = dict.fromkeys(arg for line in lines for arg in line.args if isinstance(arg, str) and arg not in own)
-    loads = tuple(Load(value, "x", i) for i, value in enumerate(read))
+    loads = tuple(Load(value, _GIVEN, i) for i, value in enumerate(read))
     outputs = tuple(line.target for line in lines if last.get(line.target, -1) > number)
-    return Kernel(f"{name}_{number}", ("x",), loads, lines, outputs)
+    return Kernel(f"{name}_{number}", (_GIVEN,), loads, lines, outputs)

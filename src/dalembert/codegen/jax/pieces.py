@@ -21,7 +21,7 @@ from ...ir.program import Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
-from .blocks import Conditional, blocked
+from .blocks import Conditional, blocked, looped
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
 
 __all__ = ["PAIRS", "SERVED", "pieces_of"]
@@ -46,19 +46,33 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
 
     if method == "taylor":
         known = recurrences(program.kernel("rhs"))
-        attempts = TaylorAttempts(compile_kernel(step_kernel(known, order, dense=False)))
-        series = compile_kernel(series_kernel(known, order), JAX_SERIES)
-        return Pieces(attempts, on_rows, False, attempts, on_rows, _SeriesSteps(series, order, projections))
+        step = step_kernel(known, order, dense=False)
+        taylor = TaylorAttempts(_step_of_one(looped(step)))
+        alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
+        series = blocked(series_kernel(known, order), JAX_SERIES)
+        taylors = TaylorAttempts(compile_kernel(step))
+        return Pieces(taylor, alone, taylors, on_rows, _SeriesSteps(series, order, projections))
     whole = tuple((_on_one_row(kernels[name]), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
     one = PairAttempts(_on_one_row(kernels["rhs"]), tableau, moved=moved)
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
-    return Pieces(one, whole, True, many, on_rows, _PairSteps(blocked(rhs), tableau, projections))
+    return Pieces(one, whole, many, on_rows, _PairSteps(blocked(rhs), tableau, projections))
 
 
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+def _step_of_one(step: Function) -> Function:
+    """Return a Taylor step on arrays as a function of rows, of which there is one."""
+
+    def on_row(t: Any, y: Rows, c: Rows, settings: Rows) -> Rows:
+        out = step(t, y[0], c[0], jnp.stack(jnp.broadcast_arrays(*settings)))
+        n = len(y[0])
+        return out[:n], out[n], out[n + 1]
+
+    return on_row
 
 
 def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
@@ -171,14 +185,14 @@ class _SeriesSteps:
     Parameters
     ----------
     series
-        (t, y, c) -> coefficients of each component in turn, on rows.
+        From a condition to (t, y, c) -> coefficients of each component in turn, on rows.
     order
         Order of the series.
     projections
         From a condition to what moves the end of a step.
     """
 
-    def __init__(self, series: Function, order: int, projections: Callable[[Any], Projections]) -> None:
+    def __init__(self, series: Conditional, order: int, projections: Callable[[Any], Projections]) -> None:
         self._series, self._order, self._projections = series, order, projections
 
     def __call__(self, steps: Steps) -> Rows:
@@ -188,7 +202,7 @@ class _SeriesSteps:
     def _ends(self, steps: Steps, y: Rows, c: Rows) -> Rows:
         """Return the ends of steps before they are projected."""
         t, h = steps.t, steps.h
-        values, each = self._series(t, y, c), self._order + 1
+        values, each = self._series(steps.go)(t, y, c), self._order + 1
         new = []
         for i, row in enumerate(y):
             total = jnp.zeros(jnp.shape(row))

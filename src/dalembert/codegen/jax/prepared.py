@@ -23,18 +23,19 @@ if TYPE_CHECKING:
 
 __all__ = ["final_function", "prepared_run"]
 
-Final = Callable[[Any, Any, tuple[Any, ...]], Any]
+Final = Callable[[Any, Any], Any]
 _STATUSES = {int(status): status for status in Status}
 
 
 def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
-    """Return the compiled function (state, p, numbers of the problem) -> the final state and the status, in one array.
+    """Return the compiled function (state and p, numbers of the problem) -> the final state and the status.
 
-    `operations` is the length of the code of a step.
+    Each is one array: every other costs a run a microsecond or more. `operations` is the length of the code of a step.
     """
+    n = len(kernels.program.layout.state)
 
-    def run(y: Any, p: Any, numbers: tuple[Any, ...]) -> Any:
-        c = kernels.constants(p)
+    def run(given: Any, numbers: Any) -> Any:
+        y, c = given[:n], kernels.constants(given[n:])
         t0, t1, *limits = numbers
         end, _, status = ended(pieces, Batch(y, c, t0, t1, (), *limits))
         return jnp.append(end, status)
@@ -51,11 +52,11 @@ def prepared_run(
     scale = max(problem.atol, SMALLEST_SCALE)
     settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
     with double_precision():
-        numbers = tuple(jax.device_put(np.float64(value)) for value in settings)
+        numbers = jax.device_put(np.array(settings, dtype=np.float64))
 
     def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
         with double_precision():
-            out = np.asarray(function(state, p, numbers))
-        return out[:-1].copy(), _STATUSES[int(out[-1])]
+            out = np.array(function(np.concatenate((state, p)), numbers))
+        return out[:-1], _STATUSES[int(out[-1])]
 
     return run

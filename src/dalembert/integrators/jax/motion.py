@@ -37,9 +37,7 @@ class Pieces:
     Attributes
     ----------
     one, one_projections
-        Attempts and corrections of one case, and
-    whole
-        whether they take the state and the constants as one row of all components, else as rows of a number each.
+        Attempts and corrections of one case, on one row that holds all components.
     many, many_projections
         Attempts and corrections of many cases, on a row for each component.
     steps
@@ -48,7 +46,6 @@ class Pieces:
 
     one: Attempts
     one_projections: Projections
-    whole: bool
     many: Attempts
     many_projections: Projections
     steps: Stepping
@@ -87,12 +84,9 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
 
 def _single(pieces: Pieces, room: int, batch: Batch) -> Record:
     """Return how one case went, whose state and constants are arrays."""
-    y, c = batch.y, batch.c
-    batch = batch._replace(y=(y,), c=(c,)) if pieces.whole else batch._replace(y=tuple(y), c=tuple(c))
+    batch = batch._replace(y=(batch.y,), c=(batch.c,))
     count, t, h, rows, end, reached, status = _record(pieces.one, pieces.one_projections, room, batch)
-    if pieces.whole:
-        return Record(count, t, h, rows[0], end[0], reached, status)
-    return Record(count, t, h, _side(rows, room), jnp.stack(end), reached, status)
+    return Record(count, t, h, rows[0], end[0], reached, status)
 
 
 def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
