@@ -65,6 +65,20 @@ def test_no_power_series_across_a_kink(name):
         assert f"{method!r} does not serve" in rough.explain() and "kink" not in smooth.explain()
 
 
+@pytest.mark.parametrize("backend", ["numba", "jax"])
+def test_what_is_below_rounding_where_a_step_begins(backend):
+    """tanh(50 (t - 1)) is -1 with all its derivatives 0 up to t = 0.6."""
+    model = da.compile_model(pushed((1 + sp.tanh(50 * (t - 1))) / 2), backend=backend)
+    assert "taylor" in model.methods and "auto leaves power series aside: tanh" in model.explain()
+    assert model._method("auto", 1e-8, 1e-10, many=True) != "taylor"
+    if backend == "jax":
+        return
+    exact = (3 + (np.logaddexp(100, -100) - np.logaddexp(50, -50)) / 50) / 2
+    for runs in (model.simulate, model.sweep):
+        done = runs((0, 3), {"x": 0, "x_dot": 0}, {})
+        assert done["x_dot"][-1] == pytest.approx(exact, rel=1e-6) and done.stats.method != "taylor"
+
+
 def test_powers_written_as_decimals_are_powers():
     """x**2.0 has a power series where x is zero, too."""
     x = dynamicsymbols("x")

@@ -7,19 +7,33 @@ from collections.abc import Sequence
 from .graph import Graph, Node
 from .program import Kernel
 
-__all__ = ["kinks", "only_in_branches"]
+__all__ = ["kinks", "only_in_branches", "steep"]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
 _KINKED = {*_CHOOSING, *_JUMPING, "abs"}
+_STEEP = {"exp", "sinh", "cosh", "tanh"}
 
 
 def kinks(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> tuple[str, ...]:
     """Return the names of the operations with a kink or a jump that `nodes` make on what is `moving`."""
+    return _found(graph, nodes, moving, _KINKED)
+
+
+def steep(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> tuple[str, ...]:
+    """Return the names of the operations on what is `moving` that may be nothing here and everything close by.
+
+    They are smooth. But what is below rounding where a power series begins is not in it, however large it gets within
+    the step: tanh(100) is 1 with all its derivatives 0.
+    """
+    return _found(graph, nodes, moving, _STEEP)
+
+
+def _found(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node], wanted: set[str]) -> tuple[str, ...]:
     mask = 0
     for node in moving:
         mask |= node.deps
-    return tuple(sorted({node.op for node in graph.topological(nodes) if node.op in _KINKED and node.deps & mask}))
+    return tuple(sorted({node.op for node in graph.topological(nodes) if node.op in wanted and node.deps & mask}))
 
 
 def only_in_branches(kernel: Kernel) -> frozenset[str]:

@@ -86,7 +86,9 @@ def lower(system: ReducedSystem) -> Program:
         entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
-    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.kinks)
+    return Program(
+        equations.name, system.formulation, layout, everything, system.notes, equations.kinks, equations.steep
+    )
 
 
 def lower_kernel(

@@ -120,7 +120,10 @@ class Layout:
 @final
 @dataclass(frozen=True)
 class Program:
-    """The kernels of one scene in one formulation, what their arrays hold, and what in the scene is not smooth."""
+    """The kernels of one scene in one formulation, and what their arrays hold.
+
+    `kinks` and `steep` are operations of the scene that a power series does not see behind; see `ir.branches`.
+    """
 
     name: str
     formulation: str
@@ -128,6 +131,7 @@ class Program:
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
     kinks: tuple[str, ...] = ()
+    steep: tuple[str, ...] = ()
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

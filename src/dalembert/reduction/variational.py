@@ -99,8 +99,9 @@ class _Variational:
             constants=len(hoisted.prepare.outputs),
             aliases={},
         )
-        name, notes = f"{system.equations.name}, varied", ()
-        return Program(name, system.formulation, layout, (hoisted.prepare, *hoisted.kernels), notes)
+        equations, everything = system.equations, (hoisted.prepare, *hoisted.kernels)
+        name = f"{equations.name}, varied"
+        return Program(name, system.formulation, layout, everything, (), equations.kinks, equations.steep)
 
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:
         graph = self.graph

@@ -60,7 +60,11 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
 def _kinked(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     backend = backend_named(stages.rendered.backend)
     refused = [name for name in backend.series if name not in methods and stages.program.kinks]
-    return [f"              {backend.refusal(stages.program, name)}" for name in refused]
+    lines = [f"              {backend.refusal(stages.program, name)}" for name in refused]
+    if stages.program.steep and set(backend.series) & set(methods):
+        what = ", ".join(stages.program.steep)
+        lines.append(f"              auto leaves power series aside: {what} may be below rounding where one begins")
+    return lines
 
 
 def _projections(program: Program) -> list[str]:

@@ -105,7 +105,8 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        if "taylor" in methods and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
+        able = "taylor" in methods and not self._program.steep
+        if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
