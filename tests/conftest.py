@@ -1,4 +1,5 @@
 import os
+from pathlib import Path
 
 from hypothesis import settings
 
@@ -9,3 +10,34 @@ os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu
 # The first example of a property compiles a model, so that no deadline fits all of them.
 settings.register_profile("dalembert", deadline=None, derandomize="CI" in os.environ, print_blob=True)
 settings.load_profile("dalembert")
+
+# One process runs all tests of a file, so that it compiles a scene once. These files take longest and come first,
+# so that no process is left with one of them when the others are done.
+LONG = (
+    "hard_cases/test_motions.py",
+    "codegen/test_jax_derivatives.py",
+    "codegen/test_jax_pure.py",
+    "codegen/test_jax_backend.py",
+    "codegen/test_jax_agreement.py",
+    "integrators/test_jax_lanes.py",
+    "runtime/test_keeping.py",
+    "system/test_friction.py",
+    "textbook/test_agreement.py",
+    "reduction/test_agreement.py",
+    "hard_cases/test_contacts.py",
+    "hard_cases/test_long_runs.py",
+    "runtime/test_events.py",
+    "runtime/test_sensitivity.py",
+    "system/test_singular.py",
+    "scene/test_orientation.py",
+    "textbook/test_pages.py",
+    "textbook/test_example_13_4_6.py",
+    "codegen/test_rendering.py",
+    "integrators/test_cache.py",
+    "test_packaging.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    places = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path, len(LONG)))
