@@ -114,7 +114,7 @@ SPEEDS = np.array([0.2, 0.3, 0.6, 1.0, 1.2, 1.5])
 
 
 @pytest.mark.parametrize("formulation", ["baumgarte", "augmented", "ggl"])
-@pytest.mark.parametrize("rtol", [1e-5, 1e-6, 1e-9])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-9])
 def test_sweeps_end_where_single_runs_do(formulation, rtol):
     """Steps that are long beside the dip of the determinant do not leap over it unseen."""
     model = compiled(two_windows, formulation)
