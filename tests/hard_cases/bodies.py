@@ -1,6 +1,7 @@
 """Bodies that spin: free and unstable, heavy and fast, Suslov's, a disk that rolls, a plate that falls on its edge."""
 
 import math
+from dataclasses import replace
 
 import mpmath as mp
 from sympy import cos, sin, symbols
@@ -155,6 +156,17 @@ def fast_top():
     return _heavy_top("closed form of steady precession", tilt, spin_rate, float(precession), quaternion, 2e-10)
 
 
+def upright_top():
+    """Starts exactly upright, where three angles would lock, and passes there again every 2.8 s."""
+    entry = reference("heavy_top_upright")
+    return replace(
+        _tabled_top("b_slow", 1e-12),
+        initial=spin((1, 0, 0, 0), (1.0, 0.0, 3.0)),
+        values={float(row["t"]): row["state"] for row in entry["values"]},
+        source=entry["source"],
+    )
+
+
 def suslov():
     """A body with omega . S.z = 0: a constraint in the body's frame, and a motion that is not reversible."""
     entry = reference("suslov_attitude")
@@ -273,6 +285,7 @@ CASES = {
     "heavy top, slow precession": slow_precession,
     "heavy top, fast precession": fast_precession,
     "heavy top, fast": fast_top,
+    "heavy top from upright": upright_top,
     "Suslov body": suslov,
     "rolling disk": wobbling_disk,
     "vertical disk": vertical_disk,

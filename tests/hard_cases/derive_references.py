@@ -119,6 +119,41 @@ def four_bar():
     return {"source": "energy, and time by quadrature in 30 digits", "values": rows}
 
 
+def upright_top():
+    """Return quaternion and cos(theta) of the heavy top A = 1/2, C = 1/5, m g l = 2 from upright with w = (1, 0, 3).
+
+    s = 1 - cos(theta) obeys s'^2 = s (2 w1^2 + (2 beta - w1^2 - a^2) s - beta s^2), a = C w3/A, beta = 2 m g l/A, and
+    goes between 0 and the positive root as the square of a cn; phi' = a / (1 + cos(theta)) turns about the vertical,
+    psi' = w3 - phi' cos(theta) about the axis.
+    """
+    A, C, weight, w1, w3 = mp.mpf(1) / 2, mp.mpf(1) / 5, mp.mpf(2), mp.mpf(1), mp.mpf(3)
+    a, beta = C * w3 / A, 2 * weight / A
+    middle = 2 * beta - w1**2 - a**2
+    root = mp.sqrt(middle**2 + 8 * beta * w1**2)
+    high, low = (middle + root) / (2 * beta), (middle - root) / (2 * beta)
+    rate, m = mp.sqrt(beta * (high - low)) / 2, high / (high - low)
+    quarter = mp.ellipk(m)
+
+    def half_sine(t):
+        """Return sin(theta/2), whose sign changes where the axis passes the vertical."""
+        return mp.sqrt(high / 2) * mp.ellipfun("cn", rate * t - quarter, m=m)
+
+    def precession(t):
+        return a / (2 - 2 * half_sine(t) ** 2)
+
+    rows = []
+    for t in ("0.5", "1", "5", "20"):
+        end = mp.mpf(t)
+        pieces = mp.linspace(0, end, 2 + 2 * int(end))
+        turned = mp.quad(precession, pieces)
+        proper = w3 * end - mp.quad(lambda x: precession(x) * (1 - 2 * half_sine(x) ** 2), pieces)
+        s = half_sine(end)
+        c, plus, minus = mp.sqrt(1 - s**2), (turned + proper) / 2, (turned - proper) / 2
+        state = [c * mp.cos(plus), s * mp.cos(minus), s * mp.sin(minus), c * mp.sin(plus), 1 - 2 * s**2]
+        rows.append({"t": t, "state": text(state)})
+    return {"source": "Jacobi's elliptic functions, and angles by quadrature, in 30 digits", "values": rows}
+
+
 def spring_pendulum():
     """Return the motion of the spring pendulum by Taylor series of order 36."""
     k, l, g = mp.mpf(10) ** 6, mp.mpf(1), mp.mpf("9.81")
@@ -161,6 +196,7 @@ def main():
             "slider_crank": slider_crank(),
             "stiff_spring_pendulum": spring_pendulum(),
             "four_bar_start": four_bar(),
+            "heavy_top_upright": upright_top(),
         }
     FILE.write_text(json.dumps(entries, indent=1) + "\n")
 

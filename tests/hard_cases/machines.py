@@ -110,11 +110,16 @@ def bicycle_parameters():
     return p
 
 
-def bicycle_linearized(model, speed):
-    """Return the eigenvalues of roll and steer about upright motion at this speed, from generated derivatives."""
+def upright_bicycle(speed):
+    """Return initial values of upright motion at a speed."""
     p = bicycle_parameters()
     start = dict.fromkeys(COORDINATES, 0.0) | {"z": p["rR"], "psi": math.pi / 2, "phi": math.pi}
-    start |= {"psi_dot": 0.0, "psif_dot": 0.0, "betar_dot": speed / p["rR"]}
+    return start | {"psi_dot": 0.0, "psif_dot": 0.0, "betar_dot": speed / p["rR"]}
+
+
+def bicycle_linearized(model, speed):
+    """Return the eigenvalues of roll and steer about upright motion at this speed, from generated derivatives."""
+    p, start = bicycle_parameters(), upright_bicycle(speed)
     free = ["x", "y", "theta", "psi", "psif", "betar", "betaf", "psi_dot", "psif_dot", "betar_dot"]
     found = model.linearize(0.0, start, p, states=free)
     return np.linalg.eigvals(found.block("psi", "psif", "psi_dot", "psif_dot"))

@@ -234,7 +234,8 @@ def test_comparison_has_a_row_for_every_formulation():
     for name in set(FORMULATIONS) - {"minimal"}:
         row = table[name]
         assert row.status == "SUCCESS" and row.steps > 10 and 0 < row.error < 1e-5 and row.seconds > 0
-        assert row.energy_drift < 1e-4
+        assert row.energy_drift < 1e-4 and 0 <= row.rejected < row.steps
+        assert row.velocity_violation < (1e-12 if name == "projected" else 1e-5)
     assert table["projected"].position_violation < 1e-14 < table["augmented"].position_violation
     text = str(table)
     assert all(name in text for name in FORMULATIONS) and "error est." in text

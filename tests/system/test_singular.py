@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
-from sympy.physics.mechanics import dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.integrators.status import Status
@@ -114,7 +114,7 @@ SPEEDS = np.array([0.2, 0.3, 0.6, 1.0, 1.2, 1.5])
 
 
 @pytest.mark.parametrize("formulation", ["baumgarte", "augmented", "ggl"])
-@pytest.mark.parametrize("rtol", [1e-5, 1e-6, 1e-9])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-9])
 def test_sweeps_end_where_single_runs_do(formulation, rtol):
     """Steps that are long beside the dip of the determinant do not leap over it unseen."""
     model = compiled(two_windows, formulation)
@@ -210,6 +210,52 @@ def test_redundant_constraints_in_sweeps():
     sweep = model.sweep((0, 1), initial, CARRIED, rtol=1e-9, atol=1e-10)
     assert np.all(sweep.status == 0)
     assert sweep.final["a0"][1] == pytest.approx(leaning(1.0)[0], abs=1e-7)
+
+
+def unlike_cranks():
+    """Three cranks that carry a bar, the third with a length and a height of its own."""
+    m, g = sp.symbols("m g", positive=True)
+    length, height = sp.symbols("length height")
+    cranks, b = dynamicsymbols("a0:3"), dynamicsymbols("b")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("unlike_cranks", frame=N, origin=O, coordinates=[*cranks, b])
+    B = N.orientnew("B", "Axis", (b, N.z))
+    tips = []
+    for i, (angle, L, h) in enumerate(zip(cranks, (1, 1, length), (0, 0, height), strict=True)):
+        base = O.locatenew(f"A{i}", i * N.x + h * N.y)
+        tips.append(base.locatenew(f"T{i}", L * sp.sin(angle) * N.x + L * sp.cos(angle) * N.y))
+        scene.add_bodies(Particle(f"tip{i}", tips[i], m))
+        if i:
+            gap = tips[i].pos_from(tips[0].locatenew(f"E{i}", i * B.x))
+            scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+@pytest.mark.parametrize("formulation", ["projected", "augmented"])
+def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_run(formulation):
+    """Where the third crank differs the bar is locked; the constraint that follows where it does not would be lost."""
+    model, angle, other = compiled(unlike_cranks, formulation), 0.7, 0.5
+    length = np.sin(angle) / np.sin(other)
+    columns = {
+        "a2": np.array([angle, other, angle]),
+        "length": np.array([1.0, length, 1.0]),
+        "height": np.array([0.0, np.cos(angle) - length * np.cos(other), 0.0]),
+    }
+    still = {"a0": angle, "a1": angle, "b": 0.0} | dict.fromkeys(("a0_dot", "a1_dot", "a2_dot", "b_dot"), 0.0)
+    for order in (slice(None), slice(1, None)):
+        part = {name: column[order] for name, column in columns.items()}
+        initial = still | {"a2": part.pop("a2")}
+        sweep = model.sweep((0, 0.3), initial, {"m": 1.0, "g": 9.81, **part}, reduce=["a1"], t_eval=[0.1, 0.3])
+        odd = 1 - (order.start or 0)
+        expected = [Status.SINGULAR_CONFIGURATION if (i == odd) == (odd == 1) else 0 for i in range(len(initial["a2"]))]
+        assert list(sweep.status) == expected
+        refused = np.array(expected) != 0
+        assert np.all(np.isnan(sweep.final["a0"][refused])) and np.all(np.isnan(sweep.reduced["a1"][refused]))
+        assert (
+            np.all(np.isfinite(sweep["a0"][~refused]))
+            and "other constraints follow from each other" in sweep.stats.note
+        )
 
 
 def test_start_that_contradicts_a_redundant_constraint_is_refused_by_name():

@@ -160,6 +160,12 @@ class BlockResult:
         """Return the results of some cases: views for a slice, copies for a mask."""
         return BlockResult(*(getattr(self, name)[cases] for name in self.__dataclass_fields__))
 
+    def refuse(self, cases: NDArray[np.bool_], status: Status) -> None:
+        """Leave nothing of some cases but a status."""
+        refused = self.empty(int(np.sum(cases)), self.y.shape[1], self.samples.shape[1], self.happened.shape[1] // 3)
+        refused.y[...], refused.ends[...] = np.nan, (np.nan, status, 0)
+        self[cases] = replace(refused, totals=np.full_like(self.totals[cases], np.nan))
+
     def __setitem__(self, cases: NDArray[np.bool_], other: BlockResult) -> None:
         for name in self.__dataclass_fields__:
             getattr(self, name)[cases] = getattr(other, name)

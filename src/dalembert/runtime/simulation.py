@@ -48,6 +48,7 @@ class Simulated(Held):
     def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
         super().__init__(stages, engine, methods)
         self._note = ""
+        self._dropped: tuple[int, ...] = ()
         self._fewer: dict[tuple[int, ...], Simulated] = {}
         rows = range(len(self.layout.constraints))
         reduced = stages.reduced
@@ -266,6 +267,7 @@ class Simulated(Held):
         if without not in self._fewer:
             labels = [self.layout.constraints[i] for i in found]
             fewer = self._fewer[without] = recompile(self.stages, without)
+            fewer._dropped = found
             fewer._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
         return self._fewer[without]
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import list_names
@@ -29,8 +30,9 @@ __all__ = [
     "searched",
     "singular_start",
     "still_redundant",
+    "suspected",
+    "unlike",
 ]
-__all__ += ["suspected"]
 
 _LOST = 1e-7
 """Share below which rank is lost."""
@@ -118,6 +120,30 @@ def redundant(
         if np.all(np.isfinite(near)) and len(_dependent(near / lengths)) < len(lost):
             return None
     return tuple(enforced[i] for i in lost)
+
+
+def unlike(
+    program: Program, t: FloatArray, y: FloatArray, c: FloatArray, rows: Sequence[int], *, lost: bool
+) -> NDArray[np.bool_]:
+    """Return which starts t (k,), y (k, n_y), c (k, n_c) have constraints that depend on each other, or do not.
+
+    Parameters
+    ----------
+    rows : sequence of int
+        The constraints.
+    lost : bool
+        Whether some of them are expected to follow from others.
+    """
+    found = np.zeros(len(t), bool)
+    fine = np.flatnonzero(np.all(np.isfinite(np.column_stack([t, y, c])), axis=1))
+    if not len(fine):
+        return found
+    j = _at_states(program, t[fine], y[fine], c[fine], rows)
+    lengths = np.linalg.norm(j, axis=2, keepdims=True)
+    lengths = np.maximum(lengths, 0.1 * np.max(lengths, axis=1, keepdims=True))
+    shares = _shares(j / np.where(lengths > 0.0, lengths, 1.0), np.ones(len(rows)))
+    found[fine] = np.isfinite(shares) & ((shares < _LOST) != lost)
+    return found
 
 
 def _around(program: Program, t: float, y: FloatArray, c: FloatArray, j: FloatArray) -> list[FloatArray]:

@@ -66,6 +66,7 @@ class Settings:
     watch: EventCode | None = None
     judge: Callable[[CaseBlock, BlockResult], None] | None = None
     note: str = ""
+    apart: NDArray[np.bool_] | None = None
 
 
 @final

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
+from ..integrators.status import Status
 from ..ir.program import Layout
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
@@ -22,7 +23,7 @@ from .gimbal import locked_cases
 from .held import NO_ESTIMATE
 from .keeping import kept_values, refuse_jumps
 from .simulation import Simulated
-from .singular import judged_cases, searched
+from .singular import judged_cases, searched, unlike
 from .sweeping import Cases, Settings, agreed, begin_cases, fitted, single_problem
 
 __all__ = ["Swept", "with_grid"]
@@ -145,7 +146,8 @@ class Swept(Simulated):
         if watch is not None and error_estimate:
             raise OptionError(NO_ESTIMATE)
         settings = replace(settings, watch=watch)
-        first = single_problem(cases, settings, 0) if self._enforced else None
+        tried = (single_problem(cases, settings, i) for i in range(cases.count if self._enforced else 0))
+        first = next((problem for problem in tried if problem is not None), None)
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
             options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
@@ -158,6 +160,7 @@ class Swept(Simulated):
             settings = replace(settings, watch=self._events(events, reduce, ranks=True))
         give_gains(self._engine, cases, settings, parameters)
         axes = {} if grid is None else grid.axes
+        settings = self._apart(cases, settings)
         waiting = self._begin_cases(cases, settings, axes, begin)
         if not error_estimate:
             return waiting
@@ -194,6 +197,23 @@ class Swept(Simulated):
         assert isinstance(keeper, Swept)
         return keeper, kept_values(names, self._program, self._conservable, c, t, y)
 
+    def _apart(self, cases: Cases, settings: Settings) -> Settings:
+        """Return settings that set apart cases in which other constraints follow from others than in the first."""
+        rows = sorted({*self._enforced, *self._dropped})
+        if cases.count < 2 or not rows or not self.layout.state:
+            return settings
+        block, status = cases.block(slice(0, cases.count), settings)
+        different = unlike(self._program, block.spans[:, 0], block.y, block.c, rows, lost=bool(self._dropped))
+        different &= status < 0
+        count = int(np.sum(different))
+        if not count:
+            return settings
+        note = (
+            f"in {count} of {cases.count} cases other constraints follow from each other around the start than in the"
+            " first: these were not run; give them a sweep of their own"
+        )
+        return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
+
     def _begin_cases(
         self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
     ) -> Callable[[], Sweep]:
@@ -204,6 +224,8 @@ class Swept(Simulated):
 
         def wait() -> Sweep:
             done = waiting()
+            if settings.apart is not None:
+                done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
             statistics = SweepStatistics(
                 method=settings.method,
                 threads=settings.threads,
