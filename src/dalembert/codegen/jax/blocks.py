@@ -5,8 +5,7 @@ they have in common: time to compile and to run grows faster than the code. Here
 `BLOCK` operations, so that what one block hands to the next is computed once. In what is differentiated, each block
 hangs on a condition that is always true and that XLA cannot know (`blocked`). In steps of a single case a loop takes
 the blocks in turn, by a switch (`looped`): XLA turns a loop around such steps into one machine function if an
-iteration touches less than a kilobyte, and of a switch it counts the largest branch alone. Ten times faster than
-steps whose operations XLA starts one by one (measured on CPU).
+iteration touches less than a kilobyte, and of a switch it counts the largest branch alone.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def guarded(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def product(a: Any, b: Any) -> Any:
-    """Return a * b, with derivatives 0 where a factor is not finite: what `guarded` does, traced ten times faster."""
+    """Return a * b, with derivatives 0 where a factor is not finite; traced sooner than `guarded`."""
     finite = jnp.isfinite(a) & jnp.isfinite(b)
     moving = jnp.where(finite, a, 0.0) * jnp.where(finite, b, 0.0)
     return jnp.where(finite, moving, lax.stop_gradient(a * b))
