@@ -189,11 +189,7 @@ def _normals(
     if solved is not None and len(solved) == len(independent) == 1:
         # the only reaction does what the only multiplier does, which the rate tells that its constraint is solved for
         (rate,), (unknown,) = solved, independent
-
-        def normals(residual: Sequence[Node]) -> list[Node]:
-            return [residual[rate] / bare.reactions[rate][unknown]] * len(places)
-
-        return normals
+        return lambda residual: [residual[rate] / bare.reactions[rate][unknown]] * len(places)
     columns = transpose([[row[i] for i in independent] for row in bare.reactions])
     normal = factorize(graph, matmul(graph, columns, transpose(columns)))
 
