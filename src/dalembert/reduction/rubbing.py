@@ -13,7 +13,7 @@ from typing import final
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, determinant_and_solution, factorize, matmul, matvec, transpose
+from ..ir.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from .reactions import independent_columns
 from .saddle import SaddlePoint
@@ -61,9 +61,9 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
     graph = bare.graph
     if not rubbing:
         return Rubbed(tuple(bare.forcing), (), graph.one)
-    saddle = SaddlePoint.of(bare, guarded=False)
+    accelerations = _accelerations(bare)
     normals = _normals(bare, whole, kept, rubbing)
-    free = saddle.accelerations([row.bias for row in bare.constraints], bare.name)
+    free = accelerations(bare.forcing, [row.bias for row in bare.constraints])
     n0 = normals(_residual(bare, free, bare.forcing))
     factors = [item.factors(normal) for item, normal in zip(rubbing, n0, strict=True)]
     directions = []
@@ -73,7 +73,7 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
     nothing = [graph.zero for _ in bare.constraints]
     added = []
     for direction in directions:
-        pushed = replace(saddle, forcing=tuple(direction)).accelerations(nothing, bare.name)
+        pushed = accelerations(direction, nothing)
         added.append(normals(_residual(bare, pushed, direction)))
     size = range(len(n0))
     matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
@@ -82,6 +82,85 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
     for direction, normal in zip(directions, pressing, strict=True):
         forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
     return Rubbed(tuple(forcing), tuple(factors), determinant)
+
+
+Accelerations = Callable[[Sequence[Node], Sequence[Node]], list[Node]]
+"""From forcing (n_q,) and what the constraints demand (n_constraints,) to second rates (n_q,)."""
+
+
+def _accelerations(bare: EquationsOfMotion) -> Accelerations:
+    """Return what solves for second rates: on the directions that the constraints leave free, where these are plain.
+
+    That takes half the operations of the saddle-point system, and shares most of them with `minimal`.
+    """
+    directions = _free_directions(bare)
+    if directions is not None:
+        graph, (basis, held) = bare.graph, directions
+        across = transpose(basis)
+        loaded = matmul(graph, bare.mass_matrix, basis)
+        try:
+            inertia = factorize(graph, matmul(graph, across, loaded))
+        except SingularMatrix:
+            return _by_saddle(bare)
+
+        def solve(forcing: Sequence[Node], demand: Sequence[Node]) -> list[Node]:
+            fixed = matvec(graph, held, demand)
+            rest = [f - b for f, b in zip(forcing, matvec(graph, bare.mass_matrix, fixed), strict=True)]
+            moved = matvec(graph, basis, inertia.solve(matvec(graph, across, rest)))
+            return [a + b for a, b in zip(moved, fixed, strict=True)]
+
+        return solve
+    return _by_saddle(bare)
+
+
+def _by_saddle(bare: EquationsOfMotion) -> Accelerations:
+    saddle = SaddlePoint.of(bare, guarded=False)
+    return lambda forcing, demand: replace(saddle, forcing=tuple(forcing)).accelerations(demand, bare.name)
+
+
+Solved = dict[int, tuple[list[Node], list[Node]]]
+"""For second rates by number: their slopes by the others (n_q,), and by what constraints demand (n_constraints,)."""
+
+
+def _solved_rates(bare: EquationsOfMotion) -> Solved | None:
+    """Return the second rates that constraints are solved for, one each.
+
+    Their coefficients are numbers, so that nothing is divided by; None where a constraint has none.
+    """
+    graph, size, count = bare.graph, len(bare.q), len(bare.constraints)
+    solved: Solved = {}
+    for place, row in enumerate(bare.constraints):
+        slopes = list(row.jacobian)
+        given = [graph.one if i == place else graph.zero for i in range(count)]
+        for known, (others, demands) in solved.items():
+            factor, slopes[known] = slopes[known], graph.zero
+            slopes = [a + factor * b for a, b in zip(slopes, others, strict=True)]
+            given = [a - factor * b for a, b in zip(given, demands, strict=True)]
+        pivot = next((i for i in range(size) if slopes[i].deps == 0 and not slopes[i].is_zero), None)
+        if pivot is None:
+            return None
+        scale = -1 / slopes[pivot]
+        slopes[pivot] = graph.zero
+        own = [scale * a for a in slopes], [-scale * a for a in given]
+        for known, (others, demands) in list(solved.items()):
+            factor, others[pivot] = others[pivot], graph.zero
+            solved[known] = (
+                [a + factor * b for a, b in zip(others, own[0], strict=True)],
+                [a + factor * b for a, b in zip(demands, own[1], strict=True)],
+            )
+        solved[pivot] = own
+    return solved
+
+
+def _free_directions(bare: EquationsOfMotion) -> tuple[Matrix, Matrix] | None:
+    """Return S (n_q, n_free) and H (n_q, n_constraints) with q_ddot = S u_dot + H demand, where that is plain."""
+    graph, size, solved = bare.graph, len(bare.q), _solved_rates(bare)
+    if solved is None:
+        return None
+    free = [i for i in range(size) if i not in solved]
+    nothing = [graph.zero] * len(bare.constraints)
+    basis = [[solved[i][0][j] if i in solved else graph.const(int(i == j)) for j in free] for i in range(size)]
+    return basis, [solved[i][1] if i in solved else nothing for i in range(size)]
 
 
 def _residual(bare: EquationsOfMotion, a: Sequence[Node], forcing: Sequence[Node]) -> list[Node]:
@@ -106,6 +185,11 @@ def _normals(
                 " coordinate that hides it, with scene.release(coordinate, point, direction)"
             )
         places.append(independent.index(place))
+    solved = _solved_rates(bare)
+    if solved is not None and len(solved) == len(independent) == 1:
+        # the only reaction does what the only multiplier does, which the rate tells that its constraint is solved for
+        (rate,), (unknown,) = solved, independent
+        return lambda residual: [residual[rate] / bare.reactions[rate][unknown]] * len(places)
     columns = transpose([[row[i] for i in independent] for row in bare.reactions])
     normal = factorize(graph, matmul(graph, columns, transpose(columns)))
 

@@ -13,7 +13,7 @@ from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from ..values import number
 from .evaluation import Evaluated
-from .events import EventCode, compiled_events, event_list
+from .events import Event, EventCode, compiled_events, event_list
 from .explain import explain
 from .reductions import reduction_table
 
@@ -39,6 +39,7 @@ class Held(Evaluated):
         self._methods = methods
         self._starts: dict[frozenset[str], Start] = {}
         self._watches: dict[str, EventCode] = {}
+        self._named: dict[int, tuple[Any, EventCode]] = {}
 
     @property
     def name(self) -> str:
@@ -99,6 +100,10 @@ class Held(Evaluated):
 
         With `ranks` the rank of the constraints is watched too.
         """
+        same = isinstance(events, tuple) and not reduce and not ranks
+        same = same and all(isinstance(event, Event) and event.apply is None for event in events)
+        if same and id(events) in self._named and self._named[id(events)][0] is events:
+            return self._named[id(events)][1]
         listed = event_list(events, self.layout.aliases)
         reductions = reduction_table(reduce, self.layout.aliases)
         margins = rank_margins(self.stages.reduced) if ranks else {}
@@ -109,6 +114,10 @@ class Held(Evaluated):
             if len(self._watches) >= _MOST_WATCHES:
                 self._watches.clear()
             self._watches[key] = compiled_events(self.stages, listed, self._start, reductions, margins)
+        if same:  # a tuple is kept, so that no other can have its number
+            if len(self._named) >= _MOST_WATCHES:
+                self._named.clear()
+            self._named[id(events)] = events, self._watches[key]
         return self._watches[key]
 
 

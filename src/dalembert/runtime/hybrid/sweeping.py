@@ -115,6 +115,7 @@ class _Sweep:
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
+        self.watched: dict[tuple[Mode, int], tuple[Event, ...]] = {}
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
@@ -212,8 +213,10 @@ class _Sweep:
     def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[[], Sweep]:
         """Begin to run cases in one mode that come from one cause; return what waits for the results."""
         model, place = self.modes.model(mode), placed(some)
-        events = [replace(e, name=e.label) for e in self.campaign.events]
-        events += self.modes.events(mode, *self.causes[self.cause[some[0]]])
+        key = mode, int(self.cause[some[0]])
+        if key not in self.watched:
+            asked = [replace(e, name=e.label) for e in self.campaign.events]
+            self.watched[key] = (*asked, *self.modes.events(mode, *self.causes[key[1]]))
         rounds, method = self.fits.get(mode, (0, ""))
         options = {**self.campaign.options}
         if rounds % _BETWEEN_FITS:
@@ -222,8 +225,8 @@ class _Sweep:
             (self.now.t[some], self._goal(some)),
             {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
-            events=events,
-            reduce=dict(self.campaign.reductions),
+            events=self.watched[key],
+            reduce=self.campaign.reductions,
             **options,
         )
 
