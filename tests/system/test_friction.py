@@ -1,5 +1,6 @@
 """Coulomb friction and contacts: what the set-valued law must give, against closed forms and hand-written equations."""
 
+import contextlib
 import math
 from functools import cache
 
@@ -333,6 +334,24 @@ def test_halves_of_a_sweep_and_threads_change_no_bit(monkeypatch):
         np.testing.assert_array_equal(other.final["theta"], together[0].final["theta"])
         np.testing.assert_array_equal(other.steps, together[0].steps)
         np.testing.assert_array_equal(other.phases, together[0].phases)
+
+
+def test_an_interrupt_ends_both_halves_of_a_sweep(monkeypatch):
+    """Ctrl-C after the first round; what goes on in threads then is stopped, and the next sweep has them."""
+    calls = []
+
+    def press(finished):
+        calls.append(finished)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    model, p = plate_model(FORCE), {**PLATE, "mu": np.linspace(0.7, 0.95, 200)}
+    with monkeypatch.context() as patched:
+        patched.setattr(hybrid_sweeping, "_WORTH_HALVING", 2)
+        patched.setattr(hybrid_sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
+        broken = model.sweep((0, 5), at_angle(0.5), p)
+    assert {Status(s) for s in broken.status} == {Status.INTERRUPTED}
+    assert model.sweep((0, 5), at_angle(0.5), p).success.all()
 
 
 @pytest.mark.parametrize("method, bound", [("taylor", 1e-10), ("dop853", 1e-9)])

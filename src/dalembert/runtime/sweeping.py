@@ -309,7 +309,11 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
     return begin_cases(engine, cases, settings)()
 
 
-def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Callable[[], BlockResult]:
+Waiting = Callable[..., BlockResult]
+"""What waits for results; with the argument True, only for cases that have been begun: the others are INTERRUPTED."""
+
+
+def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
     """Begin to run cases, in threads where the engine makes them itself; return what waits for the results of all."""
     count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
@@ -322,7 +326,7 @@ def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Callable[[]
     waiting = None if wanted else _whole(engine, cases, settings, result, threads)
     if waiting is not None:
         return waiting
-    return lambda: _in_blocks(engine, cases, settings, result, threads)
+    return lambda stop=False: result if stop else _in_blocks(engine, cases, settings, result, threads)
 
 
 def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
@@ -346,9 +350,7 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
     return result
 
 
-def _whole(
-    engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int
-) -> Callable[[], BlockResult] | None:
+def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> Waiting | None:
     """Begin to run all cases in threads that share them; return what waits for them, None where it is not so done.
 
     What is watched is reduced from the constants of all cases of a part, so these are of a limited size.
@@ -358,23 +360,23 @@ def _whole(
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     parts = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
-    def begin(part: slice) -> Callable[[], bool] | None:
+    def begin(part: slice) -> Callable[..., bool] | None:
         run = _columns_run(engine, cases, settings, part, result[part], share)
         if run is None:
             return None
         size = part.stop - part.start
         return _begin_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress)
 
-    waiting = begin(parts[0]) if parts else lambda: True
+    waiting = begin(parts[0]) if parts else lambda stop: True
     if waiting is None:
         return None
 
-    def wait() -> BlockResult:
-        going, rest = waiting(), parts[1:]
+    def wait(stop: bool = False) -> BlockResult:
+        going, rest = waiting(stop) and not stop, parts[1:]
         while going and rest:
             following = begin(rest.pop(0))
             assert following is not None
-            going = following()
+            going = following(False)
         for first in range(0, count, _LARGEST_BLOCK):
             _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
         return result
@@ -394,18 +396,24 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
 
 
-def _begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[], bool]:
-    """Let threads do the work; return what waits for them, and says whether it came to its end.
+def _begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[bool], bool]:
+    """Let threads do the work; return what waits for them, or stops them, and says whether it came to its end.
 
     Few cases need no thread.
     """
     if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
         run.work()
         run.finish()
-        return lambda: True
+        return lambda stop: True
     pool = _pool(threads)
     workers = [pool.submit(run.work) for _ in range(threads)]
-    return lambda: _wait_whole(run, workers, count, progress)
+
+    def wait(stop: bool) -> bool:
+        if stop:
+            run.turn[0] = count
+        return _wait_whole(run, workers, count, progress)
+
+    return wait
 
 
 def _wait_whole(run: CaseRun, workers: Sequence[Future[None]], count: int, progress: bool) -> bool:

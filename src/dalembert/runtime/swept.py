@@ -120,8 +120,8 @@ class Swept(Simulated):
         error_estimate: bool = False,
         events: Any = (),
         reduce: Any = (),
-    ) -> Callable[[], Sweep]:
-        """Begin a sweep, as `sweep` does; return what waits for its results."""
+    ) -> Callable[..., Sweep]:
+        """Begin a sweep, as `sweep` does; return what waits for its results (see `begin_cases`)."""
         begin = time.perf_counter()
         rtol, atol = tolerances(rtol, atol)
         max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
@@ -216,14 +216,14 @@ class Swept(Simulated):
 
     def _begin_cases(
         self, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
-    ) -> Callable[[], Sweep]:
+    ) -> Callable[..., Sweep]:
         """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
         if self._gimbals is not None or self._ranked:
             settings = replace(settings, judge=lambda block, part: self._judge(settings.method, block, part))
         waiting = begin_cases(self._engine, cases, settings)
 
-        def wait() -> Sweep:
-            done = waiting()
+        def wait(stop: bool = False) -> Sweep:
+            done = waiting(stop)
             if settings.apart is not None:
                 done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
             statistics = SweepStatistics(

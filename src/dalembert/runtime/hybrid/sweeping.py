@@ -35,7 +35,7 @@ _BETWEEN_FITS = 16
 _WORTH_HALVING = 2000
 """Cases from which on one half runs while it is decided how the other goes on."""
 
-_Group = tuple[Mode, NDArray[np.intp], dict[str, FloatArray], Callable[[], Sweep]]
+_Group = tuple[Mode, NDArray[np.intp], dict[str, FloatArray], Callable[..., Sweep]]
 
 
 @final
@@ -122,11 +122,13 @@ class _Sweep:
         every = np.flatnonzero(self.status == _RUNNING)
         self._settle(every, None, ())
         self._sample(every)
+        going: list[list[_Group]] = []
         with meter(len(self.status), self.campaign.progress) as advance:
             advance(int(np.sum(self.status != _RUNNING)))
             try:
                 wings = np.array_split(np.arange(len(self.status)), 1 + (len(self.status) >= _WORTH_HALVING))
-                going = [self._begin_round(wing) for wing in wings]
+                for wing in wings:
+                    going.append(self._begin_round(wing))
                 before = int(np.sum(self.status == _RUNNING))
                 while any(going):
                     for number, wing in enumerate(wings):
@@ -137,7 +139,8 @@ class _Sweep:
                     advance(before - running)
                     before = running
             except KeyboardInterrupt:
-                pass
+                for *_, waiting in (group for groups in going for group in groups):
+                    waiting(True)
         self.status[self.status == _RUNNING] = int(Status.INTERRUPTED)
         return self._finished()
 
@@ -156,7 +159,7 @@ class _Sweep:
         return groups
 
     def _end_round(
-        self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray], waiting: Callable[[], Sweep]
+        self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray], waiting: Callable[..., Sweep]
     ) -> None:
         """Wait for a group of cases, and look how each goes on."""
         run = waiting()
@@ -178,6 +181,8 @@ class _Sweep:
         self.status[some[done]] = int(Status.SUCCESS)
         self._sample(some[reached])
         self._after(run, mode, some, np.flatnonzero(status == Status.EVENT))
+        if np.any(status == Status.INTERRUPTED):
+            raise KeyboardInterrupt
 
     def _goal(self, some: NDArray[np.intp]) -> FloatArray:
         """Return the times up to which cases run."""
@@ -210,7 +215,7 @@ class _Sweep:
         now = self.now
         return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
 
-    def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[[], Sweep]:
+    def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[..., Sweep]:
         """Begin to run cases in one mode that come from one cause; return what waits for the results."""
         model, place = self.modes.model(mode), placed(some)
         key = mode, int(self.cause[some[0]])
