@@ -6,14 +6,10 @@ Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSyst
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from sympy import Basic
-from sympy.physics.mechanics import Point
-
-from .errors import OptionError, list_names
 from .ir.lower import lower
 from .mechanics.derive import derive
 from .naming import rate_name
@@ -23,8 +19,8 @@ from .reduction.keeping import keeping
 from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.orientation import with_quaternions
+from .scene.outputs import requested
 from .scene.reading import read
-from .scene.scene import Place
 from .stages import Stages, Watch
 
 if TYPE_CHECKING:
@@ -85,7 +81,7 @@ def compile_model(
         For options that do not exist, or cannot serve the scene.
     """
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
-    wanted = tuple(part for output in _listed(outputs) for part in _parts(output))
+    wanted = requested(outputs)
     options = CompileOptions(backend, formulation, wanted, cache, gains, orientation)
     angles: list[str] = []
     if orientation == "quaternion":
@@ -131,27 +127,6 @@ def compile_scene(
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
     stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
     return CompiledModel(stages, engine, methods)
-
-
-def _listed(outputs: Any) -> tuple[Any, ...]:
-    """Return requested outputs, or the one that was given alone.
-
-    Raises
-    ------
-    OptionError
-        For what is no output.
-    """
-    kinds = str | Basic | Point
-    listed = (outputs,) if isinstance(outputs, kinds) or not isinstance(outputs, Iterable) else tuple(outputs)
-    strange = [repr(output) for output in listed if not isinstance(output, kinds)]
-    if strange:
-        raise OptionError(f"outputs are names, expressions of the scene's symbols or Points, not {list_names(strange)}")
-    return listed
-
-
-def _parts(output: Any) -> tuple[Any, ...]:
-    """Return an output as it is, and a point as the components of its position."""
-    return tuple(Place(output, axis) for axis in range(3)) if isinstance(output, Point) else (output,)
 
 
 def _names(outputs: Sequence[Any]) -> list[str]:
