@@ -200,7 +200,7 @@ class Swept(Simulated):
     def _apart(self, cases: Cases, settings: Settings) -> Settings:
         """Return settings that set apart cases in which other constraints follow from others than in the first."""
         rows = sorted({*self._enforced, *self._dropped})
-        if cases.count < 2 or not rows or not self.layout.state:
+        if cases.count < 2 or len(rows) < 2 or not self.layout.state:
             return settings
         block, status = cases.block(slice(0, cases.count), settings)
         different = unlike(self._program, block.spans[:, 0], block.y, block.c, rows, lost=bool(self._dropped))
