@@ -41,7 +41,6 @@ def test_disk_cache_is_used_and_notices_an_edit_of_a_helper(tmp_path):
     shutil.copy(SOURCES.parent / "errors.py", package)
     (package / "__init__.py").touch()  # a folder without one would give way to an installed dalembert
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    environment["NUMBA_OPT"] = "0"  # to compile is not what is tested
 
     def hits_and_misses():
         done = subprocess.run(
