@@ -10,7 +10,7 @@ from dalembert.codegen.machine import loop_assembly
 from dalembert.codegen.numba.llvm import compile_object, load_object
 from dalembert.codegen.numba.loops import packed
 from dalembert.integrators.numba import lanes, march, samples, single
-from dalembert.integrators.numba.code import bare, element, row, take
+from dalembert.integrators.numba.code import ahead, bare, element, lowest, row, take
 from dalembert.integrators.numba.kinds import ARRAY_OF_FLAGS, INTEGER, INTEGERS, MATRIX, VECTOR, Group
 
 TABLE = np.array([[1.5, -2.0], [0.25, 8.0]])
@@ -94,6 +94,12 @@ def arrays(m, flags, out, whole) -> int:
     out[1] = math.nan
     whole[1] = take(whole, 3)
     whole[2] = m.size
+    ahead(row(m, 0), m.size)
+    left, places = 84, 0
+    while left != 0:
+        places = 10 * places + lowest(left)
+        left &= left - 1
+    whole[0] = places
     whole[3] = 1 if math.isnan(out[1]) and not math.isfinite(out[1]) else 0
     return m.shape[0]
 

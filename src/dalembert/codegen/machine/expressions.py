@@ -323,6 +323,17 @@ def _load(lines: Expressions, address: Value, index: Value) -> Value:
     return lines.load(lines.place(Value(VECTOR, (pointer, "0")), [index]))
 
 
+def _ahead(lines: Expressions, address: Value, index: Value) -> Value:
+    pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
+    place = lines.set(f"getelementptr double, ptr {pointer}, i64 {_word(index, INTEGER)}")
+    lines.lines.append(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
+    return Value(Group(()), ())
+
+
+def _lowest(lines: Expressions, bits: Value) -> Value:
+    return Value(INTEGER, (lines.set(f"call i64 @llvm.cttz.i64(i64 {_word(bits, INTEGER)}, i1 true)"),))
+
+
 def _take(lines: Expressions, array: Value, amount: Value) -> Value:
     added = f"atomicrmw add ptr {_word(array, INTEGERS)}, i64 {_word(amount, INTEGER)} monotonic"
     return Value(INTEGER, (lines.set(added),))
@@ -337,6 +348,8 @@ _BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.row: _row,
     code.call_code: _call_code,
     code.call_test: _call_test,
+    code.ahead: _ahead,
     code.element: _load,
+    code.lowest: _lowest,
     code.take: _take,
 }

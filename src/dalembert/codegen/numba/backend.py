@@ -46,6 +46,7 @@ from .llvm import native_lanes
 from .loops import loop_named, toolchain
 from .pace import pace
 from .prepared import prepared_run
+from .soundness import sound
 from .steps import LARGEST_UNROLLED, StepLibrary
 from .sweeps import SweepShape, case_run
 
@@ -226,7 +227,7 @@ class NumbaEngine(Engine):
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(
-            (*codes, position, velocity, prepare, start, paced),
+            (*codes, position, velocity, prepare, start, paced, sound(lanes)),
             shape,
             settings,
             cases,

@@ -120,6 +120,8 @@ class LanePrinter:
                 zero, one, minus = (functions.constant(x, self.lanes) for x in (0.0, 1.0, -1.0))
                 self._choose(f"{target}.up", "ogt", args[0], zero, one, zero)
                 self._choose(target, "olt", args[0], zero, minus, f"%{target}.up")
+            case _ if self.exact and self.lanes > 1 and len(args) == 1:
+                self._set(target, f"call {v} @{line.op}_repeating({typed})")
             case _:
                 self.lines += functions.lanewise(line.op, self.lanes, target, args)
 
@@ -194,6 +196,9 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool 
     ``void(float64, float64[::1], float64[::1], float64[::1])``.
     """
     parts = [prelude(lanes)] if shared else [""]
+    if exact and lanes > 1:
+        used = {line.op for _, kernel in kernels for line in kernel.body if len(line.args) == 1}
+        parts += [functions.repeating(name, lanes) for name in _LIBRARY if name in used]
     for name, kernel in kernels:
         printer = LanePrinter(lanes, exact=exact)
         for load in kernel.loads:
