@@ -84,9 +84,8 @@ def pendulum_violation(y):
 
 @cache
 def jitted(function):
-    from numba import njit
-
     from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+    from numba import njit
 
     return njit(KERNEL_SIGNATURE, error_model="numpy")(function)
 
@@ -94,9 +93,8 @@ def jitted(function):
 @cache
 def differences(function):
     """Return a compiled Jacobian of a right-hand side by central differences, good to ten digits."""
-    from numba import njit
-
     from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+    from numba import njit
 
     rhs = jitted(function)
 
@@ -124,8 +122,9 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     if backend == "scipy":
         return solvers.integrate(Kernels(*functions), name, problem)
     if name == "radau":
-        from dalembert.integrators.numba import implicit
         from dalembert.integrators.numba.jit import kernel_address
+
+        from dalembert.integrators.numba import implicit
 
         addresses = [f and kernel_address(f) for f in (*(f and jitted(f) for f in functions), differences(rhs))]
         rhs_, position, velocity, jacobian = (address or 0 for address in addresses)

@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from dalembert.integrators.numba.jit import kernel_address
 
 from dalembert.integrators import collocation as radau
 from dalembert.integrators.numba import implicit
-from dalembert.integrators.numba.jit import kernel_address
 from dalembert.integrators.problem import IntegrationProblem
 from dalembert.integrators.scipy import solvers
 from dalembert.integrators.status import Status
@@ -109,9 +109,8 @@ def test_stiff_relaxation_towards_a_smooth_solution_takes_few_steps(stiffness):
 @cache
 def decay_code(whole):
     """Return addresses for `decay`, with the whole Jacobian or its columns."""
-    from numba import njit
-
     from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+    from numba import njit
 
     def jacobian(t, y, c, out):
         n = int(math.sqrt(out.size) + 0.5)

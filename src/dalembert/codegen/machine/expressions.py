@@ -298,6 +298,23 @@ def _is_nan(lines: Expressions, value: Value) -> Value:
     return Value(FLAG, (lines.set(f"fcmp uno double {word}, {word}"),))
 
 
+def _library(name: str) -> Callable[..., Value]:
+    """Return the translation of a function of doubles that LLVM or the C library has."""
+
+    def call(lines: Expressions, value: Value) -> Value:
+        (word,) = lines.converted(value, NUMBER).words
+        return Value(NUMBER, (lines.set(f"call double @{name}(double {word})"),))
+
+    return call
+
+
+def _flat(lines: Expressions, matrix: Value) -> Value:
+    if matrix.kind != MATRIX:
+        raise TypeError("only matrices of doubles can be made a column")
+    data, rows, columns = matrix.words
+    return Value(MATRIX, (data, lines.set(f"mul i64 {rows}, {columns}"), "1"))
+
+
 def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
     place = lines.place(matrix, [number])
     if matrix.kind != MATRIX or place.kind != VECTOR:
@@ -345,11 +362,15 @@ _BUILT_IN: dict[Any, Callable[..., Value]] = {
     float: lambda lines, value: lines.converted(value, NUMBER),
     math.isfinite: _is_finite,
     math.isnan: _is_nan,
+    math.sqrt: _library("llvm.sqrt.f64"),
+    math.exp: _library("exp"),
+    math.log: _library("log"),
     code.row: _row,
     code.call_code: _call_code,
     code.call_test: _call_test,
     code.ahead: _ahead,
     code.element: _load,
+    code.flat: _flat,
     code.lowest: _lowest,
     code.take: _take,
 }

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ahead", "bare", "call_code", "call_test", "element", "lowest", "row", "take"]
+__all__ = ["ahead", "bare", "call_code", "call_test", "element", "flat", "lowest", "row", "take"]
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -30,6 +30,11 @@ def bare(function: F) -> F:
 def row(matrix: NDArray[Any], number: int) -> int:
     """Return the address of a row of a C-contiguous matrix of doubles; the matrix must stay alive."""
     return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
+
+
+def flat(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a C-contiguous matrix of doubles as one column, a view of the same memory."""
+    return matrix.reshape(-1, 1)
 
 
 def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:

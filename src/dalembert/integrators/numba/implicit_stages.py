@@ -6,13 +6,15 @@ Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transfor
 step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.integrators.collocation import (
+from ..collocation import (
     BETWEEN,
     COMPLEX,
     ERROR_WEIGHTS,
@@ -22,10 +24,12 @@ from dalembert.integrators.collocation import (
     REAL,
     TO_MODES,
 )
-from dalembert.integrators.numba.jit import call_kernel, compiled
-from dalembert.integrators.numba.lu import factor, solve
-from dalembert.integrators.numba.packing import DELTA, POINT
-from dalembert.integrators.problem import FloatArray
+from ..problem import FloatArray
+from .code import bare, call_code, row
+from .kinds import INTEGERS, MATRIX, VECTOR, Group
+from .lu import factor, factor_pair, solve, solve_pair
+from .packing import DELTA, POINT
+from .recorded import Run, evaluate
 
 # Rows of the working array behind those of ``packing``: slope at the start, error, scale, increments, slopes at the
 # nodes, modes, and coefficients of the last step's polynomial.
@@ -38,26 +42,53 @@ CONVERGED, DIVERGED, BROKEN = 0, 1, 2
 _A, _B = COMPLEX.real, -COMPLEX.imag
 
 
-@compiled
-def evaluate_jacobian(
-    jacobian: int,
-    tangent: int,
-    t: float,
-    work: FloatArray,
-    y: int,
-    constants: FloatArray,
-    j: FloatArray,
-    wide: FloatArray,
-) -> None:
-    """Write the Jacobian at ``work[y]`` into ``j`` (n, n): at once, or column by column where it is too long for that.
+class Room(NamedTuple):
+    """Matrices for the Newton systems of n unknowns: the Jacobian, both factored matrices, pivots, and vectors.
 
-    ``wide`` is (2, max(n*n, 2*n)).
+    ``wide`` (2, max(n*n, 2*n)) holds what a kernel of the Jacobian reads and writes; ``re`` and ``im`` are the parts of
+    the complex matrix, as ``second`` and ``third`` are those of its vector.
     """
-    n = work.shape[1]
+
+    j: FloatArray
+    wide: FloatArray
+    real: FloatArray
+    re: FloatArray
+    im: FloatArray
+    real_pivots: NDArray[np.int64]
+    pair_pivots: NDArray[np.int64]
+    first: FloatArray
+    second: FloatArray
+    third: FloatArray
+
+
+ROOM = Group((*(MATRIX,) * 5, INTEGERS, INTEGERS, *(VECTOR,) * 3), Room._fields)
+
+
+def room(n: int) -> Room:
+    """Return room for n unknowns."""
+    matrices, vectors = [np.zeros((n, n)) for _ in range(4)], [np.zeros(n) for _ in range(3)]
+    pivots = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    return Room(matrices[0], np.zeros((2, max(n * n, 2 * n))), *matrices[1:], *pivots, *vectors)
+
+
+@bare
+def _power(x: float, k: int) -> float:
+    result = 1.0
+    for _ in range(k):
+        result *= x
+    return result
+
+
+@bare
+def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, room: Room) -> None:
+    """Write the Jacobian at ``work[y]`` into ``j``: at once, or column by column where it is too long for that."""
+    j, wide, n = room.j, room.wide, run.work.shape[1]
+    run.clock[0, 0] = t
+    clock, point, c, out = row(run.clock, 0), row(wide, 0), row(run.constants, 0), row(wide, 1)
     for m in range(n):
-        wide[0, m] = work[y, m]
+        wide[0, m] = run.work[y, m]
     if jacobian != 0:
-        call_kernel(jacobian, t, wide, 0, constants, 1, n * n)
+        call_code(jacobian, clock, point, c, 0, out)
         for m in range(n):
             for k in range(n):
                 j[m, k] = wide[1, m * n + k]
@@ -66,35 +97,28 @@ def evaluate_jacobian(
         wide[0, n + k] = 0.0
     for k in range(n):
         wide[0, n + k] = 1.0
-        call_kernel(tangent, t, wide, 0, constants, 1, 2 * n)
+        call_code(tangent, clock, point, c, 0, out)
         wide[0, n + k] = 0.0
         for m in range(n):
             j[m, k] = wide[1, m]
 
 
-@compiled
-def factor_matrices(
-    h: float,
-    differential: int,
-    j: FloatArray,
-    real: FloatArray,
-    pair: NDArray[Any],
-    real_pivots: NDArray[np.intp],
-    pair_pivots: NDArray[np.intp],
-) -> bool:
+@bare
+def factor_matrices(h: float, differential: int, room: Room) -> bool:
     """Factor the two matrices of the Newton steps; return whether both are regular."""
-    n = j.shape[0]
+    n = room.j.shape[0]
     for m in range(n):
         for k in range(n):
-            real[m, k] = -j[m, k]
-            pair[m, k] = -j[m, k]
+            room.real[m, k] = room.re[m, k] = -room.j[m, k]
+            room.im[m, k] = 0.0
         if m < differential:
-            real[m, m] += REAL / h
-            pair[m, m] += COMPLEX / h
-    return factor(real, real_pivots) and factor(pair, pair_pivots)
+            room.real[m, m] += REAL / h
+            room.re[m, m] += _A / h
+            room.im[m, m] -= _B / h
+    return factor(room.real, room.real_pivots) and factor_pair(room.re, room.im, room.pair_pivots)
 
 
-@compiled
+@bare
 def predict(work: FloatArray, ratio: float) -> None:
     """Start the iteration from the last step's polynomial, continued; ``ratio`` is h over the last h, 0 for none."""
     for m in range(work.shape[1]):
@@ -111,19 +135,15 @@ def predict(work: FloatArray, ratio: float) -> None:
             work[W + i, m] = value
 
 
-@compiled
+@bare
 def newton(
     rhs: int,
     t: float,
     h: float,
     differential: int,
-    work: FloatArray,
+    run: Run,
     y: int,
-    constants: FloatArray,
-    real: FloatArray,
-    pair: NDArray[Any],
-    real_pivots: NDArray[np.intp],
-    pair_pivots: NDArray[np.intp],
+    room: Room,
     tolerance: float,
     known_rate: float,
 ) -> tuple[int, int, float]:
@@ -132,17 +152,16 @@ def newton(
     ``tolerance`` is in units of ``work[SCALE]``; ``known_rate`` is rate/(1 - rate) of the last step, from which the
     first correction is judged.
     """
+    work, first, second, third = run.work, room.first, room.second, room.third
     n = work.shape[1]
     rate, before, factor_ = 0.0, 0.0, known_rate
-    first = np.empty(n)
-    second = np.empty(n, np.complex128)
     # With multipliers every other iteration gains little: they follow what the one before has done to the state.
     most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
     for iteration in range(most):
         for i in range(3):
             for m in range(n):
                 work[POINT, m] = work[y, m] + work[Z + i, m]
-            call_kernel(rhs, t + NODES[i] * h, work, int(np.intp(POINT)), constants, int(np.intp(F)) + i, n)
+            evaluate(rhs, t + NODES[i] * h, run, POINT, F + i)
         finite = 0.0
         for m in range(n):
             f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
@@ -155,19 +174,18 @@ def newton(
                 a -= REAL / h * w1
                 b -= (_A * w2 + _B * w3) / h
                 c -= (_A * w3 - _B * w2) / h
-            first[m] = a
-            second[m] = complex(b, c)
+            first[m], second[m], third[m] = a, b, c
         if finite != 0.0:
             return BROKEN, iteration + 1, rate
-        solve(real, real_pivots, first)
-        solve(pair, pair_pivots, second)
+        solve(room.real, room.real_pivots, first)
+        solve_pair(room.re, room.im, room.pair_pivots, second, third)
         total = 0.0
         for m in range(n):
             work[W, m] += first[m]
-            work[W + 1, m] += second[m].real
-            work[W + 2, m] += second[m].imag
+            work[W + 1, m] += second[m]
+            work[W + 2, m] += third[m]
             weight = 1.0 / work[SCALE, m]
-            total += (first[m] * weight) ** 2 + (second[m].real * weight) ** 2 + (second[m].imag * weight) ** 2
+            total += (first[m] * weight) ** 2 + (second[m] * weight) ** 2 + (third[m] * weight) ** 2
             for i in range(3):
                 work[Z + i, m] = (
                     FROM_MODES[i, 0] * work[W, m]
@@ -183,7 +201,7 @@ def newton(
             if rate >= 0.99:
                 return DIVERGED, iteration + 1, rate
             factor_ = rate / (1.0 - rate)
-            hopeless = factor_ * size * rate ** max(most - 2 - iteration, 0) > tolerance
+            hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
             if hopeless and (iteration > 1 or differential == n):
                 return DIVERGED, iteration + 1, rate
         before = max(size, 1e-300)
@@ -192,18 +210,16 @@ def newton(
     return DIVERGED, most, rate
 
 
-@compiled
+@bare
 def estimate(
     rhs: int,
     t: float,
     h: float,
     differential: int,
-    work: FloatArray,
+    run: Run,
     y: int,
     y_new: int,
-    constants: FloatArray,
-    real: FloatArray,
-    real_pivots: NDArray[np.intp],
+    room: Room,
     rtol: float,
     atol: float,
     careful: bool,
@@ -213,17 +229,17 @@ def estimate(
     ``careful`` filters an estimate that is too large once more, as stiff components demand after a first step and
     after a rejection.
     """
+    work, vector = run.work, room.first
     n = work.shape[1]
-    vector = np.empty(n)
     error, evaluations = 0.0, 0
     for attempt in range(2):
-        source = int(np.intp(SLOPE)) if attempt == 0 else int(np.intp(DELTA))
+        source = SLOPE if attempt == 0 else DELTA
         for m in range(n):
             vector[m] = work[source, m]
             if m < differential:
                 for i in range(3):
                     vector[m] += ERROR_WEIGHTS[i] * work[Z + i, m] / h
-        solve(real, real_pivots, vector)
+        solve(room.real, room.real_pivots, vector)
         total = 0.0
         for m in range(n):
             work[ERROR, m] = vector[m]
@@ -235,12 +251,12 @@ def estimate(
             break
         for m in range(n):
             work[POINT, m] = work[y, m] + work[ERROR, m]
-        call_kernel(rhs, t, work, int(np.intp(POINT)), constants, int(np.intp(DELTA)), n)
+        evaluate(rhs, t, run, POINT, DELTA)
         evaluations += 1
     return error, evaluations
 
 
-@compiled
+@bare
 def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
     """RMS norm over the tolerances of what the step's polynomial errs by between its nodes.
 
@@ -266,7 +282,7 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
     return BETWEEN * math.sqrt(total / differential)
 
 
-@compiled
+@bare
 def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
     """Write what Newton corrections are measured by.
 
@@ -290,7 +306,7 @@ def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float,
         work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m])) / min(1.0, abs(h))
 
 
-@compiled
+@bare
 def first_step(
     work: FloatArray, y: int, differential: int, span: float, limit: float, rtol: float, atol: float
 ) -> float:
@@ -303,10 +319,10 @@ def first_step(
     if size < 1e-10 * differential or slope < 1e-10 * differential:
         return min(1e-6 * span, limit)
     # the share of a time scale of the state over which a method whose estimate has order 3 errs by the tolerance
-    return min(math.sqrt(size / slope) * min(0.01, max(rtol, 1e-14) ** 0.25), limit)
+    return min(math.sqrt(size / slope) * min(0.01, math.sqrt(math.sqrt(max(rtol, 1e-14)))), limit)
 
 
-@compiled
+@bare
 def keep_polynomial(work: FloatArray) -> None:
     """Write the coefficients of the collocation polynomial through the increments."""
     for m in range(work.shape[1]):
@@ -317,7 +333,7 @@ def keep_polynomial(work: FloatArray) -> None:
             work[P + k, m] = value
 
 
-@compiled
+@bare
 def write_polynomial(work: FloatArray, y: int, y_new: int, pieces: FloatArray, piece: int, n: int) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 
