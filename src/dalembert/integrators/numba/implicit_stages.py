@@ -66,9 +66,10 @@ ROOM = Group((*(MATRIX,) * 5, INTEGERS, INTEGERS, *(VECTOR,) * 3), Room._fields)
 
 def room(n: int) -> Room:
     """Return room for n unknowns."""
-    matrices, vectors = [np.zeros((n, n)) for _ in range(4)], [np.zeros(n) for _ in range(3)]
+    j, real, re, im = (np.zeros((n, n)) for _ in range(4))
+    first, second, third = (np.zeros(n) for _ in range(3))
     pivots = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    return Room(matrices[0], np.zeros((2, max(n * n, 2 * n))), *matrices[1:], *pivots, *vectors)
+    return Room(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third)
 
 
 @bare
