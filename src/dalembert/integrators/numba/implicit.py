@@ -18,7 +18,9 @@ from ..collocation import NODES
 from ..problem import FloatArray, IntegrationProblem, Solution
 from ..status import Status
 from .code import bare
-from .implicit_stages import (
+from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
+from .kinds import INTEGER, Group
+from .newton import (
     BROKEN,
     CONVERGED,
     MAX_ITERATIONS,
@@ -27,19 +29,12 @@ from .implicit_stages import (
     SLOPE,
     Room,
     Z,
-    between,
-    estimate,
     evaluate_jacobian,
     factor_matrices,
-    first_step,
-    keep_polynomial,
     newton,
     predict,
     room,
-    scale_of,
-    write_polynomial,
 )
-from .kinds import INTEGER, Group
 from .recorded import (
     BEGUN,
     EVALUATIONS,
