@@ -33,7 +33,6 @@ LONG = (
     "textbook/test_pages.py",
     "textbook/test_example_13_4_6.py",
     "codegen/test_rendering.py",
-    "integrators/test_cache.py",
     "test_packaging.py",
 )
 

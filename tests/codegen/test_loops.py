@@ -24,7 +24,10 @@ model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
 run = model.prepare((0, 1), method=sys.argv[1])
 p = {"m": 1, "b": 0.3, "I_C": 0.5}
 y = model.state({"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}, p)
-print("numba" in sys.modules, *run(y, model.parameter_vector(p)).tolist())
+end = run(y, model.parameter_vector(p)).tolist()
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+end += model.simulate((0, 1), start, p, method=sys.argv[1]).y[-1].tolist()
+print("numba" in sys.modules, *end)
 """
 
 
@@ -47,7 +50,7 @@ def run_in_a_process(folder, method, program=RUN):
     return subprocess.run(code, capture_output=True, text=True, check=True, env=environment).stdout.split()
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
 def test_runs_do_without_numba(tmp_path, method):
     first = run_in_a_process(tmp_path, method)
     second = run_in_a_process(tmp_path, method)
@@ -112,7 +115,8 @@ def test_damaged_code_is_rebuilt_with_a_warning(tmp_path, monkeypatch):
 
 def test_arguments_are_packed_as_addresses_and_shapes():
     array = np.zeros((2, 3))
-    words = packed((7, (1, 2), array))
-    assert words.tolist() == [7, 1, 2, array.ctypes.data, 2, 3]
+    words = packed((7, (1, True), array, -0.5))
+    assert words[:-1].tolist() == [7, 1, 1, array.ctypes.data, 2, 3]
+    assert words[-1:].view(np.float64) == -0.5
     with pytest.raises(AssertionError):
         packed((array[:, :2],))

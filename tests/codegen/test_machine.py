@@ -9,8 +9,8 @@ import pytest
 from dalembert.codegen.machine import loop_assembly
 from dalembert.codegen.numba.llvm import compile_object, load_object
 from dalembert.codegen.numba.loops import packed
-from dalembert.integrators.numba import lanes, march, samples, single
-from dalembert.integrators.numba.code import bare, element, row, take
+from dalembert.integrators.numba import explicit, implicit, lanes, march, samples, single
+from dalembert.integrators.numba.code import ahead, bare, element, flat, lowest, row, take
 from dalembert.integrators.numba.kinds import ARRAY_OF_FLAGS, INTEGER, INTEGERS, MATRIX, VECTOR, Group
 
 TABLE = np.array([[1.5, -2.0], [0.25, 8.0]])
@@ -48,6 +48,7 @@ def arithmetic(given: tuple[int, int], x, out, whole) -> int:
     out[2], out[3] = min(x[0], x[1], 0.5), max(x[1], x[0])
     out[4] = abs(x[1]) - float(a)
     out[5] = 1.0 if 0 < a < b <= 3 else math.inf
+    out[6], out[7] = math.sqrt(2 + a * a), math.exp(0.1 * a) + math.log(b)
     return a * b
 
 
@@ -94,6 +95,14 @@ def arrays(m, flags, out, whole) -> int:
     out[1] = math.nan
     whole[1] = take(whole, 3)
     whole[2] = m.size
+    ahead(row(m, 0), m.size)
+    column = flat(m)
+    column[4, 0] = column[1, 0] + column.shape[0]
+    left, places = 84, 0
+    while left != 0:
+        places = 10 * places + lowest(left)
+        left &= left - 1
+    whole[0] = places
     whole[3] = 1 if math.isnan(out[1]) and not math.isfinite(out[1]) else 0
     return m.shape[0]
 
@@ -126,7 +135,7 @@ def assert_same(found):
 @pytest.mark.parametrize("x", [(0.25, -3.0, -2.75), (7.5, math.inf, 1e9), (math.nan, 1.0, 0.0), (1.0, math.nan, 3.9)])
 def test_arithmetic_is_that_of_python(a, b, x):
     kinds = Group((INTEGER,) * 2), VECTOR, VECTOR, INTEGERS
-    assert_same(both(arithmetic, kinds, (a, b), np.array(x), np.zeros(6), np.zeros(6, np.int64)))
+    assert_same(both(arithmetic, kinds, (a, b), np.array(x), np.zeros(8), np.zeros(6, np.int64)))
 
 
 @pytest.mark.parametrize("n", range(9))
@@ -141,7 +150,7 @@ def test_arrays_are_those_of_python():
     assert_same(both(arrays, kinds, m, flags, np.zeros(2), np.arange(4)))
 
 
-@pytest.mark.parametrize("module", [lanes, march, samples, single])
+@pytest.mark.parametrize("module", [explicit, implicit, lanes, march, samples, single])
 def test_the_same_loop_gives_the_same_text(module):
     assert loop_assembly(module.LOOP, module.KINDS) == loop_assembly(module.LOOP, module.KINDS)
 

@@ -17,14 +17,14 @@ REPEATED = (1, native_lanes())
 
 
 @functools.cache
-def machine_code(names, lanes):
+def machine_code(names, lanes, exact=False):
     """Return a function from columns (arity, k) to the results (len(names), k) of the operations named."""
     arity = max(ALL_OPERATIONS[name].arity for name in names)
     loads = tuple(Load(f"a{i}", "y", i) for i in range(arity))
     arguments = [tuple(load.target for load in loads[: ALL_OPERATIONS[name].arity]) for name in names]
     body = tuple(Assignment(f"z_{name}", name, args) for name, args in zip(names, arguments, strict=True))
     kernel = Kernel("k", ("y",), loads, body, tuple(line.target for line in body))
-    library = load_object(compile_object(assembly([("k", kernel)], lanes)))
+    library = load_object(compile_object(assembly([("k", kernel)], lanes, exact=exact)))
     code = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library.address("k"))
 
     def run(columns):
@@ -140,3 +140,13 @@ def test_every_operation_gives_the_same_bits_in_every_lane(name):
     alone = machine_code((name,), 1)(columns)
     for lanes in {2, 4, native_lanes()}:
         np.testing.assert_array_equal(machine_code((name,), lanes)(columns), alone)
+
+
+@pytest.mark.parametrize("lanes", sorted({2, 4, native_lanes()}))
+def test_exact_functions_are_those_of_python_however_often_an_argument_repeats(lanes):
+    names = ("sin", "cos", "exp", "atan")
+    x = np.array([0.2, 0.2, 0.2, 0.2, 0.0, -0.0, 0.0, 0.3, 0.3, -0.3, 0.3, 1e7, 1e7, 1.0, 2.0, 2.0])
+    found = machine_code(names, lanes, exact=True)(x)
+    expected = [[ALL_OPERATIONS[name].evaluate(float(value)) for value in x] for name in names]
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(np.signbit(found), np.signbit(expected))

@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 
+from dalembert.codegen.numba.loops import loop_named
+from dalembert.integrators.numba import explicit, implicit
 from dalembert.integrators.problem import IntegrationProblem, Kernels, Solution
 from dalembert.integrators.scipy import solvers
 from dalembert.integrators.tableaus import TABLEAUS
@@ -83,22 +85,29 @@ def pendulum_violation(y):
 
 
 @cache
-def jitted(function):
-    from numba import njit
+def machine_code(function, sizes):
+    """Return code of the arguments of a step that calls a function of (t, y, c, out), of so many entries each.
 
-    from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+    It must stay alive; its ``address`` is what loops take.
+    """
+    from numba import carray, cfunc, njit, types
 
-    return njit(KERNEL_SIGNATURE, error_model="numpy")(function)
+    inner, (n, n_c, n_out) = njit(error_model="numpy")(function), sizes
+    pointer = types.CPointer(types.float64)
+
+    @cfunc(types.void(*(pointer,) * 5), error_model="numpy")
+    def kernel(t, y, c, s, out):
+        inner(t[0], carray(y, (n,)), carray(c, (n_c,)), carray(out, (n_out,)))
+
+    return kernel
 
 
 @cache
 def differences(function):
-    """Return a compiled Jacobian of a right-hand side by central differences, good to ten digits."""
+    """Return a Jacobian of a right-hand side by central differences, good to ten digits."""
     from numba import njit
 
-    from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
-
-    rhs = jitted(function)
+    rhs = njit(error_model="numpy")(function)
 
     def jacobian(t, y, c, out):
         n = int(math.sqrt(out.size) + 0.5)
@@ -113,7 +122,7 @@ def differences(function):
             for i in range(n):
                 out[i * n + k] = (high[i] - low[i]) / (2 * h)
 
-    return njit(KERNEL_SIGNATURE, error_model="numpy")(jacobian)
+    return jacobian
 
 
 def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, **options) -> Solution:
@@ -123,14 +132,12 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     functions = (rhs, *projections)
     if backend == "scipy":
         return solvers.integrate(Kernels(*functions), name, problem)
+    n, n_c = len(problem.y0), len(problem.constants)
+    rhs_, position, velocity = (f and machine_code(f, (n, n_c, n)).address for f in functions)
     if name == "radau":
-        from dalembert.integrators.numba import implicit
-        from dalembert.integrators.numba.jit import kernel_address
-
-        addresses = [f and kernel_address(f) for f in (*(f and jitted(f) for f in functions), differences(rhs))]
-        rhs_, position, velocity, jacobian = (address or 0 for address in addresses)
-        return implicit.integrate(implicit.ImplicitCode(rhs_, jacobian, 0, position, velocity), problem)
-    from dalembert.integrators.numba.explicit import integrate
-
+        jacobian = machine_code(differences(rhs), (n, n_c, n * n)).address
+        code = implicit.ImplicitCode(loop_named("implicit"), rhs_, jacobian, 0, position or 0, velocity or 0)
+        return implicit.integrate(code, problem)
     tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)
-    return integrate(Kernels(*(f and jitted(f) for f in functions)), tableau, problem)
+    code = explicit.ExplicitCode(loop_named("explicit"), rhs_, position or 0, velocity or 0)
+    return explicit.integrate(code, tableau, problem)

@@ -1,18 +1,17 @@
 """Radau IIA: its coefficients, its orders, stiff problems with known solutions, and both ways to its Jacobian."""
 
 import math
-from functools import cache
 
 import numpy as np
 import pytest
 
+from dalembert.codegen.numba.loops import loop_named
 from dalembert.integrators import collocation as radau
 from dalembert.integrators.numba import implicit
-from dalembert.integrators.numba.jit import kernel_address
 from dalembert.integrators.problem import IntegrationProblem
 from dalembert.integrators.scipy import solvers
 from dalembert.integrators.status import Status
-from integrators.integrator_cases import MIXED_START, jitted, mixed, mixed_solution, solve
+from integrators.integrator_cases import MIXED_START, machine_code, mixed, mixed_solution, solve
 
 VAN_DER_POL_START = np.array([2.0, 0.0])
 VAN_DER_POL_END = np.array([1.706167732170483, -0.8928097010247975])
@@ -106,34 +105,28 @@ def test_stiff_relaxation_towards_a_smooth_solution_takes_few_steps(stiffness):
     np.testing.assert_allclose(run.y[-1, 0], math.sin(10.0), atol=1e-6)
 
 
-@cache
 def decay_code(whole):
-    """Return addresses for `decay`, with the whole Jacobian or its columns."""
-    from numba import njit
-
-    from dalembert.integrators.numba.jit import KERNEL_SIGNATURE
+    """Return code for `decay` in five components, with the whole Jacobian or its columns."""
+    n = 5
 
     def jacobian(t, y, c, out):
-        n = int(math.sqrt(out.size) + 0.5)
         for i in range(n * n):
             out[i] = 0.0
         for i in range(n):
             out[i * n + i] = -c[i]
 
     def tangent(t, y, c, out):
-        n = out.size // 2
         for i in range(n):
             out[i] = -c[i] * y[n + i]
 
-    derivative = njit(KERNEL_SIGNATURE, error_model="numpy")(jacobian if whole else tangent)
-    address = kernel_address(derivative)
-    code = implicit.ImplicitCode(kernel_address(jitted(decay)), address * whole, address * (not whole), 0, 0)
-    return derivative, code
+    kernel = machine_code(jacobian, (n, n, n * n)) if whole else machine_code(tangent, (2 * n, n, 2 * n))
+    rhs, address = machine_code(decay, (n, n, n)).address, kernel.address
+    return implicit.ImplicitCode(loop_named("implicit"), rhs, address * whole, address * (not whole))
 
 
 def test_jacobian_by_columns_is_the_jacobian():
     problem = IntegrationProblem(t0=0.0, t1=3.0, y0=np.ones(5), constants=10.0 ** np.arange(5), rtol=1e-9, atol=1e-12)
-    whole, columns = (implicit.integrate(decay_code(kind)[1], problem) for kind in (True, False))
+    whole, columns = (implicit.integrate(decay_code(kind), problem) for kind in (True, False))
     np.testing.assert_array_equal(whole.y, columns.y)
     np.testing.assert_allclose(whole.y[-1], np.exp(-3.0 * problem.constants), atol=1e-8)
 

@@ -16,17 +16,6 @@ def digest_of(folder: Path) -> str:
 
 
 @cache
-def integrator_digest() -> str:
-    """Digest of this package.
-
-    numba's disk cache watches only the file of the function it caches, so an edit to anything that was
-    inlined would go unnoticed; whatever is cached with an integrator inside must carry this digest in its
-    key.
-    """
-    return digest_of(Path(__file__).parent)
-
-
-@cache
 def generator_digest() -> str:
     """Digest of everything that generated code is made by, this package included: a change anywhere makes it anew."""
     package = Path(__file__).parents[1]

@@ -13,7 +13,7 @@ from ..integrators.problem import IntegrationProblem, Solution
 from ..ir.program import Layout, Program
 from ..reduction.baumgarte import GAINS
 from . import inputs
-from .sweeping import Cases, Settings, single_problem
+from .cases import Cases, Settings, single_problem
 
 __all__ = ["give_gains", "with_gains"]
 

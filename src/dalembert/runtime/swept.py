@@ -18,13 +18,14 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..values import option, tolerances, whole
 from . import inputs
+from .cases import Cases, Settings, agreed, single_problem
 from .gains import give_gains
 from .gimbal import locked_cases
 from .held import NO_ESTIMATE
 from .keeping import kept_values, refuse_jumps
 from .simulation import Simulated
 from .singular import judged_cases, searched, unlike
-from .sweeping import Cases, Settings, agreed, begin_cases, fitted, single_problem
+from .sweeping import begin_cases, fitted
 
 __all__ = ["Swept", "with_grid"]
 

@@ -28,8 +28,13 @@ ENTRY = "entry"
 """Name of the function that a module defines: ``i64 entry(ptr words)``."""
 
 _DECLARED = """declare double @llvm.fabs.f64(double)
+declare double @llvm.sqrt.f64(double)
+declare double @exp(double)
+declare double @log(double)
 declare i64 @llvm.abs.i64(i64, i1)
-declare i64 @llvm.smax.i64(i64, i64)"""
+declare i64 @llvm.smax.i64(i64, i64)
+declare i64 @llvm.cttz.i64(i64, i1)
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"""
 
 
 def loop_assembly(loop: Any, kinds: tuple[Kind, ...]) -> str:

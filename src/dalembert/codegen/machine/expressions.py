@@ -298,6 +298,23 @@ def _is_nan(lines: Expressions, value: Value) -> Value:
     return Value(FLAG, (lines.set(f"fcmp uno double {word}, {word}"),))
 
 
+def _library(name: str) -> Callable[..., Value]:
+    """Return the translation of a function of doubles that LLVM or the C library has."""
+
+    def call(lines: Expressions, value: Value) -> Value:
+        (word,) = lines.converted(value, NUMBER).words
+        return Value(NUMBER, (lines.set(f"call double @{name}(double {word})"),))
+
+    return call
+
+
+def _flat(lines: Expressions, matrix: Value) -> Value:
+    if matrix.kind != MATRIX:
+        raise TypeError("only matrices of doubles can be made a column")
+    data, rows, columns = matrix.words
+    return Value(MATRIX, (data, lines.set(f"mul i64 {rows}, {columns}"), "1"))
+
+
 def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
     place = lines.place(matrix, [number])
     if matrix.kind != MATRIX or place.kind != VECTOR:
@@ -323,6 +340,17 @@ def _load(lines: Expressions, address: Value, index: Value) -> Value:
     return lines.load(lines.place(Value(VECTOR, (pointer, "0")), [index]))
 
 
+def _ahead(lines: Expressions, address: Value, index: Value) -> Value:
+    pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
+    place = lines.set(f"getelementptr double, ptr {pointer}, i64 {_word(index, INTEGER)}")
+    lines.lines.append(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
+    return Value(Group(()), ())
+
+
+def _lowest(lines: Expressions, bits: Value) -> Value:
+    return Value(INTEGER, (lines.set(f"call i64 @llvm.cttz.i64(i64 {_word(bits, INTEGER)}, i1 true)"),))
+
+
 def _take(lines: Expressions, array: Value, amount: Value) -> Value:
     added = f"atomicrmw add ptr {_word(array, INTEGERS)}, i64 {_word(amount, INTEGER)} monotonic"
     return Value(INTEGER, (lines.set(added),))
@@ -334,9 +362,15 @@ _BUILT_IN: dict[Any, Callable[..., Value]] = {
     float: lambda lines, value: lines.converted(value, NUMBER),
     math.isfinite: _is_finite,
     math.isnan: _is_nan,
+    math.sqrt: _library("llvm.sqrt.f64"),
+    math.exp: _library("exp"),
+    math.log: _library("log"),
     code.row: _row,
     code.call_code: _call_code,
     code.call_test: _call_test,
+    code.ahead: _ahead,
     code.element: _load,
+    code.flat: _flat,
+    code.lowest: _lowest,
     code.take: _take,
 }

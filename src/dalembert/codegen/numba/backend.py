@@ -1,4 +1,4 @@
-"""The numba backend: kernels as machine code, integrated by loops that numba compiles.
+"""The numba backend: kernels as machine code, and loops of integrators that are translated to it.
 
 The generated module is Python that numba compiles when one of its kernels is called by name. What
 integrators call many times is printed from the same program as LLVM assembly instead
@@ -46,10 +46,12 @@ from .llvm import native_lanes
 from .loops import loop_named, toolchain
 from .pace import pace
 from .prepared import prepared_run
+from .soundness import sound
 from .steps import LARGEST_UNROLLED, StepLibrary
 from .sweeps import SweepShape, case_run
 
 if TYPE_CHECKING:
+    from ...integrators.numba.explicit import ExplicitCode
     from ...integrators.numba.implicit import ImplicitCode
     from ...integrators.numba.series import StepCode
     from ...integrators.tableau import Tableau
@@ -128,12 +130,7 @@ class NumbaEngine(Engine):
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""
-        if method == "taylor":
-            self._taylor(problem)
-        elif method == "radau":
-            self._implicit()
-        else:
-            self._kernels()
+        _ = self._taylor(problem) if method == "taylor" else self._implicit if method == "radau" else self._explicit
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
@@ -146,10 +143,10 @@ class NumbaEngine(Engine):
         if method == "radau":
             from ...integrators.numba import implicit
 
-            return implicit.integrate(self._implicit(), problem, self._multipliers(problem))
+            return implicit.integrate(self._implicit, problem, self._multipliers(problem))
         from ...integrators.numba import explicit
 
-        run = explicit.integrate(explicit.Addresses(*self._kernels()), _pair(method), problem)
+        run = explicit.integrate(self._explicit, _pair(method), problem)
         assert isinstance(run, Solution)
         return run
 
@@ -173,7 +170,7 @@ class NumbaEngine(Engine):
             return super().integrate_automatic(problem, method)
         from ...integrators.numba import explicit
 
-        tried = explicit.integrate(explicit.Addresses(*self._kernels()), _pair(method), problem, watched=True)
+        tried = explicit.integrate(self._explicit, _pair(method), problem, watched=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -226,7 +223,7 @@ class NumbaEngine(Engine):
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(
-            (*codes, position, velocity, prepare, start, paced),
+            (*codes, position, velocity, prepare, start, paced, sound(lanes)),
             shape,
             settings,
             cases,
@@ -308,15 +305,23 @@ class NumbaEngine(Engine):
         return self._watches[key]
 
     def _kernels(self) -> list[int]:
-        return [self.steps.numba_kernel(name) for name in ("rhs", "project_position", "project_velocity")]
+        return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
+    @cached_property
+    def _explicit(self) -> ExplicitCode:
+        from ...integrators.numba.explicit import ExplicitCode
+
+        return ExplicitCode(loop_named("explicit"), *self._kernels())
+
+    @cached_property
     def _implicit(self) -> ImplicitCode:
         from ...integrators.numba.implicit import ImplicitCode
 
+        loop = loop_named("implicit")
         if "stages" in self._sizes:
-            return ImplicitCode(self.steps.numba_kernel("stages"), *self.steps.derivative("stages"), 0, 0)
+            return ImplicitCode(loop, self.steps.kernel("stages"), *self.steps.derivative("stages"))
         rhs, *projections = self._kernels()
-        return ImplicitCode(rhs, *self.steps.derivative("rhs"), *projections)
+        return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
 
     def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
         """Return the multipliers (k,) at the start, where the implicit method has any."""

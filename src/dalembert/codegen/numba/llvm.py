@@ -120,6 +120,8 @@ class LanePrinter:
                 zero, one, minus = (functions.constant(x, self.lanes) for x in (0.0, 1.0, -1.0))
                 self._choose(f"{target}.up", "ogt", args[0], zero, one, zero)
                 self._choose(target, "olt", args[0], zero, minus, f"%{target}.up")
+            case _ if self.exact and self.lanes > 1 and len(args) == 1:
+                self._set(target, f"call {v} @{line.op}_repeating({typed})")
             case _:
                 self.lines += functions.lanewise(line.op, self.lanes, target, args)
 
@@ -189,11 +191,12 @@ def prelude(lanes: int) -> str:
 def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool = True, exact: bool = False) -> str:
     """Return a module of LLVM assembly with each kernel under the name given.
 
-    Without `shared`, what every module needs is left out; for `exact`, see `LanePrinter`. For one lane, ``NAME_numba``
-    beside it is the same function under numba's calling convention for
-    ``void(float64, float64[::1], float64[::1], float64[::1])``.
+    Without `shared`, what every module needs is left out; for `exact`, see `LanePrinter`.
     """
     parts = [prelude(lanes)] if shared else [""]
+    if exact and lanes > 1:
+        used = {line.op for _, kernel in kernels for line in kernel.body if len(line.args) == 1}
+        parts += [functions.repeating(name, lanes) for name in _LIBRARY if name in used]
     for name, kernel in kernels:
         printer = LanePrinter(lanes, exact=exact)
         for load in kernel.loads:
@@ -204,35 +207,12 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, shared: bool 
         arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*kernel.arguments, "out"))
         body = "\n".join(f"  {line}" for line in printer.lines)
         parts.append(f"define void @{name}({arguments}) {_aligned_stack(lanes)}nounwind {{\n{body}\n  ret void\n}}")
-        if lanes == 1 and kernel.arguments == ("t", "y", "c"):
-            parts.append(_under_numba(name))
     return "\n\n".join(parts)
 
 
 def _aligned_stack(lanes: int) -> str:
     """Return the attribute that keeps packs on the stack from lying across cache lines, which costs a quarter."""
     return f"alignstack({8 * lanes}) " if lanes > 2 else ""
-
-
-def _under_numba(name: str) -> str:
-    """Return a function that numba code can call: status and exception first, seven words an array."""
-
-    def array(argument: str) -> str:
-        return f"ptr %{argument}.m, ptr %{argument}.p, i64 %{argument}.n, i64 %{argument}.i, ptr %{argument}, " + (
-            f"i64 %{argument}.d, i64 %{argument}.s"
-        )
-
-    arguments = ", ".join(["ptr %result", "ptr %exception", "double %t", array("y"), array("c"), array("out")])
-    lines = [
-        f"define i32 @{name}_numba({arguments}) nounwind {{",
-        "  %clock = alloca double",
-        "  store double %t, ptr %clock",
-        f"  call void @{name}(ptr %clock, ptr %y, ptr %c, ptr %out)",
-        "  store ptr null, ptr %result",
-        "  ret i32 0",
-        "}",
-    ]
-    return "\n".join(lines)
 
 
 @cache

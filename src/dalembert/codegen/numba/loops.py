@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import struct
 import sys
 import threading
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from .objects import object_code
 __all__ = ["Loop", "library_code", "loop_named", "packed", "toolchain"]
 
 _LOCK = threading.Lock()
+_DOUBLE, _BITS = struct.Struct("=d"), struct.Struct("=q")
 
 
 @cache
@@ -66,13 +68,13 @@ class Loop:
         return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
 
     def __call__(self, *arguments: Any) -> int:
-        """Return what the loop makes of integers, tuples of integers and C-contiguous arrays."""
+        """Return what the loop makes of numbers, C-contiguous arrays, and tuples of these."""
         words = packed(arguments)
         return int(self.call(words.ctypes.data))
 
 
 def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
-    """Return arguments as words: integers as they are, an array as its address and its shape, tuples in their order."""
+    """Return arguments as words: integers as they are, doubles by their bits, an array as its address and its shape."""
     words: list[int] = []
     _append(words, arguments)
     return np.array(words, dtype=np.int64)
@@ -80,14 +82,18 @@ def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
 
 def _append(words: list[int], arguments: tuple[Any, ...]) -> None:
     for argument in arguments:
-        if isinstance(argument, np.ndarray):
+        if isinstance(argument, int):
+            words.append(argument)
+        elif isinstance(argument, np.ndarray):
             assert argument.flags.c_contiguous
             words.append(argument.__array_interface__["data"][0])
             words += argument.shape
+        elif isinstance(argument, float):
+            words.append(_BITS.unpack(_DOUBLE.pack(argument))[0])
         elif isinstance(argument, tuple):
             _append(words, argument)
         else:
-            words.append(argument)
+            words.append(int(argument))
 
 
 @cache

@@ -52,7 +52,8 @@ def prepared_run(
         np.array([[0.0, direction, *settings]]),
         np.zeros((1, 1)),
         states,
-        np.zeros((1, n)),
+        np.zeros((n, 1)),
+        np.zeros((1, 1), np.int64),
         outcome,
     )
     words = packed(arguments)

@@ -109,7 +109,7 @@ class StepLibrary:
         if name not in self._program:
             return 0
         kernel = self._program.kernel(name)
-        return self._address(name, lanes, lambda: replace(kernel, arguments=STEP_ARGUMENTS))
+        return self._address(name, lanes, lambda: kernel)
 
     def prepare(self, lanes: int = 1) -> int:
         """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
@@ -128,14 +128,8 @@ class StepLibrary:
         name = f"{kernel.name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return self._entry(name, lanes, lambda: text, kernel.name)
 
-    def numba_kernel(self, name: str) -> int:
-        """Return the address of a kernel under numba's calling convention, 0 where the program has none."""
-        if name not in self._program:
-            return 0
-        return self._address(f"{name}_plain", 1, lambda: self._program.kernel(name), suffix="_numba")
-
     def derivative(self, name: str) -> tuple[int, int]:
-        """Return the addresses, under numba's calling convention, of the derivative of a kernel by all of its state.
+        """Return the addresses of the derivative of a kernel by all of its state.
 
         The first is the whole Jacobian, the second one column after the other (see `dalembert.ir.partials`); one of
         them is 0.
@@ -144,9 +138,9 @@ class StepLibrary:
         size = len(kernel.outputs)
         if len(kernel.body) * size <= _LARGEST_JACOBIAN:
             made = f"{name}_jacobian"
-            return self._address(made, 1, lambda: jacobian_kernel(kernel, size), suffix="_numba"), 0
+            return self._address(made, 1, lambda: jacobian_kernel(kernel, size)), 0
         made = f"{name}_tangent"
-        return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size), suffix="_numba")
+        return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size))
 
     @cached_property
     def angles(self) -> tuple[int, ...]:
@@ -158,8 +152,11 @@ class StepLibrary:
             self._recurrences = recurrences(self._program.kernel("rhs"))
         return self._recurrences
 
-    def _address(self, name: str, lanes: int, make: Make, suffix: str = "") -> int:
-        return self._entry(name, lanes, lambda: assembly([(name, make())], lanes), name + suffix)
+    def _address(self, name: str, lanes: int, make: Make) -> int:
+        def text() -> str:
+            return assembly([(name, replace(make(), arguments=STEP_ARGUMENTS))], lanes)
+
+        return self._entry(name, lanes, text, name)
 
     def _entry(self, name: str, lanes: int, text: Callable[[], str], function: str) -> int:
         """Return the address of a function of the module `text`, compiled when first asked for."""

@@ -36,7 +36,7 @@ class SweepShape:
 
 
 def case_run(
-    codes: tuple[int, int, int, int, int, int, int],
+    codes: tuple[int, int, int, int, int, int, int, int],
     shape: SweepShape,
     settings: Sequence[float],
     cases: CaseColumns,

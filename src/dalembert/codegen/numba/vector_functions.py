@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-__all__ = ["constant", "lanewise", "rough_exp2", "rough_log2", "sincos", "vector"]
+__all__ = ["constant", "lanewise", "repeating", "rough_exp2", "rough_log2", "sincos", "vector"]
 
 
 def vector(lanes: int, element: str = "double") -> str:
@@ -153,6 +153,34 @@ def lanewise(function: str, lanes: int, target: str, arguments: Sequence[str] = 
         lines.append(f"%{name} = insertelement {v} {pack}, double %{target}.{lane}, i32 {lane}")
         pack = f"%{name}"
     return lines
+
+
+def repeating(function: str, lanes: int) -> str:
+    """Return the definition of ``@FUNCTION_repeating``, a function of the C library in every lane.
+
+    A lane whose argument has the bits of the last one's takes over its value: many cases begin alike.
+    """
+    v, lines, pack = vector(lanes), [], "undef"
+    for lane in range(lanes):
+        lines += [f"%x{lane} = extractelement {v} %x, i32 {lane}", f"%bits{lane} = bitcast double %x{lane} to i64"]
+        if lane:
+            lines += [
+                f"%same{lane} = icmp eq i64 %bits{lane}, %bits{lane - 1}",
+                f"br i1 %same{lane}, label %known{lane}, label %new{lane}",
+                f"new{lane}:",
+                f"%value{lane} = call double @{function}(double %x{lane})",
+                f"br label %known{lane}",
+                f"known{lane}:",
+                f"%y{lane} = phi double [%y{lane - 1}, %{'entry' if lane == 1 else f'known{lane - 1}'}], "
+                f"[%value{lane}, %new{lane}]",
+            ]
+        else:
+            lines.append(f"%y0 = call double @{function}(double %x0)")
+    for lane in range(lanes):
+        lines.append(f"%pack{lane} = insertelement {v} {pack}, double %y{lane}, i32 {lane}")
+        pack = f"%pack{lane}"
+    body = "\n".join(["entry:", *lines, f"ret {v} {pack}"])
+    return f"define internal {v} @{function}_repeating({v} %x) nounwind {{\n{body}\n}}"
 
 
 def _suffix(lanes: int) -> str:

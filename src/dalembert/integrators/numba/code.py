@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["bare", "call_code", "call_test", "element", "row", "take"]
+__all__ = ["ahead", "bare", "call_code", "call_test", "element", "flat", "lowest", "row", "take"]
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -32,6 +32,11 @@ def row(matrix: NDArray[Any], number: int) -> int:
     return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
 
 
+def flat(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a C-contiguous matrix of doubles as one column, a view of the same memory."""
+    return matrix.reshape(-1, 1)
+
+
 def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:
     """Call the code at ``address`` with five addresses of doubles."""
     _CODE(address)(t, y, c, s, out)
@@ -45,6 +50,15 @@ def call_test(address: int, t: int, y: int, c: int, s: int, out: int) -> int:
 def element(address: int, index: int) -> float:
     """Return the double at an index from an address."""
     return ctypes.c_double.from_address(address + 8 * index).value
+
+
+def ahead(address: int, index: int) -> None:
+    """Have the memory at an index from an address brought near, where it is any; nothing is read."""
+
+
+def lowest(bits: int) -> int:
+    """Return the place of the lowest bit that is set in a whole number, which is not 0."""
+    return (bits & -bits).bit_length() - 1
 
 
 def take(array: NDArray[np.int64], amount: int) -> int:

@@ -1,23 +1,20 @@
 """Step size control, with the constants of `dalembert.integrators.gains`."""
 
+from __future__ import annotations
+
 import math
 
-from dalembert.integrators.gains import (
-    INTEGRAL,
-    LARGEST_GROWTH,
-    LARGEST_REDUCTION,
-    PROPORTIONAL,
-    REDUCTION_BLIND,
-    SAFETY,
-)
-from dalembert.integrators.numba.jit import compiled
-from dalembert.integrators.status import Status
+from ..gains import INTEGRAL, LARGEST_GROWTH, LARGEST_REDUCTION, PROPORTIONAL, REDUCTION_BLIND, SAFETY
+from ..status import Status
+from .code import bare
+
+__all__ = ["growth", "reduction", "smallest_step"]
 
 _EPSILON = 2.220446049250313e-16
 _TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
 
-@compiled
+@bare
 def growth(error: float, previous: float, retried: bool, exponent: float) -> float:
     """Factor for the step after an accepted one; ``exponent`` is 1/(order of the error estimate + 1).
 
@@ -32,15 +29,15 @@ def growth(error: float, previous: float, retried: bool, exponent: float) -> flo
     return min(largest, max(LARGEST_REDUCTION, factor))
 
 
-@compiled
+@bare
 def reduction(failure: int, error: float, exponent: float) -> float:
     """Factor for another attempt after a failed one; only an error that is too large says how far to go."""
     if failure == _TOO_SMALL:
-        return max(LARGEST_REDUCTION, SAFETY * error**-exponent)
+        return max(LARGEST_REDUCTION, SAFETY * math.exp(-exponent * math.log(error)))
     return REDUCTION_BLIND
 
 
-@compiled
+@bare
 def smallest_step(t: float, span: float) -> float:
     """Step size below which time no longer advances reliably."""
     return 16.0 * _EPSILON * max(abs(t), _EPSILON * span)

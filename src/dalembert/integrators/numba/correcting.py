@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
-from .code import bare, call_code, row
+from .code import bare, call_code, flat, row
 
-__all__ = ["FAILED", "NONE", "WANTED", "correct"]
+__all__ = ["FAILED", "NONE", "WANTED", "correct", "corrected"]
 
 NONE, WANTED, FAILED = 0, 1, 3
 _SETTLED = 2
@@ -65,3 +65,23 @@ def correct(
         for lane in range(lanes):
             if whole[marks, lane] == _SETTLED:
                 whole[marks, lane] = WANTED
+
+
+@bare
+def corrected(
+    position: int,
+    velocity: int,
+    clock: FloatArray,
+    states: FloatArray,
+    number: int,
+    constants: FloatArray,
+    delta: FloatArray,
+    mark: NDArray[np.int64],
+) -> bool:
+    """Project the state that begins a row of ``states``; return whether that came about.
+
+    ``clock`` (1, 1) holds its time; ``delta`` (n, 1) and ``mark`` (1, 1) are room.
+    """
+    mark[0, 0] = WANTED
+    correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark, 0)
+    return mark[0, 0] == WANTED

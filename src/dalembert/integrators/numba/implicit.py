@@ -1,56 +1,90 @@
 """The adaptive loop of Radau IIA of order 5, for stiff systems and for index-2 systems with multipliers.
 
-Compiled once, then used for all models; kernels are arguments. Source of the method, of its Newton iteration, error
-estimate and step control: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.8; of the
-predictive control: K. Gustafsson, ACM Transactions on Mathematical Software 20 (1994) 496-517.
+Source of the method, of its Newton iteration, error estimate and step control: E. Hairer, G. Wanner, Solving Ordinary
+Differential Equations II, section IV.8; of the predictive control: K. Gustafsson, ACM Transactions on Mathematical
+Software 20 (1994) 496-517.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, final
 
 import numpy as np
-from numba import types
 
-from dalembert.integrators.collocation import NODES
-from dalembert.integrators.digest import integrator_digest
-from dalembert.integrators.gains import SMALLEST_SCALE, STRETCH
-from dalembert.integrators.numba.control import smallest_step
-from dalembert.integrators.numba.implicit_stages import (
+from ..collocation import NODES
+from ..problem import FloatArray, IntegrationProblem, Solution
+from ..status import Status
+from .code import bare
+from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
+from .kinds import INTEGER, Group
+from .newton import (
     BROKEN,
     CONVERGED,
     MAX_ITERATIONS,
+    ROOM,
     ROWS,
     SLOPE,
+    Room,
     Z,
-    between,
-    estimate,
     evaluate_jacobian,
     factor_matrices,
-    first_step,
-    keep_polynomial,
     newton,
     predict,
-    scale_of,
-    write_polynomial,
+    room,
 )
-from dalembert.integrators.numba.jit import VECTOR, call_kernel, compiled, compiled_and_cached
-from dalembert.integrators.numba.packing import POINT
-from dalembert.integrators.numba.projection import project
-from dalembert.integrators.numba.stages import all_finite, evaluate_polynomial, store, with_room
-from dalembert.integrators.problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
-from dalembert.integrators.status import Status
+from .recorded import (
+    BEGUN,
+    EVALUATIONS,
+    FURTHER_COUNT,
+    FURTHER_NUMBERS,
+    LIMIT,
+    PREVIOUS,
+    REJECTED,
+    RETRIED,
+    ROW,
+    RUN,
+    SETTINGS,
+    SIZE,
+    STEPS,
+    Run,
+    Settings,
+    T,
+    all_finite,
+    coming,
+    evaluate,
+    follow,
+    pending,
+    project,
+    record,
+    refused,
+    settings_of,
+    solution,
+)
+from .series import RUNNING
+
+__all__ = ["DEGREE", "KINDS", "LOOP", "Addresses", "ImplicitCode", "integrate"]
 
 DEGREE = 3
 
+_SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
+_STEP_TOO_SMALL, _NON_FINITE = int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE)
+_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 
-class ImplicitCode(NamedTuple):
-    """Addresses of kernels under numba's calling convention, 0 where there is none.
+# Size of the last step, its inverse where its polynomial can be continued, rate of convergence of its iteration, what
+# the first correction of the next is judged by, and the step that the matrices are factored for; 0 for none.
+_LAST, _RATIO, _RATE, _KNOWN_RATE, _FACTORED = range(FURTHER_NUMBERS, FURTHER_NUMBERS + 5)
+_FRESH = FURTHER_COUNT  # whether the Jacobian is that of the present state
 
-    Either ``jacobian``, which writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative
-    along the second half of a state of twice the length, must be there.
-    """
+_SAFETY, _LARGEST_GROWTH, _LARGEST_REDUCTION = 0.9, 8.0, 0.2
+_RATE_TO_KEEP_JACOBIAN, _GROWTH_TO_KEEP_FACTORS = 1e-3, 1.2
+_EPSILON = 2.2e-16
+
+
+class Addresses(NamedTuple):
+    """Addresses of kernels, see `ImplicitCode`."""
 
     rhs: int
     jacobian: int
@@ -59,37 +93,25 @@ class ImplicitCode(NamedTuple):
     velocity: int
 
 
-class Setting(NamedTuple):
-    """The numbers of a problem; of n components the first ``differential`` have rates, the first ``kept`` are recorded.
+@final
+@dataclass(frozen=True)
+class ImplicitCode:
+    """Compiled code, which must stay alive: the loop of this module, and what it calls; 0 for what there is not.
 
-    ``first_step`` is 0 where it is to be chosen.
+    Kernels have the arguments of a step (`dalembert.ir.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which writes the
+    derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half of a state of
+    twice the length, must be there.
     """
 
-    t0: float
-    t1: float
-    rtol: float
-    atol: float
-    first_step: float
-    max_step: float
-    max_steps: int
-    kept: int
-    differential: int
-    sampled: bool
-    dense: bool
+    loop: Callable[..., int]
+    rhs: int
+    jacobian: int
+    tangent: int
+    position: int = 0
+    velocity: int = 0
 
 
-_CODE = types.NamedUniTuple(types.intp, 5, ImplicitCode)
-_SETTING = types.NamedTuple((types.float64,) * 6 + (types.intp,) * 3 + (types.boolean,) * 2, Setting)
-
-_SUCCESS = int(Status.SUCCESS)
-_MAX_STEPS = int(Status.MAX_STEPS)
-_STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-_NON_FINITE = int(Status.NON_FINITE)
-_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
-
-_CAPACITY = 64
-_SAFETY, _LARGEST_GROWTH, _LARGEST_REDUCTION = 0.9, 8.0, 0.2
-_RATE_TO_KEEP_JACOBIAN, _GROWTH_TO_KEEP_FACTORS = 1e-3, 1.2
+KINDS = (Group((INTEGER,) * 5, Addresses._fields), SETTINGS, ROOM, RUN)
 
 
 def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: FloatArray | None = None) -> Solution:
@@ -98,7 +120,7 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     Parameters
     ----------
     code
-        Addresses of the kernels; they must stay alive.
+        The loop and the kernels.
     problem
         The problem; its arrays are copied.
     multipliers
@@ -109,245 +131,167 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     Solution
         Of the state alone. Numerical failure is its status, never an exception.
     """
-    n = len(problem.y0)
-    y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers]).astype(np.float64)
-    setting = Setting(
-        float(problem.t0),
-        float(problem.t1),
-        float(problem.rtol),
-        max(float(problem.atol), SMALLEST_SCALE),
-        float(problem.first_step or 0.0),
-        float(problem.max_step),
-        int(problem.max_steps),
-        n,
-        n,
-        problem.t_eval is not None,
-        bool(problem.dense),
-    )
-    t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
-    constants = np.array(problem.constants, dtype=np.float64)
-    status, steps, rejected, evaluations, recorded, rows, pieces = _compiled_loop()(
-        code, setting, y0, constants, t_eval
-    )
-    return Solution(
-        status=Status(status),
-        t=rows[:recorded, 0].copy(),
-        y=rows[:recorded, 1:].copy(),
-        steps=steps,
-        rejected=rejected,
-        evaluations=evaluations,
-        dense=_dense_output(problem, steps, pieces) if problem.dense else None,
-    )
+    y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
+    work = np.zeros((ROWS, len(y0)))
+    work[0] = y0
+    codes = Addresses(code.rhs, code.jacobian, code.tangent, code.position, code.velocity)
+    settings, space = settings_of(problem, DEGREE), room(len(y0))
+    status, run, pieces = follow(lambda run: code.loop(codes, settings, space, run), problem, settings, work)
+    return solution(problem, status, run, pieces)
 
 
-def _dense_output(problem: IntegrationProblem, steps: int, pieces: FloatArray) -> PiecewisePolynomial:
-    """Collect the polynomials of the accepted steps, or a constant where there was none."""
-    n = len(problem.y0)
-    if steps == 0:
-        return PiecewisePolynomial(np.full(2, float(problem.t0)), np.array(problem.y0, dtype=float).reshape(1, 1, n))
-    knots = np.concatenate([[problem.t0], pieces[:steps, 0]])
-    return PiecewisePolynomial(knots, pieces[:steps, 1:].copy().reshape(steps, DEGREE + 1, n))
+@bare
+def LOOP(codes: Addresses, settings: Settings, room: Room, run: Run) -> int:
+    """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
+    counts, numbers = run.counts, run.numbers
+    if counts[EVALUATIONS] == 0 and not _begun(codes, settings, run):
+        return _NON_FINITE
+    while numbers[T] != settings.t1:
+        if counts[STEPS] == counts[LIMIT]:
+            return RUNNING
+        if counts[STEPS] + counts[REJECTED] >= settings.max_steps:
+            return _MAX_STEPS
+        status = _attempt(codes, settings, room, run)
+        if status != _SUCCESS:
+            return status
+    return _SUCCESS
 
 
-@compiled
-def _sample(
-    code: ImplicitCode,
-    setting: Setting,
-    pieces: FloatArray,
-    piece: int,
-    t: float,
-    t_new: float,
-    work: FloatArray,
-    constants: FloatArray,
-    t_eval: FloatArray,
-    first: int,
-    rows: FloatArray,
-) -> tuple[int, int]:
-    """Record the times to evaluate inside a step; return the number of the next one and the status."""
-    n, point = rows.shape[1] - 1, int(np.intp(POINT))
-    projected = code.position != 0 or code.velocity != 0
-    for k in range(first, t_eval.size):
-        if (t_eval[k] - t_new) * (t_new - t) >= 0.0:
-            return k, _SUCCESS
-        evaluate_polynomial(pieces, piece, DEGREE, (t_eval[k] - t) / (t_new - t), work, n)
-        if projected and not project(code.position, code.velocity, t_eval[k], work, point, constants, setting.atol, n):
-            return k, _PROJECTION_FAILED
-        store(rows, k, t_eval[k], work, point)
-    return t_eval.size, _SUCCESS
+@bare
+def _begun(codes: Addresses, settings: Settings, run: Run) -> bool:
+    """Evaluate the first slope and choose the first step; return whether the former is finite."""
+    numbers, span = run.numbers, abs(settings.t1 - settings.t0)
+    numbers[PREVIOUS], numbers[_RATE], numbers[_KNOWN_RATE] = 1e-2, 1.0, 1.0
+    evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
+    run.counts[EVALUATIONS] += 1
+    if not all_finite(run.work, 0, SLOPE):
+        return False
+    if numbers[SIZE] == 0.0 and span > 0.0:
+        limit = min(span, settings.max_step)
+        numbers[SIZE] = first_step(run.work, 0, settings.kept, span, limit, settings.rtol, settings.atol)
+    return True
 
 
-@compiled
-def _finish(
-    code: ImplicitCode, setting: Setting, t_new: float, work: FloatArray, y_new: int, constants: FloatArray
-) -> tuple[int, int]:
-    """Project the end of a step and evaluate the slope there; return the verdict and the evaluations."""
-    projected = code.position != 0 or code.velocity != 0
-    if projected and not project(
-        code.position, code.velocity, t_new, work, y_new, constants, setting.atol, setting.kept
-    ):
-        return _PROJECTION_FAILED, 0
-    call_kernel(code.rhs, t_new, work, y_new, constants, int(np.intp(SLOPE)), work.shape[1])
-    return (_SUCCESS if all_finite(work, y_new, int(np.intp(SLOPE))) else _NON_FINITE), 1
-
-
-@compiled
+@bare
 def _shrinkage(error: float, iterations: int) -> float:
     """Return what the step is to be divided by, were the next error as this one; slow iterations ask for more."""
     share = (2 * MAX_ITERATIONS + 1) / (2 * MAX_ITERATIONS + iterations)
-    return max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, error**0.25 / (_SAFETY * share)))
+    quotient = math.sqrt(math.sqrt(error)) / (_SAFETY * share)
+    return max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, quotient))
 
 
-@compiled
+@bare
 def _predicted(quotient: float, h: float, last: float, error: float, previous: float) -> float:
     """Return what the step is to be divided by where its error goes on to change as it last did."""
-    guess = last / abs(h) * (error * error / previous) ** 0.25 / _SAFETY
+    guess = last / abs(h) * math.sqrt(math.sqrt(error * error / previous)) / _SAFETY
     guess = max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, guess))
     return max(quotient, guess)
 
 
-@cache
-def _compiled_loop() -> Callable[..., tuple[Any, ...]]:
-    """Compile the loop, or load it from the disk cache."""
-    return _entry_point(integrator_digest())
+@bare
+def _increments(codes: Addresses, settings: Settings, room: Room, run: Run, h: float) -> tuple[int, int]:
+    """Solve for the increments of a step; return how that ended, and the iterations."""
+    counts, numbers, rtol = run.counts, run.numbers, settings.rtol
+    y, t, kept = counts[ROW], numbers[T], settings.kept
+    if counts[_FRESH] == 0 and numbers[_RATE] > _RATE_TO_KEEP_JACOBIAN:
+        evaluate_jacobian(codes.jacobian, codes.tangent, t, run, y, room)
+        counts[_FRESH], numbers[_FACTORED] = 1, 0.0
+    if numbers[_FACTORED] != h:
+        numbers[_FACTORED] = h if factor_matrices(h, kept, room) else 0.0
+    # Newton stops where its error does not show in the estimate of the step's.
+    tolerance = max(10.0 * _EPSILON / max(rtol, 1e-14), min(0.03, math.sqrt(max(rtol, 1e-14))))
+    scale_of(run.work, y, kept, h, rtol, settings.atol, tolerance)
+    if numbers[_FACTORED] != h:
+        return BROKEN, 0
+    predict(run.work, numbers[_RATIO] * abs(h))
+    known_rate = math.exp(0.8 * math.log(max(numbers[_KNOWN_RATE], _EPSILON)))
+    outcome, iterations, rate = newton(codes.rhs, t, h, kept, run, y, room, tolerance, known_rate)
+    counts[EVALUATIONS] += 3 * iterations
+    if iterations > 1:
+        known_rate = rate / (1.0 - rate) if rate < 0.99 else 1.0
+    numbers[_RATE], numbers[_KNOWN_RATE] = rate, known_rate
+    return outcome, iterations
 
 
-def _entry_point(digest: str) -> Callable[..., tuple[Any, ...]]:
-    """Compile the loop under a cache key that holds ``digest``, for numba hashes what closure cells hold."""
+@bare
+def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
+    """Go on with a new Jacobian or, where it is that already, with a smaller step; return the status."""
+    numbers = run.numbers
+    numbers[_KNOWN_RATE] = numbers[_RATE] = 1.0
+    if run.counts[_FRESH] == 0:
+        run.counts[REJECTED] += 1
+        return _SUCCESS
+    numbers[_RATIO] = 0.0
+    return refused(settings, run, 0.5 * abs(h), _NON_FINITE if outcome == BROKEN else _STEP_TOO_SMALL)
 
-    def implicit_loop(
-        code: ImplicitCode,
-        setting: Setting,
-        y0: FloatArray,
-        constants: FloatArray,
-        t_eval: FloatArray,
-    ) -> tuple[int, int, int, int, int, FloatArray, FloatArray]:
-        digest  # noqa: B018
-        n, kept, t, t1 = y0.size, setting.kept, setting.t0, setting.t1
-        span, direction = abs(t1 - t), 1.0 if t1 >= t else -1.0
-        rtol, atol = setting.rtol, setting.atol
-        work = np.zeros((ROWS, n))
-        y, y_new, slope = int(np.intp(0)), int(np.intp(1)), int(np.intp(SLOPE))
-        for m in range(n):
-            work[y, m] = y0[m]
-        j, wide = np.zeros((n, n)), np.zeros((2, max(n * n, 2 * n)))
-        real, pair = np.zeros((n, n)), np.zeros((n, n), np.complex128)
-        real_pivots, pair_pivots = np.zeros(n, np.intp), np.zeros(n, np.intp)
 
-        rows = np.empty((max(t_eval.size, 1) if setting.sampled else _CAPACITY, 1 + kept))
-        pieces = np.empty((_CAPACITY if setting.dense else 1, 1 + (DEGREE + 1) * kept))
-        steps = rejected = recorded = int(np.intp(0))
-        if not setting.sampled:
-            rows, recorded = store(rows, recorded, t, work, y), recorded + 1
-        while recorded < t_eval.size and t_eval[recorded] == t:
-            rows, recorded = store(rows, recorded, t, work, y), recorded + 1
+@bare
+def _error(codes: Addresses, settings: Settings, room: Room, run: Run, h: float, y_new: int) -> float:
+    """Return the norm of the error of a step over the tolerances."""
+    counts, numbers, work = run.counts, run.numbers, run.work
+    y, kept, rtol, atol = counts[ROW], settings.kept, settings.rtol, settings.atol
+    careful = counts[RETRIED] != 0 or counts[STEPS] == 0
+    error, more = estimate(codes.rhs, numbers[T], h, kept, run, y, y_new, room, rtol, atol, careful)
+    counts[EVALUATIONS] += more
+    if numbers[_LAST] != 0.0:
+        error = max(error, between(work, y, y_new, kept, abs(h) / numbers[_LAST], rtol, atol))
+    return error
 
-        call_kernel(code.rhs, t, work, y, constants, slope, n)
-        evaluations = int(np.intp(1))
-        status = _SUCCESS if all_finite(work, y, slope) else _NON_FINITE
-        # Newton stops where its error does not show in the estimate of the step's.
-        tolerance = max(10.0 * 2.2e-16 / max(rtol, 1e-14), min(0.03, math.sqrt(max(rtol, 1e-14))))
-        size = setting.first_step
-        if status == _SUCCESS and size == 0.0 and span > 0.0:
-            size = first_step(work, y, setting.differential, span, min(span, setting.max_step), rtol, atol)
-        last, previous, ratio, rate = 0.0, 1e-2, 0.0, 1.0
-        known_rate, factored = 1.0, 0.0
-        fresh, retried = False, False
 
-        while status == _SUCCESS and t != t1:
-            if steps + rejected >= setting.max_steps:
-                status = _MAX_STEPS
-                break
-            size = min(max(size, smallest_step(t, span)), setting.max_step)
-            ends = size * STRETCH >= abs(t1 - t)
-            h = t1 - t if ends else direction * size
-            t_new = t1 if ends else t + h
-            if not fresh and rate > _RATE_TO_KEEP_JACOBIAN:
-                evaluate_jacobian(code.jacobian, code.tangent, t, work, y, constants, j, wide)
-                fresh, factored = True, 0.0
-            regular = factored == h
-            if not regular:
-                regular = factor_matrices(h, setting.differential, j, real, pair, real_pivots, pair_pivots)
-                factored = h if regular else 0.0
-            scale_of(work, y, setting.differential, h, rtol, atol, tolerance)
-            outcome, iterations = BROKEN, 0
-            if regular:
-                predict(work, ratio * abs(h))
-                known_rate = max(known_rate, 2.2e-16) ** 0.8
-                outcome, iterations, rate = newton(
-                    code.rhs, t, h, setting.differential, work, y, constants,
-                    real, pair, real_pivots, pair_pivots, tolerance, known_rate,
-                )  # fmt: skip
-                evaluations += 3 * iterations
-                if iterations > 1:
-                    known_rate = rate / (1.0 - rate) if rate < 0.99 else 1.0
-            if outcome != CONVERGED:
-                known_rate = 1.0
-                rejected += 1
-                if fresh:  # else the Jacobian may be at fault, not the step
-                    size, retried, ratio = 0.5 * abs(h), True, 0.0
-                    if size < smallest_step(t, span):
-                        status = _NON_FINITE if outcome == BROKEN else _STEP_TOO_SMALL
-                rate = 1.0
-                continue
-            for m in range(n):
-                work[y_new, m] = work[y, m] + work[Z + 2, m]
-            error, more = estimate(
-                code.rhs, t, h, setting.differential, work, y, y_new, constants, real, real_pivots,
-                rtol, atol, retried or steps == 0,
-            )  # fmt: skip
-            evaluations += more
-            if last != 0.0:
-                spread = between(work, y, y_new, setting.differential, abs(h) / last, rtol, atol)
-                error = max(error, spread)
-            failure = _SUCCESS if error <= 1.0 else _STEP_TOO_SMALL
-            if not error < np.inf:
-                failure, error = _NON_FINITE, 1e4
-            quotient = _shrinkage(error, iterations)
-            if failure == _SUCCESS:
-                failure, more = _finish(code, setting, t_new, work, y_new, constants)
-                evaluations += more
-                if failure != _SUCCESS:
-                    quotient = 1.0 / _LARGEST_REDUCTION
-                    call_kernel(code.rhs, t, work, y, constants, slope, n)
-                    evaluations += 1
-            if failure != _SUCCESS:
-                rejected += 1
-                retried, ratio = True, 0.0
-                size = abs(h) / max(quotient, 1.0 / _SAFETY)
-                if size < smallest_step(t, span):
-                    status = failure
-                continue
+@bare
+def _settled(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Judge a step, project its end and evaluate the slope there; return the verdict."""
+    if not error < np.inf:
+        return _NON_FINITE
+    if error > 1.0:
+        return _STEP_TOO_SMALL
+    failure = _PROJECTION_FAILED
+    if project(codes.position, codes.velocity, t_new, run, y_new):
+        evaluate(codes.rhs, t_new, run, y_new, SLOPE)
+        failure = _SUCCESS if all_finite(run.work, y_new, SLOPE) else _NON_FINITE
+        run.counts[EVALUATIONS] += 1
+    if failure != _SUCCESS:
+        evaluate(codes.rhs, run.numbers[T], run, run.counts[ROW], SLOPE)
+        run.counts[EVALUATIONS] += 1
+    return failure
 
-            keep_polynomial(work)
-            pending = recorded < t_eval.size and (t_eval[recorded] - t_new) * direction < 0.0
-            if setting.dense or pending:
-                piece = steps if setting.dense else 0
-                pieces = with_room(pieces, piece)
-                write_polynomial(work, y, y_new, pieces, piece, kept)
-                pieces[piece, 0] = t_new
-                if pending:
-                    recorded, status = _sample(
-                        code, setting, pieces, piece, t, t_new, work, constants, t_eval, recorded, rows
-                    )
-            while recorded < t_eval.size and t_eval[recorded] == t_new:
-                rows, recorded = store(rows, recorded, t_new, work, y_new), recorded + 1
-            if not setting.sampled:
-                rows, recorded = store(rows, recorded, t_new, work, y_new), recorded + 1
-            steps += 1
-            if last != 0.0:
-                quotient = _predicted(quotient, h, last, error, previous)
-            growth = 1.0 / quotient
-            if retried:
-                growth = min(growth, 1.0)
-            last, previous, retried, fresh = abs(h), max(error, 1e-2), False, False
-            ratio = 1.0 / abs(h)
-            if not (rate <= _RATE_TO_KEEP_JACOBIAN and 1.0 <= growth <= _GROWTH_TO_KEEP_FACTORS and not ends):
-                size = abs(h) * growth
-            t = t_new
-            y, y_new = y_new, y
-        return status, steps, rejected, evaluations, recorded, rows, pieces
 
-    return compiled_and_cached(implicit_loop, (_CODE, _SETTING, VECTOR, VECTOR, VECTOR))
+@bare
+def _attempt(codes: Addresses, settings: Settings, room: Room, run: Run) -> int:
+    """Take a step, or refuse it; return the status."""
+    numbers, counts, work = run.numbers, run.counts, run.work
+    y, y_new = counts[ROW], 1 - counts[ROW]
+    h, t_new = coming(settings, numbers)
+    outcome, iterations = _increments(codes, settings, room, run, h)
+    if outcome != CONVERGED:
+        return _diverged(settings, run, h, outcome)
+    for m in range(work.shape[1]):
+        work[y_new, m] = work[y, m] + work[Z + 2, m]
+    error = _error(codes, settings, room, run, h, y_new)
+    failure = _settled(codes, run, error, t_new, y_new)
+    quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
+    if failure != _SUCCESS:
+        if error <= 1.0:
+            quotient = 1.0 / _LARGEST_REDUCTION
+        numbers[_RATIO] = 0.0
+        return refused(settings, run, abs(h) / max(quotient, 1.0 / _SAFETY), failure)
+    keep_polynomial(work)
+    piece = counts[STEPS] - counts[BEGUN] if settings.dense else 0
+    if settings.dense or pending(run, t_new):
+        write_polynomial(work, y, y_new, run.pieces, piece, settings.kept)
+        run.pieces[piece, 0] = t_new
+    status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
+    if numbers[_LAST] != 0.0:
+        quotient = _predicted(quotient, h, numbers[_LAST], error, numbers[PREVIOUS])
+    growth = 1.0 / quotient
+    if counts[RETRIED] != 0:
+        growth = min(growth, 1.0)
+    slow = numbers[_RATE] > _RATE_TO_KEEP_JACOBIAN
+    if slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == settings.t1:
+        numbers[SIZE] = abs(h) * growth
+    numbers[_LAST], numbers[PREVIOUS], numbers[_RATIO] = abs(h), max(error, 1e-2), 1.0 / abs(h)
+    counts[RETRIED] = counts[_FRESH] = 0
+    return status
 
 
 assert NODES[2] == 1.0

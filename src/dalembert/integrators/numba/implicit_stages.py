@@ -1,209 +1,32 @@
-"""Newton's iteration, error estimate, first step and dense polynomial of one step of Radau IIA.
+"""Error estimate, first step and dense polynomial of one step of Radau IIA, whose vectors are rows as in `newton`."""
 
-All vectors are rows of one array ``work`` (ROWS, n); the first rows are those of ``packing``. For the system
-E y' = f(t, y), E the identity in the first ``differential`` components and zero in the rest, the increments
-Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transformed by W = T^-1 Z, a simplified Newton
-step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
-"""
+from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dalembert.integrators.collocation import (
-    BETWEEN,
-    COMPLEX,
-    ERROR_WEIGHTS,
-    FROM_MODES,
-    INVERSE_POWERS,
-    NODES,
-    REAL,
-    TO_MODES,
-)
-from dalembert.integrators.numba.jit import call_kernel, compiled
-from dalembert.integrators.numba.lu import factor, solve
-from dalembert.integrators.numba.packing import DELTA, POINT
-from dalembert.integrators.problem import FloatArray
+from ..collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
+from ..problem import FloatArray
+from .code import bare
+from .lu import solve
+from .newton import ERROR, SCALE, SLOPE, P, Room, Z
+from .packing import DELTA, POINT
+from .recorded import Run, evaluate
 
-# Rows of the working array behind those of ``packing``: slope at the start, error, scale, increments, slopes at the
-# nodes, modes, and coefficients of the last step's polynomial.
-SLOPE, ERROR, SCALE, Z, F, W, P = 4, 5, 6, 7, 10, 13, 16
-ROWS = 19
-
-MAX_ITERATIONS = 7
-CONVERGED, DIVERGED, BROKEN = 0, 1, 2
-
-_A, _B = COMPLEX.real, -COMPLEX.imag
+__all__ = ["between", "estimate", "first_step", "keep_polynomial", "scale_of", "write_polynomial"]
 
 
-@compiled
-def evaluate_jacobian(
-    jacobian: int,
-    tangent: int,
-    t: float,
-    work: FloatArray,
-    y: int,
-    constants: FloatArray,
-    j: FloatArray,
-    wide: FloatArray,
-) -> None:
-    """Write the Jacobian at ``work[y]`` into ``j`` (n, n): at once, or column by column where it is too long for that.
-
-    ``wide`` is (2, max(n*n, 2*n)).
-    """
-    n = work.shape[1]
-    for m in range(n):
-        wide[0, m] = work[y, m]
-    if jacobian != 0:
-        call_kernel(jacobian, t, wide, 0, constants, 1, n * n)
-        for m in range(n):
-            for k in range(n):
-                j[m, k] = wide[1, m * n + k]
-        return
-    for k in range(n):
-        wide[0, n + k] = 0.0
-    for k in range(n):
-        wide[0, n + k] = 1.0
-        call_kernel(tangent, t, wide, 0, constants, 1, 2 * n)
-        wide[0, n + k] = 0.0
-        for m in range(n):
-            j[m, k] = wide[1, m]
-
-
-@compiled
-def factor_matrices(
-    h: float,
-    differential: int,
-    j: FloatArray,
-    real: FloatArray,
-    pair: NDArray[Any],
-    real_pivots: NDArray[np.intp],
-    pair_pivots: NDArray[np.intp],
-) -> bool:
-    """Factor the two matrices of the Newton steps; return whether both are regular."""
-    n = j.shape[0]
-    for m in range(n):
-        for k in range(n):
-            real[m, k] = -j[m, k]
-            pair[m, k] = -j[m, k]
-        if m < differential:
-            real[m, m] += REAL / h
-            pair[m, m] += COMPLEX / h
-    return factor(real, real_pivots) and factor(pair, pair_pivots)
-
-
-@compiled
-def predict(work: FloatArray, ratio: float) -> None:
-    """Start the iteration from the last step's polynomial, continued; ``ratio`` is h over the last h, 0 for none."""
-    for m in range(work.shape[1]):
-        for i in range(3):
-            x = ratio * NODES[i]
-            # the polynomial at 1 + x less its value at 1
-            first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
-            work[Z + i, m] = x * (first + 2.0 * second + 3.0 * third + x * (second + 3.0 * third + x * third))
-    for m in range(work.shape[1]):
-        for i in range(3):
-            value = 0.0
-            for k in range(3):
-                value += TO_MODES[i, k] * work[Z + k, m]
-            work[W + i, m] = value
-
-
-@compiled
-def newton(
-    rhs: int,
-    t: float,
-    h: float,
-    differential: int,
-    work: FloatArray,
-    y: int,
-    constants: FloatArray,
-    real: FloatArray,
-    pair: NDArray[Any],
-    real_pivots: NDArray[np.intp],
-    pair_pivots: NDArray[np.intp],
-    tolerance: float,
-    known_rate: float,
-) -> tuple[int, int, float]:
-    """Iterate for the increments of a step; return how that ended, the iterations and the rate of convergence.
-
-    ``tolerance`` is in units of ``work[SCALE]``; ``known_rate`` is rate/(1 - rate) of the last step, from which the
-    first correction is judged.
-    """
-    n = work.shape[1]
-    rate, before, factor_ = 0.0, 0.0, known_rate
-    first = np.empty(n)
-    second = np.empty(n, np.complex128)
-    # With multipliers every other iteration gains little: they follow what the one before has done to the state.
-    most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
-    for iteration in range(most):
-        for i in range(3):
-            for m in range(n):
-                work[POINT, m] = work[y, m] + work[Z + i, m]
-            call_kernel(rhs, t + NODES[i] * h, work, int(np.intp(POINT)), constants, int(np.intp(F)) + i, n)
-        finite = 0.0
-        for m in range(n):
-            f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
-            finite += 0.0 * (f0 + f1 + f2)
-            a = TO_MODES[0, 0] * f0 + TO_MODES[0, 1] * f1 + TO_MODES[0, 2] * f2
-            b = TO_MODES[1, 0] * f0 + TO_MODES[1, 1] * f1 + TO_MODES[1, 2] * f2
-            c = TO_MODES[2, 0] * f0 + TO_MODES[2, 1] * f1 + TO_MODES[2, 2] * f2
-            if m < differential:
-                w1, w2, w3 = work[W, m], work[W + 1, m], work[W + 2, m]
-                a -= REAL / h * w1
-                b -= (_A * w2 + _B * w3) / h
-                c -= (_A * w3 - _B * w2) / h
-            first[m] = a
-            second[m] = complex(b, c)
-        if finite != 0.0:
-            return BROKEN, iteration + 1, rate
-        solve(real, real_pivots, first)
-        solve(pair, pair_pivots, second)
-        total = 0.0
-        for m in range(n):
-            work[W, m] += first[m]
-            work[W + 1, m] += second[m].real
-            work[W + 2, m] += second[m].imag
-            weight = 1.0 / work[SCALE, m]
-            total += (first[m] * weight) ** 2 + (second[m].real * weight) ** 2 + (second[m].imag * weight) ** 2
-            for i in range(3):
-                work[Z + i, m] = (
-                    FROM_MODES[i, 0] * work[W, m]
-                    + FROM_MODES[i, 1] * work[W + 1, m]
-                    + FROM_MODES[i, 2] * work[W + 2, m]
-                )
-        size = math.sqrt(total / (3 * n))
-        if not size < np.inf:
-            return BROKEN, iteration + 1, rate
-        if iteration > 0:
-            quotient = size / before if before > 0.0 else 0.0
-            rate = quotient if iteration == 1 else math.sqrt(quotient * rate)
-            if rate >= 0.99:
-                return DIVERGED, iteration + 1, rate
-            factor_ = rate / (1.0 - rate)
-            hopeless = factor_ * size * rate ** max(most - 2 - iteration, 0) > tolerance
-            if hopeless and (iteration > 1 or differential == n):
-                return DIVERGED, iteration + 1, rate
-        before = max(size, 1e-300)
-        if factor_ * size <= tolerance:
-            return CONVERGED, iteration + 1, rate
-    return DIVERGED, most, rate
-
-
-@compiled
+@bare
 def estimate(
     rhs: int,
     t: float,
     h: float,
     differential: int,
-    work: FloatArray,
+    run: Run,
     y: int,
     y_new: int,
-    constants: FloatArray,
-    real: FloatArray,
-    real_pivots: NDArray[np.intp],
+    room: Room,
     rtol: float,
     atol: float,
     careful: bool,
@@ -213,17 +36,17 @@ def estimate(
     ``careful`` filters an estimate that is too large once more, as stiff components demand after a first step and
     after a rejection.
     """
+    work, vector = run.work, room.first
     n = work.shape[1]
-    vector = np.empty(n)
     error, evaluations = 0.0, 0
     for attempt in range(2):
-        source = int(np.intp(SLOPE)) if attempt == 0 else int(np.intp(DELTA))
+        source = SLOPE if attempt == 0 else DELTA
         for m in range(n):
             vector[m] = work[source, m]
             if m < differential:
                 for i in range(3):
                     vector[m] += ERROR_WEIGHTS[i] * work[Z + i, m] / h
-        solve(real, real_pivots, vector)
+        solve(room.real, room.real_pivots, vector)
         total = 0.0
         for m in range(n):
             work[ERROR, m] = vector[m]
@@ -235,12 +58,12 @@ def estimate(
             break
         for m in range(n):
             work[POINT, m] = work[y, m] + work[ERROR, m]
-        call_kernel(rhs, t, work, int(np.intp(POINT)), constants, int(np.intp(DELTA)), n)
+        evaluate(rhs, t, run, POINT, DELTA)
         evaluations += 1
     return error, evaluations
 
 
-@compiled
+@bare
 def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
     """RMS norm over the tolerances of what the step's polynomial errs by between its nodes.
 
@@ -266,7 +89,7 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
     return BETWEEN * math.sqrt(total / differential)
 
 
-@compiled
+@bare
 def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
     """Write what Newton corrections are measured by.
 
@@ -290,7 +113,7 @@ def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float,
         work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m])) / min(1.0, abs(h))
 
 
-@compiled
+@bare
 def first_step(
     work: FloatArray, y: int, differential: int, span: float, limit: float, rtol: float, atol: float
 ) -> float:
@@ -303,10 +126,10 @@ def first_step(
     if size < 1e-10 * differential or slope < 1e-10 * differential:
         return min(1e-6 * span, limit)
     # the share of a time scale of the state over which a method whose estimate has order 3 errs by the tolerance
-    return min(math.sqrt(size / slope) * min(0.01, max(rtol, 1e-14) ** 0.25), limit)
+    return min(math.sqrt(size / slope) * min(0.01, math.sqrt(math.sqrt(max(rtol, 1e-14)))), limit)
 
 
-@compiled
+@bare
 def keep_polynomial(work: FloatArray) -> None:
     """Write the coefficients of the collocation polynomial through the increments."""
     for m in range(work.shape[1]):
@@ -317,7 +140,7 @@ def keep_polynomial(work: FloatArray) -> None:
             work[P + k, m] = value
 
 
-@compiled
+@bare
 def write_polynomial(work: FloatArray, y: int, y_new: int, pieces: FloatArray, piece: int, n: int) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 

@@ -19,18 +19,28 @@ from numpy.typing import NDArray
 from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
-from .code import bare, call_code, call_test, element, row, take
+from .code import bare, call_code, call_test, lowest, row, take
 from .correcting import FAILED, NONE, WANTED, correct
+from .entering import enter, stage
 from .following import follow
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
 from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .workspace import (
+    ATTEMPTS,
+    BEFORE,
     CASE,
+    END,
+    FIRST,
     FRESH,
+    IDLE,
     LONE,
     MARK,
+    NEXT,
+    NOW,
     POINT_LANES,
+    REFUSED,
+    RUNNING,
     SAMPLED,
     SAMPLED_BEFORE,
     STAGED,
@@ -45,11 +55,7 @@ __all__ = ["KINDS", "LOOP", "kinds", "sweeping"]
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
-_INITIAL_STATE = int(Status.INITIAL_STATE)
 _SMALLEST = 16.0 * 2.220446049250313e-16
-_RUNNING, _IDLE = -1, -2
-_NOW, _END, _NEXT = 0, 1, 2
-_ATTEMPTS, _REFUSED, _BEFORE, _FIRST = 0, 1, 2, 3
 
 _ROOM = Group((*(MATRIX,) * 6, INTEGER_MATRIX, *(MATRIX,) * 5), Room._fields)
 _NOTHING = Group(())
@@ -58,7 +64,7 @@ _NOTHING = Group(())
 def kinds(watched: bool) -> tuple[Kind, ...]:
     """Return the types of the loop's arguments; without events, two of them are empty."""
     return (
-        Group((INTEGER,) * 7),
+        Group((INTEGER,) * 8),
         Group((INTEGER,) * 7),
         MATRIX,
         INTEGER_MATRIX,
@@ -71,79 +77,6 @@ def kinds(watched: bool) -> tuple[Kind, ...]:
         *((WATCH, SCRATCH) if watched else (_NOTHING, _NOTHING)),
         *(MATRIX,) * 2,
     )
-
-
-@bare
-def _given(columns: NDArray[np.int64], column: int, case: int) -> float:
-    """Return what a column of values, with its address and stride, gives a case."""
-    return element(columns[column, 0], columns[column, 1] * case)
-
-
-@bare
-def _stage(
-    codes: tuple[int, int, int, int, int, int, int],
-    shape: tuple[int, int, int, int, int, int, int],
-    limits: FloatArray,
-    columns: NDArray[np.int64],
-    first: int,
-    count: int,
-    room: Room,
-) -> None:
-    """Make constants, states and memory of `count` cases from number `first` on, as many as there are lanes at most."""
-    _, begin, _, _, prepare, start, _ = codes
-    _, _, parameters, values, checks, _, _ = shape
-    lanes, n = room.clock.shape[1], room.delta.shape[0]
-    whole, given, begun = room.whole, room.given, room.begun
-    for lane in range(lanes):
-        i = first + min(lane, count - 1)
-        t0, t1 = _given(columns, 0, i), _given(columns, 1, i)
-        room.clock_ahead[0, lane], room.clock_ahead[1, lane] = t0, t1
-        room.settings_ahead[0, lane] = min(limits[0, 0], abs(t1 - t0))
-        room.settings_ahead[1, lane] = 1.0 if t1 >= t0 else -1.0
-        finite = 0.0 * t0 + 0.0 * t1
-        for m in range(parameters):
-            given[m, lane] = _given(columns, 2 + m, i)
-            finite += 0.0 * given[m, lane]
-        whole[STAGED, lane] = _RUNNING if finite == 0.0 else _NON_FINITE
-    target, constants = row(room.constants_ahead, 0), room.constants_ahead
-    call_code(prepare, row(given, 0), 0, 0, 0, target)
-    for lane in range(lanes):
-        i = first + min(lane, count - 1)
-        finite = 0.0
-        for m in range(values):
-            given[m, lane] = _given(columns, 2 + parameters + m, i)
-            finite += 0.0 * given[m, lane]
-        for m in range(constants.shape[0]):
-            finite += 0.0 * constants[m, lane]
-        if finite != 0.0:
-            whole[STAGED, lane] = _NON_FINITE
-    call_code(start, row(room.clock_ahead, 0), row(given, 0), target, 0, row(begun, 0))
-    for lane in range(lanes):
-        fits = 0.0
-        for m in range(n + checks):
-            fits += 0.0 * begun[m, lane]
-        for m in range(n, n + checks, 2):
-            fits += 0.0 if abs(begun[m, lane]) <= begun[m + 1, lane] else 1.0
-        if fits != 0.0 and whole[STAGED, lane] == _RUNNING:
-            whole[STAGED, lane] = _INITIAL_STATE
-    if begin != 0:
-        settings = row(room.settings_ahead, 0)
-        call_code(begin, row(room.clock_ahead, 0), row(begun, 0), target, settings, row(begun, n + checks))
-
-
-@bare
-def _enter(room: Room, lane: int, place: int, case: int, old: int, from_: int, rows: int, wanted: int) -> None:
-    """Put a case that was made ahead into a lane, with `rows` numbers of its state and memory."""
-    for m in range(rows):
-        room.states[old + m, lane] = room.begun[from_ + m, place]
-    for m in range(room.constants.shape[0]):
-        room.constants[m, lane] = room.constants_ahead[m, place]
-    t0, t1 = room.clock_ahead[0, place], room.clock_ahead[1, place]
-    room.clock[_NOW, lane], room.clock[_END, lane], room.clock[_NEXT, lane] = t0, t1, t1
-    room.settings[1, lane] = room.settings_ahead[1, place]
-    room.tally[_ATTEMPTS, lane], room.tally[_REFUSED, lane], room.tally[_FIRST, lane] = 0.0, 0.0, t0
-    room.whole[CASE, lane], room.whole[SAMPLED, lane] = case, 0
-    room.whole[STATUS, lane] = _SUCCESS if t0 == t1 else _RUNNING
 
 
 @bare
@@ -169,7 +102,8 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
     ----------------------
     codes : addresses
         The step, what fills in its memory before the first step, the projections, constants from parameters, states
-        from given values, and the pace (`dalembert.codegen.numba.pace`); 0 for what there is not.
+        from given values, the pace (`dalembert.codegen.numba.pace`), 0 for what there is not of these, and the test of
+        what cases are made from (`dalembert.codegen.numba.soundness`).
     shape : (int,) * 7
         Degree of the polynomials of a step; how many outputs it remembers; how many parameters, given values and checks
         of these a case has; how many cases there are, and how many a thread takes at a time. Polynomials of a step with
@@ -197,7 +131,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
     """
 
     def loop(
-        codes: tuple[int, int, int, int, int, int, int],
+        codes: tuple[int, int, int, int, int, int, int, int],
         shape: tuple[int, int, int, int, int, int, int],
         limits: FloatArray,
         columns: NDArray[np.int64],
@@ -214,12 +148,12 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         happened: FloatArray,
         totals: FloatArray,
     ) -> None:
-        step, begin, position, velocity, _, _, pace = codes
+        step, begin, position, velocity, _, _, pace, _ = codes
         degree, memory, _, _, checks, count, share = shape
         clock, settings, constants, states, tally = room.clock, room.settings, room.constants, room.states, room.tally
         whole, lanes, n = room.whole, room.clock.shape[1], room.delta.shape[0]
-        time, end_of, upcoming = clock[_NOW], clock[_END], clock[_NEXT]
-        attempts, refused, before_of, first_of = tally[_ATTEMPTS], tally[_REFUSED], tally[_BEFORE], tally[_FIRST]
+        time, end_of, upcoming = clock[NOW], clock[END], clock[NEXT]
+        attempts, refused, before_of, first_of = tally[ATTEMPTS], tally[REFUSED], tally[BEFORE], tally[FIRST]
         case, status, mark, fresh_of = whole[CASE], whole[STATUS], whole[MARK], whole[FRESH]
         sampled_of, sampled_before = whole[SAMPLED], whole[SAMPLED_BEFORE]
         reach, direction = settings[0], settings[1]
@@ -231,7 +165,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
         for lane in range(lanes):
-            case[lane], status[lane] = -1, _IDLE
+            case[lane], status[lane] = -1, IDLE
             for m in range(constants.shape[0]):
                 constants[m, lane] = 1.0
             for m in range(2, limits.shape[1]):
@@ -241,9 +175,10 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         active, old, new, every = 0, 0, rows, (1 << lanes) - 1
         look = every
         while True:
-            for lane in range(lanes):
-                if not look >> lane & 1:
-                    continue
+            left = look
+            while left != 0:
+                lane = lowest(left)
+                left &= left - 1
                 while True:
                     if case[lane] >= 0:
                         i = case[lane]
@@ -253,7 +188,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                                 samples[i, sampled * n + m] = states[old + m, lane]
                             sampled += 1
                         sampled_of[lane] = sampled
-                        if status[lane] == _RUNNING:
+                        if status[lane] == RUNNING:
                             reach[lane] = min(largest, abs(end_of[lane] - time[lane]))
                             if sampled < wanted:
                                 upcoming[lane] = t_eval[sampled]
@@ -264,7 +199,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                             out[i, m] = states[old + m, lane]
                         ends[i, 0], ends[i, 1] = time[lane], status[lane]
                         ends[i, 2] = attempts[lane] - refused[lane]
-                        case[lane], status[lane] = -1, _IDLE
+                        case[lane], status[lane] = -1, IDLE
                         reach[lane] = 0.0
                         active -= 1
                     if place == filled:  # all that were made ahead have been taken
@@ -274,19 +209,19 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                         if coming == last:
                             break
                         staged, filled, place = coming, min(lanes, last - coming), 0
-                        _stage(codes, shape, limits, columns, staged, filled, room)
+                        stage(codes, shape, limits, columns, staged, filled, room)
                         coming += filled
                     i = staged + place
                     if kept_constants.shape[0] > 0:
                         for m in range(n_c):
                             kept_constants[i, m] = room.constants_ahead[m, place]
-                    if whole[STAGED, place] != _RUNNING:
+                    if whole[STAGED, place] != RUNNING:
                         for m in range(n):
                             out[i, m] = np.nan
                         ends[i, 0], ends[i, 1], ends[i, 2] = room.clock_ahead[0, place], whole[STAGED, place], 0.0
                         place += 1
                         continue
-                    _enter(room, lane, place, i, old, from_, copied, wanted)
+                    enter(room, lane, place, i, old, from_, copied)
                     if begin != 0:
                         for m in range(n):
                             states[old + m, lane] = room.begun[m, place]
@@ -312,11 +247,12 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 if look == 0:
                     old, new = new, old
                     continue
-            for lane in range(lanes):
-                if not look >> lane & 1:
-                    continue
+            left = look
+            while left != 0:
+                lane = lowest(left)
+                left &= left - 1
                 mark[lane] = NONE
-                if status[lane] != _RUNNING:
+                if status[lane] != RUNNING:
                     continue
                 now, size = time[lane], states[new + size_at, lane]
                 rest = abs(end_of[lane] - now)
@@ -377,7 +313,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     refused[lane] += 1.0
                     status[lane] = _PROJECTION_FAILED
                     if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(end_of[lane] - before):
-                        status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
+                        status[lane] = RUNNING if attempts[lane] < budget else _MAX_STEPS
                         states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
             if not watched:
                 continue
@@ -460,10 +396,10 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     status[lane] = outcome
                     continue
                 rest = abs(end_of[lane] - t)
-                status[lane] = _RUNNING if attempts[lane] < budget else _MAX_STEPS
+                status[lane] = RUNNING if attempts[lane] < budget else _MAX_STEPS
                 if rest == 0.0:
                     status[lane] = _SUCCESS
-                if status[lane] != _RUNNING:
+                if status[lane] != RUNNING:
                     continue
                 fresh_of[lane] = 1
                 begin_signs(watch, spare, lane, t, forward, one)

@@ -10,27 +10,23 @@ the phase of a long run, and angles that wind up, keep the digits of the steps.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gains import BRANCH, SLOW
 from ..problem import FloatArray
 from ..status import Status
 from .code import bare, call_code, row
-from .kinds import INTEGER, INTEGERS, MATRIX, VECTOR, Group
+from .correcting import corrected
+from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
 from .series import RUNNING
 
 __all__ = ["KINDS", "LOOP"]
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 _STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
-_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
-_QUADRATIC = 1e-8
 
-KINDS = (Group((INTEGER,) * 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, INTEGERS)
+KINDS = (Group((INTEGER,) * 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, INTEGER_MATRIX, INTEGERS)
 
 
 @bare
@@ -66,6 +62,7 @@ def _march(
     low: FloatArray,
     clock: FloatArray,
     delta: FloatArray,
+    mark: NDArray[np.int64],
 ) -> tuple[int, int]:
     step, position, velocity, limit = codes
     n = y.shape[1]
@@ -94,24 +91,9 @@ def _march(
         else:
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
         clock[0, 0] = t
-        for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
-            if kernel == 0:
-                continue
-            change = math.inf
-            for attempt in range(tries):
-                call_code(kernel, row(clock, 0), state, row(c, 0), 0, row(delta, 0))
-                change = size = magnitude = 0.0
-                for i in range(n):
-                    if delta[0, i] != 0.0:
-                        size, magnitude = max(size, abs(delta[0, i])), max(magnitude, abs(rows[here, i]))
-                    rows[here, i] += delta[0, i]
-                    change = max(change, abs(delta[0, i]) / (SLOW + abs(rows[here, i])))
-                if attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude):
-                    return _PROJECTION_FAILED, k
-                if not change > _QUADRATIC:
-                    break
-            if not change <= 1e-4:
-                return _PROJECTION_FAILED, k
+        held = position != 0 or velocity != 0
+        if held and not corrected(position, velocity, clock, rows, here, c, delta, mark):
+            return _PROJECTION_FAILED, k
         span[0] = t
         if k < times.size:
             times[k] = t
@@ -132,6 +114,7 @@ def LOOP(
     low: FloatArray,
     clock: FloatArray,
     delta: FloatArray,
+    mark: NDArray[np.int64],
     outcome: NDArray[np.int64],
 ) -> int:
     """March from the state y (1, n_y), at most so many steps. Return the status.
@@ -150,7 +133,7 @@ def LOOP(
         Gets the end of step k where it has room.
     low : (n_y + 1,)
         What rounding took from the state and from the time so far.
-    clock, delta : (1, 1), (1, n_y)
+    clock, delta, mark : (1, 1), (n_y, 1), (1, 1)
         Room.
     outcome : (1,) int64
         Gets the number of steps.
@@ -160,5 +143,5 @@ def LOOP(
     int
         The status; `RUNNING` where the number of steps was reached before the end.
     """
-    status, outcome[0] = _march(codes, span, settings, y, c, rows, times, low, clock, delta)
+    status, outcome[0] = _march(codes, span, settings, y, c, rows, times, low, clock, delta, mark)
     return status

@@ -1,14 +1,17 @@
 """A tableau as the flat arrays that the compiled loop reads."""
 
+from __future__ import annotations
+
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from dalembert.integrators.numba.jit import VECTOR
-from dalembert.integrators.tableau import FloatArray, Tableau
+from ..tableau import FloatArray, Tableau
+from .kinds import FLAG, INTEGER, INTEGERS, NUMBER, VECTOR, Group
+
+__all__ = ["DELTA", "PACKED_TABLEAU", "POINT", "STAGES", "PackedTableau", "pack"]
 
 # Rows of the working array: two that hold the ends of a step in turn, two for scratch, and the stages.
 POINT, DELTA, STAGES = 2, 3, 4
@@ -30,27 +33,12 @@ class PackedTableau(NamedTuple):
     fsal: bool
     exponent: float
     nodes: FloatArray
-    starts: NDArray[np.uintp]
-    stages: NDArray[np.uintp]
+    starts: NDArray[np.int64]
+    stages: NDArray[np.int64]
     weights: FloatArray
 
 
-_INDICES = types.Array(types.uintp, 1, "C")
-PACKED_TABLEAU = types.NamedTuple(
-    (
-        types.intp,
-        types.intp,
-        types.intp,
-        types.intp,
-        types.boolean,
-        types.float64,
-        VECTOR,
-        _INDICES,
-        _INDICES,
-        VECTOR,
-    ),
-    PackedTableau,
-)
+PACKED_TABLEAU = Group((INTEGER,) * 4 + (FLAG, NUMBER, VECTOR, INTEGERS, INTEGERS, VECTOR), PackedTableau._fields)
 
 
 @cache
@@ -68,7 +56,7 @@ def pack(tableau: Tableau) -> PackedTableau:
         fsal=tableau.fsal,
         exponent=1.0 / (tableau.error_order + 1),
         nodes=tableau.c.copy(),
-        starts=np.concatenate([[0], np.cumsum(used.sum(axis=1))]).astype(np.uintp),
-        stages=(STAGES + np.nonzero(used)[1]).astype(np.uintp),
+        starts=np.concatenate([[0], np.cumsum(used.sum(axis=1))]).astype(np.int64),
+        stages=(STAGES + np.nonzero(used)[1]).astype(np.int64),
         weights=rows[used],
     )

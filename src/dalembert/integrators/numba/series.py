@@ -77,7 +77,8 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         run was stopped.
     """
     n = len(problem.y0)
-    clock, delta, outcome = np.empty((1, 1)), np.empty((1, n)), np.zeros(1, np.int64)
+    clock, delta = np.empty((1, 1)), np.empty((n, 1))
+    mark, outcome = np.zeros((1, 1), np.int64), np.zeros(1, np.int64)
     tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     span = np.array([problem.t0, problem.t1, problem.max_step])
@@ -99,7 +100,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         start = float(span[0])
         turns[angles] += _unwound(y[0], low, angles)
         codes = code.step, code.position, code.velocity, limit
-        status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, outcome)
+        status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, mark, outcome)
         count = int(outcome[0])
         record.add(start, times[:count], y[0], rows[:count], turns)
         if count:

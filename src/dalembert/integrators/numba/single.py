@@ -9,50 +9,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gains import BRANCH, REDUCTION_BLIND, SLOW
+from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
 from .code import bare, call_code, row
-from .kinds import INTEGER, INTEGERS, MATRIX, VECTOR, Group
+from .correcting import corrected
+from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
 
 __all__ = ["KINDS", "LOOP"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
-_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
 _SMALLEST = 16.0 * 2.220446049250313e-16
-_QUADRATIC, _LINEAR = 1e-8, 1e-4
 
 KINDS = (
     Group((INTEGER,) * 5),
     Group((INTEGER,) * 3),
     VECTOR,
     *(MATRIX,) * 6,
+    INTEGER_MATRIX,
     INTEGERS,
 )
-
-
-@bare
-def _projected(
-    kernel: int, tries: int, clock: FloatArray, states: FloatArray, new: int, c: FloatArray, delta: FloatArray
-) -> bool:
-    """Add corrections to a row of `states` until they are small; return whether that came about."""
-    change = 0.0
-    for attempt in range(tries):
-        call_code(kernel, row(clock, 0), row(states, new), row(c, 0), 0, row(delta, 0))
-        change = finite = size = magnitude = 0.0
-        for m in range(delta.shape[1]):
-            if delta[0, m] != 0.0:
-                size, magnitude = max(size, abs(delta[0, m])), max(magnitude, abs(states[new, m]))
-            states[new, m] += delta[0, m]
-            change = max(change, abs(delta[0, m]) / (SLOW + abs(states[new, m])))
-            finite += 0.0 * delta[0, m]
-        if finite != 0.0 or (attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)):
-            return False
-        if change <= _QUADRATIC:
-            return True
-    return change <= _LINEAR
 
 
 @bare
@@ -66,6 +44,7 @@ def LOOP(
     clock: FloatArray,
     states: FloatArray,
     delta: FloatArray,
+    mark: NDArray[np.int64],
     outcome: NDArray[np.int64],
 ) -> int:
     """Run from the state in row 0 of ``states`` (2, rows); the last state is left there. Return the status.
@@ -79,7 +58,7 @@ def LOOP(
         Number of components of the state, of what a step remembers, and of attempts allowed.
     span : (3,)
         Start, end and largest step [s].
-    p, c, settings, clock, delta : (1, n_p), (1, n_c), (1, ...), (1, 1), (1, n_y)
+    p, c, settings, clock, delta, mark : (1, n_p), (1, n_c), (1, ...), (1, 1), (n_y, 1), (1, 1)
         Parameters, and room for what is computed; ``settings`` holds the direction and what a step reads behind it.
     outcome : (1,) int64
         Gets the number of steps.
@@ -117,9 +96,8 @@ def LOOP(
             last = size == rest
             before, t = t, t1 if last else t + direction * size
             clock[0, 0] = t
-            if (position != 0 and not _projected(position, _MAX_CORRECTIONS, clock, states, new, c, delta)) or (
-                velocity != 0 and not _projected(velocity, _LINEAR_CORRECTIONS, clock, states, new, c, delta)
-            ):
+            held = position != 0 or velocity != 0
+            if held and not corrected(position, velocity, clock, states, new, c, delta, mark):
                 # Go back, and try a smaller step where the step can.
                 smaller, t = REDUCTION_BLIND * size, before
                 if not (memory > 0 and smaller >= smallest):

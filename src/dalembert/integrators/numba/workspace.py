@@ -14,12 +14,21 @@ from ..crossings import DEEPEST
 from ..problem import FloatArray
 
 __all__ = [
+    "ATTEMPTS",
+    "BEFORE",
     "CASE",
+    "END",
+    "FIRST",
     "FRESH",
+    "IDLE",
     "LONE",
     "MARK",
+    "NEXT",
+    "NOW",
     "POINT_LANES",
     "QUICK",
+    "REFUSED",
+    "RUNNING",
     "SAMPLED",
     "SAMPLED_BEFORE",
     "STAGED",
@@ -39,6 +48,15 @@ QUICK = 7
 
 CASE, STATUS, SAMPLED, SAMPLED_BEFORE, MARK, FRESH, LONE, STAGED = range(8)
 """Rows of ``Room.whole``."""
+
+NOW, END, NEXT = range(3)
+"""Rows of ``Room.clock``."""
+
+ATTEMPTS, REFUSED, BEFORE, FIRST = range(4)
+"""Rows of ``Room.tally``."""
+
+RUNNING, IDLE = -1, -2
+"""Statuses of a lane whose case goes on, and of one without a case."""
 
 _LINE = 64
 

@@ -1,0 +1,253 @@
+"""The cases of a sweep: parameters, initial values and spans as they were given, and what all cases have in common."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codegen.base import BlockResult, CaseBlock, CaseColumns, FloatArray
+from ..errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.problem import IntegrationProblem
+from ..integrators.status import Status
+from ..ir.interpret import interpret, interpret_rows
+from ..ir.program import Program
+from ..reduction.starting import Start
+from ..values import array_of, times_of, whole
+from . import inputs
+from .events import EventCode
+
+__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem"]
+
+
+def available_threads() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What all cases have in common."""
+
+    t_eval: FloatArray | None
+    method: str
+    rtol: float
+    atol: float
+    max_step: float
+    max_steps: int
+    threads: int
+    progress: bool
+    watch: EventCode | None = None
+    judge: Callable[[CaseBlock, BlockResult], None] | None = None
+    note: str = ""
+    apart: NDArray[np.bool_] | None = None
+
+
+@final
+class Cases:
+    """Parameters, initial values and spans of all cases, as given: one value for all, or one a case."""
+
+    def __init__(
+        self,
+        program: Program,
+        start: Callable[[Iterable[str]], Start],
+        t_span: Any,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+    ) -> None:
+        layout = program.layout
+        self.program = program
+        self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
+        self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        for name, value in layout.defaults.items():
+            self.parameters.setdefault(name, np.array([value]))
+        missing = [name for name in layout.parameters if name not in self.parameters]
+        if missing:
+            raise UnknownNameError(
+                f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
+            )
+        try:
+            first, last = (np.ascontiguousarray(np.atleast_1d(array_of(t))) for t in t_span)
+        except (TypeError, ValueError):
+            raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
+        self.span = {"start": first, "end": last}
+        self.count = self._count()
+        self.start = start(self.initial)
+
+    def _count(self) -> int:
+        lengths = {
+            f"{kind} {name}": len(values)
+            for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
+            for name, values in table.items()
+            if len(values) != 1
+        }
+        if len(set(lengths.values())) > 1:
+            listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
+            raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
+        return next(iter(lengths.values()), 1)
+
+    def constants(self, block: slice) -> FloatArray:
+        """Return the constants c (k, n_c) of a block of cases."""
+        count = len(range(*block.indices(self.count)))
+        names = self.program.layout.parameters
+        p = np.empty((count, len(names)))
+        for i, name in enumerate(names):
+            p[:, i] = _part(self.parameters[name], block)
+        return inputs.prepare_rows(self.program, p)
+
+    def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
+        settings = Settings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
+        block, status = self.block(slice(0, self.count), settings, exact=True)
+        return block.y, block.c, block.spans[:, 0], status
+
+    def columns(self, block: slice, settings: Settings) -> CaseColumns:
+        """Return a block of cases as they were given."""
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        return CaseColumns(
+            len(range(*block.indices(self.count))),
+            (_part(self.span["start"], block), _part(self.span["end"], block)),
+            tuple(_part(self.parameters[name], block) for name in self.program.layout.parameters),
+            tuple(_part(self.initial[name], block) for name in self.start.given),
+            self.start,
+            t_eval,
+            settings.rtol,
+            settings.atol,
+            settings.max_step,
+            settings.max_steps,
+            settings.watch,
+        )
+
+    def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
+        """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
+
+        With `exact` each starts from the very bits of the case alone, whose sines are not those of arrays.
+        """
+        c = self.constants(block)
+        count, size = len(c), len(self.program.layout.state)
+        spans = np.empty((count, 2))
+        spans[:, 0], spans[:, 1] = _part(self.span["start"], block), _part(self.span["end"], block)
+        given = np.empty((count, len(self.start.given)))
+        for i, name in enumerate(self.start.given):
+            given[:, i] = _part(self.initial[name], block)
+        out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
+        finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
+        if exact:
+            self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & _finite_rows(out)))
+        checks = out[:, size:]
+        started = _finite_rows(out)
+        for residual, tolerance in zip(checks.T[::2], checks.T[1::2], strict=True):
+            started &= np.abs(residual) <= tolerance
+        status = np.where(started, -1.0, float(Status.INITIAL_STATE))
+        status[~finite] = float(Status.NON_FINITE)
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        y = np.ascontiguousarray(out[:, :size])
+        return CaseBlock(
+            y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps, settings.watch
+        ), status
+
+    def _refine(self, c: FloatArray, t: FloatArray, given: FloatArray, out: FloatArray, some: NDArray[np.intp]) -> None:
+        """Write constants and starts of some cases as they are made for each alone."""
+        parameters = len(self.program.layout.parameters)
+        for i in some:
+            c[i] = interpret(self.program.kernel("prepare"), {"p": c[i, :parameters].tolist()})
+            out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
+
+
+def agreed(
+    cases: Cases,
+    *,
+    t_eval: Any,
+    method: str,
+    rtol: float,
+    atol: float,
+    max_step: float,
+    max_steps: int,
+    threads: int | None,
+    progress: bool,
+) -> Settings:
+    """Return the settings of a sweep, checked as those of a single run are.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For settings that make no sense, or not with these cases.
+    """
+    times = None if t_eval is None else times_of("t_eval", t_eval)
+    if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
+        raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
+    count = available_threads() if threads is None else whole("threads", threads)
+    if count < 1:
+        raise OptionError(f"threads must be at least 1, not {threads!r}")
+    IntegrationProblem(
+        t0=float(cases.span["start"][0]),
+        t1=float(cases.span["end"][0]),
+        y0=np.zeros(0),
+        constants=np.zeros(0),
+        rtol=rtol,
+        atol=atol,
+        t_eval=times,
+        max_step=max_step,
+        max_steps=max_steps,
+    )
+    return Settings(times, method, rtol, atol, max_step, max_steps, count, progress)
+
+
+def _columns(
+    kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case."""
+    if not isinstance(given, Mapping):
+        raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
+    columns: dict[str, FloatArray] = {}
+    unknown, wrong = [], []
+    for key, value in given.items():
+        name = aliases.get(str(key), str(key))
+        if name not in known:
+            unknown.append(unknown_name(kind, str(key), known))
+            continue
+        if name in columns:
+            unknown.append(f"{kind} {name!r} is given twice")
+        try:
+            columns[name] = np.ascontiguousarray(np.atleast_1d(array_of(value)))
+        except ValueError as reason:
+            wrong.append(f"{name} = {value!r} {reason}")
+            continue
+        if columns[name].ndim != 1:
+            wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    if wrong:
+        raise ValueInputError("; ".join(wrong))
+    return columns
+
+
+def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
+    return np.isfinite(values @ np.ones(values.shape[1]))
+
+
+def _part(values: FloatArray, block: slice) -> FloatArray:
+    return values if len(values) == 1 else values[block]
+
+
+def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
+    """Return a case alone, or None where it cannot start."""
+    block, status = cases.block(slice(number, number + 1), settings)
+    if not len(status) or status[0] >= 0:
+        return None
+    return IntegrationProblem(
+        t0=float(block.spans[0, 0]),
+        t1=float(block.spans[0, 1]),
+        y0=block.y[0],
+        constants=block.c[0],
+        rtol=settings.rtol,
+        atol=settings.atol,
+        max_step=settings.max_step,
+        max_steps=settings.max_steps,
+    )
