@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.derivatives import Steps, jacobians
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
 from ...integrators.jax.motion import Pieces
@@ -17,7 +18,7 @@ from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
 from ...integrators.jax.solvers import METHODS
 from ...integrators.tableau import Tableau
 from ...integrators.tableaus import TABLEAUS
-from ...ir.program import Program
+from ...ir.program import Kernel, Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
@@ -49,7 +50,7 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         step = step_kernel(known, order, dense=False)
         taylor = TaylorAttempts(_step_of_one(looped(step)))
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
-        series = blocked(series_kernel(known, order), JAX_SERIES)
+        series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step))
         return Pieces(taylor, alone, taylors, on_rows, _SeriesSteps(series, order, projections))
     whole = tuple((_on_one_row(kernels[name]), count) for name, count in corrections.items())
@@ -62,6 +63,14 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+def _series(kernel: Kernel) -> Conditional:
+    """Return the coefficients of a Taylor series; in blocks where it is too long to be fused."""
+    if len(kernel.body) > LARGEST_FUSED:
+        return blocked(kernel, JAX_SERIES)
+    whole = compile_kernel(kernel, JAX_SERIES)
+    return lambda go: whole
 
 
 def _step_of_one(step: Function) -> Function:
