@@ -1,7 +1,5 @@
-"""Equations by jax are those by numpy, for every ready scene and every formulation that explicit methods integrate.
-
-Motions are those by numba; `augmented` and `baumgarte` run as `minimal` does, by other equations.
-"""
+"""Equations by jax are those by numpy, and motions those by numba, for every ready scene and every formulation that
+explicit methods integrate."""
 
 from functools import cache
 
@@ -52,7 +50,7 @@ def test_rates_and_accelerations_are_those_of_numpy(scene, formulation):
         np.testing.assert_allclose(found[name], reference.evaluate(name, t, states, c), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+@pytest.mark.parametrize("formulation", EXPLICIT)
 @SCENES
 def test_motions_are_those_of_numba(scene, formulation):
     parameters, initial, outputs = MOTIONS[scene]
