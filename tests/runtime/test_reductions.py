@@ -151,10 +151,14 @@ def test_xarray():
     pytest.importorskip("xarray")
     grid = da.grid(theta=ANGLES[:3], theta_dot=[0.1, 0.2])
     options = {"grid": grid, "reduce": {"top": da.maximum(y), "x": da.mean(x)}, "threads": 1}
+    options["events"] = [da.Event(theta.diff(), name="turn")]
     swept = model(pendulum).sweep((0, 1), {}, SWING, **options)
     data = swept.to_xarray()
     assert data["top"].shape == (3, 2) == data["x_reduced"].shape
     np.testing.assert_array_equal(data["top"].values.ravel(), swept.reduced["top"])
+    for part in ("count", "first", "last"):
+        np.testing.assert_array_equal(data[f"turn_{part}"].values.ravel(), getattr(swept.events["turn"], part))
+    assert data["turn_count"].shape == (3, 2) and np.all(data["turn_count"] > 0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import pickle
 from functools import cache
 
 import mpmath as mp
@@ -412,3 +413,35 @@ def test_gradient_through_the_smooth_law():
     slope = (ends[1] - ends[0]) / 2e-4
     assert abs(slope) > 0.01
     assert found.jacobian("theta", "mu")[-1] == pytest.approx(slope, rel=1e-6)
+
+
+# -- what users do with such runs -----------------------------------------------------------------
+
+
+def test_a_reaction_that_ends_with_its_contact_can_be_watched():
+    """The corner's reaction falls through 1 N before the corner lets go; then it is zero, where nothing can cross."""
+    model = da.compile_model(corner_plate(4, contact=True), outputs=["N_Q"])
+    start, values = at_angle(1.3, 0.8, 2.0), {**PLATE, "h": 0.8, "mu": 0.2}
+    light = da.Event(da.unknowns("N_Q") - 1, direction=-1, name="light")
+    run = model.simulate((0, 0.25), start, values, events=[light, "N_Q"], **TIGHT)
+    assert run.phases[-1].modes == {"corner": "open"}
+    (t,) = run.events["light"].t
+    assert t < run.phases[-1].t0 and abs(run([t])["N_Q"][0] - 1) < 1e-10
+    sweep = model.sweep((0, 0.25), start, values | {"mu": np.array([0.2, 0.25])}, events=[light], **TIGHT)
+    np.testing.assert_array_equal(sweep.events["light"].count, 1)
+    assert abs(sweep.events["light"].first[0] - t) < 1e-10
+    with pytest.raises(da.errors.ExpressionError, match="constant along every motion"):
+        model.simulate((0, 1), start, values, events=[sp.Symbol("g", positive=True) - 9])
+
+
+def test_a_motion_in_phases_survives_pickling():
+    run = plate_model(FORCE).simulate((0, 2), at_angle(0.6), PLATE | {"mu": 0.8})
+    again = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(again.constraint_violation, run.constraint_violation)
+    assert again.phases == run.phases and again(1.0)["x"] == run(1.0)["x"]
+
+
+def test_twins_are_refused_where_modes_change():
+    for call in (plate_model().simulate, plate_model().sweep):
+        with pytest.raises(da.errors.OptionError, match=r"error_estimate: a twin .* compare runs at rtol"):
+            call((0, 1), at_angle(0.6), PLATE | {"mu": 0.8, "F_A": 0}, error_estimate=True)

@@ -143,6 +143,8 @@ class CaseResults(ABC):
     def to_xarray(self) -> xarray.Dataset:
         """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
 
+        Of an event there are ``name_count``, ``name_first`` and ``name_last``.
+
         Raises
         ------
         MissingExtraError
@@ -168,6 +170,10 @@ class CaseResults(ABC):
         taken = {*data, *coords}
         for name, values in self.reduced.items():
             data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
+        for name, happened in self.events.items():
+            for part in ("count", "first", "last"):
+                key = f"{name}_{part}"
+                data[f"{key}_of_event" if key in taken else key] = (dims, getattr(happened, part).reshape(shape))
         attrs = {"scene": self._name, "formulation": self._formulation}
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
         return dataset

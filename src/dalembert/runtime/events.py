@@ -296,7 +296,8 @@ def compiled_events(
         None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
         for event in watched
     ]
-    watch = watching(scene, reduced, [event.expression for event in watched], "event", moving=True, further=margins)
+    moving = stages.mode is None  # what one mode keeps constant, as the reaction of an open contact, another moves
+    watch = watching(scene, reduced, [event.expression for event in watched], "event", moving=moving, further=margins)
     return EventCode(
         program=stages.program,
         events=tuple(watched),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from ...errors import OptionError, ValueInputError, list_names
+from ...errors import ExpressionError, OptionError, ValueInputError, list_names
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Layout
 from ...mechanics.equations import EquationsOfMotion
@@ -181,13 +181,32 @@ class HybridModel:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
         return inputs.parameter_vector(self.layout, parameters)
 
-    def _refuse_keeping(self, wanted: Any) -> None:
-        if wanted is not False:
+    def _refuse(self, project_invariants: Any, error_estimate: bool) -> None:
+        if error_estimate:
+            raise OptionError(
+                f"error_estimate: a twin at a tighter tolerance changes the modes of {self.name!r} at other times, and"
+                " next to a change the two differ by more than their errors. Leave it out, and compare runs at rtol"
+                " and rtol / 10"
+            )
+        if project_invariants is not False:
             raise OptionError(
                 f"project_invariants: friction takes energy, and impacts and changes of contact change what else may be"
                 f" conserved in {self.name!r} ({list_names(self.contacts)}). Leave it out, or run a model of one"
                 " mode, as mode() gives it"
             )
+
+    def _events(self, events: Any) -> tuple[Event, ...]:
+        """Return events, each of which moves in some mode."""
+        listed = event_list(events, self.layout.aliases)
+        for event in listed:
+            told = event.expression
+            names = {told} if isinstance(told, str) else {str(symbol) for symbol in getattr(told, "free_symbols", ())}
+            if names <= {*self.layout.parameters}:
+                raise ExpressionError(
+                    f"event {event.label!r} is constant along every motion, so that nothing can be watched: write it"
+                    " in coordinates, rates, outputs or time"
+                )
+        return listed
 
     def simulate(
         self,
@@ -204,6 +223,7 @@ class HybridModel:
         max_steps: int = 1_000_000,
         dense: bool = True,
         events: Any = (),
+        error_estimate: bool = False,
         project_invariants: Any = False,
     ) -> HybridTrajectory:
         """Simulate one trajectory, phase after phase.
@@ -222,16 +242,16 @@ class HybridModel:
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
-            For input that is wrong, each naming what, what is allowed and what to do; `project_invariants` is, for
-            contacts.
+            For input that is wrong, each naming what, what is allowed and what to do; with contacts
+            `error_estimate` and `project_invariants` are.
         """
-        self._refuse_keeping(project_invariants)
+        self._refuse(project_invariants, error_estimate)
         t0, t1 = span_of(t_span)
         rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
         inputs.warn_below_floor(rtol, atol)
-        listed = event_list(events, self.layout.aliases)
+        listed = self._events(events)
         times = None if t_eval is None else times_of("t_eval", t_eval)
         if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
             raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
@@ -275,6 +295,7 @@ class HybridModel:
         progress: bool = False,
         events: Any = (),
         reduce: Any = None,
+        error_estimate: bool = False,
         project_invariants: Any = False,
     ) -> HybridSweep:
         """Simulate many cases, each with its own phases, steps and status; one that fails never touches its neighbours.
@@ -297,13 +318,13 @@ class HybridModel:
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError
-            For input that is wrong for all cases; `project_invariants` is, for contacts.
+            For input that is wrong for all cases; with contacts `error_estimate` and `project_invariants` are.
         """
-        self._refuse_keeping(project_invariants)
+        self._refuse(project_invariants, error_estimate)
         rtol, atol = tolerances(rtol, atol)
         max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
         inputs.warn_below_floor(rtol, atol)
-        listed = event_list(events, self.layout.aliases)
+        listed = self._events(events)
         for event in listed:
             if event.apply is not None or int(event.terminal) > 1:
                 raise OptionError(

@@ -96,19 +96,28 @@ class Modes:
         """Return what each contact does in a mode."""
         return {contact.name: state for contact, state in zip(self.equations.contacts, mode, strict=True)}
 
-    def violation(self, mode: Mode) -> Callable[[Trajectory], FloatArray]:
+    def violation(self, mode: Mode) -> Violation:
         """Return what tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode."""
-        opened = {c.constraint: c for c, s in zip(self.equations.contacts, mode, strict=True) if s == OPEN}
+        opened = {c.constraint: c.name for c, s in zip(self.equations.contacts, mode, strict=True) if s == OPEN}
+        return Violation(tuple(opened.get(i) for i in range(len(self.equations.constraints))))
 
-        def violation(motion: Trajectory) -> FloatArray:
-            found = iter(motion.constraint_violation.T)
-            columns = [
-                np.minimum(motion[f"gap of {opened[i].name}"], 0.0) if i in opened else next(found)
-                for i in range(len(self.equations.constraints))
-            ]
-            return np.array(columns).T.reshape(len(motion.t), len(columns))
 
-        return violation
+@final
+@dataclass(frozen=True)
+class Violation:
+    """Tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode; it can be pickled.
+
+    `opened` has for each constraint the name of the contact that is open instead, or None.
+    """
+
+    opened: tuple[str | None, ...]
+
+    def __call__(self, motion: Trajectory) -> FloatArray:
+        found = iter(motion.constraint_violation.T)
+        columns = [
+            next(found) if contact is None else np.minimum(motion[f"gap of {contact}"], 0.0) for contact in self.opened
+        ]
+        return np.array(columns).T.reshape(len(motion.t), len(columns))
 
 
 @final
