@@ -113,7 +113,9 @@ def _spent(task: Callable[[], Any]) -> float:
 
 
 def compile_times(sizes: Sequence[int], say: Callable[[str], None]) -> list[dict[str, float]]:
-    """Return CPU seconds of the first evaluation, then of the first run, by operations of the right-hand side."""
+    """Return CPU seconds of the first evaluation, run, and jitted `solve_fn`, by operations of the right-hand side."""
+    import jax
+
     rows = []
     for n in sizes:
         model = da.compile_model(planar_chain(n), backend="jax")
@@ -123,15 +125,26 @@ def compile_times(sizes: Sequence[int], say: Callable[[str], None]) -> list[dict
         state = np.full(n, 0.1)
         evaluation = _spent(lambda model=model, q=state, p=parameters: model.accelerations(0.0, q, q, p))
         run = _spent(lambda model=model, i=initial, p=parameters: model.simulate((0, 0.01), i, p, method="tsit5"))
-        say(f"  {operations} operations: first evaluation {evaluation:.1f} s, first simulate {run:.1f} s of CPU")
-        rows.append({"operations": operations, "evaluation": evaluation, "simulate": run})
+        with jax.enable_x64(True):
+            traced = jax.jit(model.solve_fn(initial, method="tsit5"))
+            times = np.array([0.0, 0.01])
+            solve = _spent(lambda f=traced, t=times, i=initial, p=parameters: jax.block_until_ready(f(t, i, p)))
+        say(
+            f"  {operations} operations: first evaluation {evaluation:.1f} s, first simulate {run:.1f} s,"
+            f" jitted solve_fn {solve:.1f} s of CPU"
+        )
+        rows.append({"operations": operations, "evaluation": evaluation, "simulate": run, "solve_fn": solve})
     return rows
 
 
 def compile_table(rows: Sequence[Mapping[str, float]]) -> str:
     """Return CPU seconds to compile as the table of ``docs/jax.md``."""
-    lines = ["| operations of the right-hand side | first evaluation | first `simulate` |", "|---|---|---|"]
-    lines += [f"| {row['operations']:,} | {row['evaluation']:.1f} | {row['simulate']:.1f} |" for row in rows]
+    heads = "| operations of the right-hand side | first evaluation | first `simulate` | `jax.jit` of `solve_fn` |"
+    lines = [heads, "|---|---|---|---|"]
+    lines += [
+        f"| {row['operations']:,} | {row['evaluation']:.1f} | {row['simulate']:.1f} | {row['solve_fn']:.1f} |"
+        for row in rows
+    ]
     return "\n".join(lines)
 
 

@@ -11,6 +11,8 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
+from dalembert.codegen.jax import pieces  # noqa: E402
+
 T = np.linspace(0.0, 0.5, 3)
 SLEIGH = MOTIONS["chaplygin_sleigh"]
 
@@ -91,6 +93,21 @@ def test_models_and_functions_pass_through_jit_vmap_and_pickle():
     np.testing.assert_array_equal(*ends)
     alone = solve(T, initial, {**parameters, "b": spread[1]}).q[-1]
     np.testing.assert_allclose(ends[0][1], alone, rtol=1e-10, atol=1e-10)
+
+
+def test_long_right_hand_sides_go_in_blocks(monkeypatch):
+    """Blocks are the same operations, taken in turn; here those of a short right-hand side and its projections."""
+    parameters, initial, _ = SLEIGH
+    found = []
+    for limit in (pieces._LARGEST_AT_ONCE, 0):
+        monkeypatch.setattr(pieces, "_LARGEST_AT_ONCE", limit)
+        pieces.pieces_of.cache_clear()
+        solve = compiled("chaplygin_sleigh", "projected").solve_fn(initial, method="tsit5")
+        program = str(jax.make_jaxpr(lambda p, solve=solve: solve(T, initial, p).y)(parameters))
+        found.append((solve(T, initial, parameters).y, program.count("branches=")))
+    pieces.pieces_of.cache_clear()
+    assert found[0][1] < found[1][1]
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-12, atol=1e-13)
 
 
 def test_pickled_models_of_other_backends():
