@@ -1,6 +1,6 @@
 """The jax backend: single runs beside diffrax used by hand, gradients, and compile times.
 
-`singles` is for every run of the benchmarks, `measure` for ``run.py --jax``; ``python benchmarks/jax_speed.py`` prints
+`singles` is for every run of the benchmarks, `measure` for full ones; ``python benchmarks/jax_speed.py`` prints
 what that measures, with ``--compile`` compile times alone.
 Sweeps of this backend stand beside those of the others in `sweeps`.
 """

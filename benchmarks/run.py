@@ -120,11 +120,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in MODES:
         mode.add_argument(f"--{name}", dest="mode", action="store_const", const=name, help=f"the {name} benchmarks")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results and into README.md")
-    parser.add_argument("--jax", action="store_true", help="compilation and gradients of the jax backend too, slow")
+    parser.add_argument("--jax", action="store_true", help="compilation and gradients of jax in quick runs too")
     parser.set_defaults(mode="quick")
     options = parser.parse_args(arguments)
     folder = report.RESULT.parent if options.save else ROOT / "build" / "bench"
-    result = measure(options.mode, with_jax=options.jax)
+    result = measure(options.mode, with_jax=options.jax or options.mode == "full")
     write(result, folder)
     if options.save:
         report.fill()
