@@ -59,6 +59,7 @@ class Extent:
     sweep_fewer: int | None
     coverage_cases: int
     imports: int
+    jax_scenes: int
     jax_tolerances: int
 
 
@@ -84,6 +85,7 @@ QUICK = Extent(
     sweep_fewer=None,
     coverage_cases=40,
     imports=2,
+    jax_scenes=1,
     jax_tolerances=1,
 )
 FULL = Extent(
@@ -108,6 +110,7 @@ FULL = Extent(
     sweep_fewer=FEWER,
     coverage_cases=200,
     imports=5,
+    jax_scenes=2,
     jax_tolerances=3,
 )
 MODES = {"quick": QUICK, "full": FULL}
@@ -168,7 +171,13 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     kane = kane_scaling(extent.kane_sizes, say)
     say("one trajectory in a JAX program")
     singles = (
-        jax_speed.singles(jax_speed.NAMES, jax_speed.TOLERANCES[: extent.jax_tolerances], extent.rounds, 1.0, say)
+        jax_speed.singles(
+            jax_speed.NAMES[: extent.jax_scenes],
+            jax_speed.TOLERANCES[: extent.jax_tolerances],
+            extent.rounds,
+            1.0,
+            say,
+        )
         if "jax" in backends
         else []
     )
