@@ -21,7 +21,7 @@ from .scene import Scene
 from .scene.orientation import with_quaternions
 from .scene.outputs import requested
 from .scene.reading import read
-from .stages import Stages, Watch
+from .stages import Stages, Stopwatch
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
@@ -106,7 +106,7 @@ def compile_scene(
     from .runtime.model import CompiledModel
 
     names = _names(options.outputs)
-    watch = Watch()
+    watch = Stopwatch()
     chosen = watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))

@@ -17,7 +17,7 @@ from .scene.model import SceneModel
 if TYPE_CHECKING:
     from .codegen.base import RenderedModule
 
-__all__ = ["Stages", "Watch"]
+__all__ = ["Stages", "Stopwatch"]
 
 
 @final
@@ -38,7 +38,7 @@ class Stages:
 
 
 @final
-class Watch:
+class Stopwatch:
     """Runs stages and takes down how long each took."""
 
     def __init__(self) -> None:

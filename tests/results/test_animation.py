@@ -10,7 +10,7 @@ from sympy.physics.mechanics import LagrangesMethod, Particle, Point, ReferenceF
 
 import dalembert as da
 from dalembert.errors import MissingExtraError, OptionError
-from dalembert.results.skeleton import skeleton
+from dalembert.mechanics.skeleton import skeleton
 
 pytest.importorskip("matplotlib")
 pytestmark = pytest.mark.filterwarnings("ignore:Animation was deleted")

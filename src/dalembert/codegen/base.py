@@ -78,6 +78,21 @@ class CaseBlock:
     max_steps: int
     watch: EventCode | None = None
 
+    def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
+        """Return a case alone."""
+        return IntegrationProblem(
+            t0=float(self.spans[number, 0]),
+            t1=float(self.spans[number, 1]),
+            y0=self.y[number],
+            constants=self.c[number],
+            rtol=self.rtol,
+            atol=self.atol,
+            t_eval=t_eval,
+            max_step=self.max_step,
+            max_steps=self.max_steps,
+            dense=dense,
+        )
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -257,17 +272,7 @@ class Engine(ABC):
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""
         for i in range(len(block.y)):
-            problem = IntegrationProblem(
-                t0=float(block.spans[i, 0]),
-                t1=float(block.spans[i, 1]),
-                y0=block.y[i],
-                constants=block.c[i],
-                rtol=block.rtol,
-                atol=block.atol,
-                t_eval=np.append(block.t_eval, block.spans[i, 1]),
-                max_step=block.max_step,
-                max_steps=block.max_steps,
-            )
+            problem = block.problem(i, t_eval=np.append(block.t_eval, block.spans[i, 1]))
             if block.watch is not None:
                 watched_case(self, block, i, problem, method, result)
                 continue

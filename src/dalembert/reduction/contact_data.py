@@ -1,4 +1,4 @@
-"""[EquationsOfMotion] -> [Kernel]: the numbers from which `dalembert.runtime.contacts` decides what a contact does."""
+"""[EquationsOfMotion] -> [Kernel]: the numbers from which `dalembert.runtime.hybrid` decides what a contact does."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ sticks has its slip velocity as a further constraint, which the friction force h
 a given force (`dalembert.reduction.rubbing`). What is left is a scene without contacts, so that every formulation,
 backend and method serves it.
 
-Which mode holds is decided by `dalembert.runtime.contacts`, from numbers.
+Which mode holds is decided by `dalembert.runtime.hybrid`, from numbers.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 
 if TYPE_CHECKING:
+    from ..mechanics.skeleton import Skeleton
     from .motion import Motion
-    from .skeleton import Skeleton
 
 __all__ = ["Animation", "animate"]
 

@@ -144,7 +144,7 @@ class Motion(ABC):
             from .animation import animate
         except ImportError:
             raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
-        from .skeleton import skeleton
+        from ..mechanics.skeleton import skeleton
 
         if self._pictured is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")

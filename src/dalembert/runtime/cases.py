@@ -241,13 +241,4 @@ def single_problem(cases: Cases, settings: Settings, number: int) -> Integration
     block, status = cases.block(slice(number, number + 1), settings)
     if not len(status) or status[0] >= 0:
         return None
-    return IntegrationProblem(
-        t0=float(block.spans[0, 0]),
-        t1=float(block.spans[0, 1]),
-        y0=block.y[0],
-        constants=block.c[0],
-        rtol=settings.rtol,
-        atol=settings.atol,
-        max_step=settings.max_step,
-        max_steps=settings.max_steps,
-    )
+    return block.problem(0)

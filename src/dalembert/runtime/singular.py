@@ -274,17 +274,7 @@ def judged_cases(
         looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
     started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
     for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
-        problem = IntegrationProblem(
-            t0=float(block.spans[i, 0]),
-            t1=float(block.spans[i, 1]),
-            y0=block.y[i],
-            constants=block.c[i],
-            rtol=block.rtol,
-            atol=block.atol,
-            max_step=block.max_step,
-            max_steps=block.max_steps,
-            dense=True,
-        )
+        problem = block.problem(int(i), dense=True)
         solution, forward = _alone(engine, method, block, problem), 1.0 if problem.t1 >= problem.t0 else -1.0
         wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
         times = forward * np.union1d(forward * solution.t, forward * wanted)

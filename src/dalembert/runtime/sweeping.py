@@ -14,12 +14,12 @@ import numpy as np
 from ..codegen.base import BlockResult, CaseRun, Engine
 from ..errors import MissingExtraError
 from ..integrators.status import Status
-from .cases import Cases, Settings, agreed, single_problem
+from .cases import Cases, Settings, single_problem
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["Cases", "agreed", "begin_cases", "fitted", "meter", "run_cases"]
+__all__ = ["begin_cases", "fitted", "meter"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -58,17 +58,15 @@ def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
     return settings
 
 
-def run_cases(engine: Engine, cases: Cases, settings: Settings) -> BlockResult:
-    """Return the results of all cases. A case that fails is a status; an interrupt keeps what is finished."""
-    return begin_cases(engine, cases, settings)()
-
-
 Waiting = Callable[..., BlockResult]
 """What waits for results; with the argument True, only for cases that have been begun: the others are INTERRUPTED."""
 
 
 def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
-    """Begin to run cases, in threads where the engine makes them itself; return what waits for the results of all."""
+    """Begin to run cases, in threads where the engine makes them itself; return what waits for the results of all.
+
+    A case that fails is a status; an interrupt keeps what is finished.
+    """
     count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
     watch = settings.watch

@@ -11,7 +11,7 @@ from sympy.physics.mechanics import Point
 from ..errors import OptionError, list_names
 from .scene import Place
 
-__all__ = ["requested"]
+__all__ = ["placed", "requested"]
 
 
 def requested(outputs: Any) -> tuple[Any, ...]:
@@ -28,6 +28,13 @@ def requested(outputs: Any) -> tuple[Any, ...]:
     if strange:
         raise OptionError(f"outputs are names, expressions of the scene's symbols or Points, not {list_names(strange)}")
     return tuple(part for output in listed for part in _parts(output))
+
+
+def placed(points: Iterable[Any]) -> tuple[list[Place], list[str]]:
+    """Return a component of each of the points that were given as such, to be read, and the names of all of them."""
+    listed = list(points)
+    places = [Place(point, 0) for point in listed if isinstance(point, Point)]
+    return places, [point.name if isinstance(point, Point) else str(point) for point in listed]
 
 
 def _parts(output: Any) -> tuple[Any, ...]:

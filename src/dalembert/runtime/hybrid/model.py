@@ -21,10 +21,10 @@ from ...results.hybrid_sweep import HybridSweep
 from ...scene import Scene
 from ...values import option, times_of, tolerances, whole
 from .. import inputs
+from ..cases import Cases, agreed
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
 from ..reductions import reduction_table
-from ..sweeping import Cases, agreed
 from ..swept import with_grid
 from .facts import FloatArray
 from .quick import Quick

@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from sympy.physics.mechanics import Point
 
 from ..errors import OptionError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
-from ..mechanics.kinematics import Kinematics
 from ..scene.model import Pieces, SceneModel
+from ..scene.outputs import placed
 from ..scene.reading import read
-from ..scene.scene import Place
+from .kinematics import Kinematics
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -81,10 +80,11 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
             f"scene {scene.name!r} came from SymPy without positions of its bodies, so that there is nothing to draw;"
             " .plot() draws its coordinates"
         )
-    model = read(scene, [Place(point, 0) for point in points if isinstance(point, Point)])
+    places, names = placed(points)
+    model = read(scene, places)
     kinematics = Kinematics(model)
     known = [point.name for point in model.points]
-    unknown = [str(point) for point in points if not isinstance(point, Point) and str(point) not in known]
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise OptionError(f"unknown points {list_names(unknown)}; known: {list_names(known)}; or give the Point itself")
     strange = [name for name in model.symbols.parameters if name not in parameters]
@@ -93,7 +93,7 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
             f"points have parameters that the motion does not: {list_names(strange)}; it knows {list_names(parameters)}"
         )
     wanted = [body.centre for body in model.bodies]
-    wanted += [n for n, name in enumerate(known) if n not in wanted and n in _ends(model, points)]
+    wanted += [n for n, name in enumerate(known) if n not in wanted and n in _ends(model, names)]
     links: list[tuple[int, int]] = []
     for number in wanted:  # grows by the points that links lead to
         parent = model.points[number].parent
@@ -112,14 +112,13 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
     inputs |= {node: ("y", i) for i, node in enumerate(kinematics.q)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(parameters)}
     kernel = lower_kernel(graph, "skeleton", nodes, inputs, arguments=("t", "y", "c"))
-    names = tuple(known[number] for number in wanted)
-    return Skeleton(names, tuple(body.name for body in model.bodies), framed, tuple(dict.fromkeys(links)), kernel)
+    called, bodies = tuple(known[number] for number in wanted), tuple(body.name for body in model.bodies)
+    return Skeleton(called, bodies, framed, tuple(dict.fromkeys(links)), kernel)
 
 
-def _ends(model: SceneModel, points: Sequence[Any]) -> set[int]:
+def _ends(model: SceneModel, names: Sequence[str]) -> set[int]:
     """Return the numbers of the points of joints and loads, and of those that were asked for."""
     ends = {action.at for action in model.actions if action.at is not None}
-    names = {point.name if isinstance(point, Point) else str(point) for point in points}
     return ends | {number for number, point in enumerate(model.points) if point.name in names}
 
 
