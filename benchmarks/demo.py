@@ -1,4 +1,4 @@
-"""The demo: two scenes of the text from symbols to checked trajectories, in a minute or two. Pictures in build/demo.
+"""The demo: the scenes of the text from symbols to checked trajectories, in two minutes. Pictures in build/demo.
 
 Run by `make demo`; takes no arguments.
 """
@@ -40,6 +40,8 @@ def main() -> None:
         say(line)
     show_scene("The Chaplygin sleigh (example 13.4.6)", SLEIGH, ("X", "Y"))
     show_scene("The rolling sphere (example 13.4.3)", SPHERE, ("F_u", "F_v"))
+    show_corner_plate()
+    show_edge_plate()
     show_motions()
     show_drift()
     show_precision(backends)
@@ -77,8 +79,35 @@ def show_scene(title: str, case: Case, reactions: Sequence[str]) -> None:
     say(f"  reactions along the motion                           {largest}")
 
 
+def show_corner_plate() -> None:
+    """Let a plate rub on a corner, and show how it slips and sticks."""
+    heading("The plate against a corner, with Coulomb friction (example 13.4.2)")
+    model = da.compile_model(da.scenes.corner_plate(friction=True), outputs=["N_Q", "F_Q"])
+    start = {"x": -0.5 / np.tan(0.6), "theta": 0.6, "theta_dot": 1.0}
+    mu = 0.8
+    motion = model.simulate((0, 2), start, {"m": 1, "l": 1, "h": 0.5, "g": 9.81, "F_A": 4, "mu": mu}, rtol=1e-12)
+    for phase in motion.phases:
+        say(f"  {phase.t0:.12f} s to {phase.t1:.12f} s: {phase.modes['corner']}")
+    slips = motion.mode("corner") == "slip"
+    share = np.abs(motion["F_Q"]) / (mu * motion["N_Q"])
+    say(f"  |F_Q| / (mu N_Q): 1 to {np.abs(share[slips] - 1).max():.1e} in slip, {share[~slips].max():.3f} in stick")
+    say(f"  largest constraint violation {np.abs(motion.constraint_violation).max():.1e}")
+
+
+def show_edge_plate() -> None:
+    """Let a plate fall that slides on its edge, and show what is conserved."""
+    heading("The plate with a sliding edge (example 13.4.4)")
+    model = da.compile_model(da.scenes.edge_plate(), outputs=["Z"])
+    start = {"x": 0, "y": 0, "psi": 0.3, "theta": 1.2, "x_dot": 0.5, "y_dot": 0, "psi_dot": 0, "theta_dot": 0}
+    moments = {"A": 0.1, "B": 0.2, "C": 0.3, "F": 0.05}
+    motion = model.simulate((0, 0.5), start, {"m": 1, "h": 0.5, "g": 9.81, **moments}, rtol=1e-12)
+    for name, values in motion.invariants.items():
+        say(f"  {name} is conserved to {np.ptp(values) / max(1.0, np.abs(values[0])):.1e}")
+    say(f"  the plane bears {motion['Z'].min():.2f} to {motion['Z'].max():.2f} N")
+
+
 def show_motions() -> None:
-    """Draw the motions of both scenes and the energy error of every formulation."""
+    """Draw the motions of sleigh and sphere and the energy error of every formulation."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     runs: dict[str, Any] = {}
     for name, case in (("sleigh", SLEIGH), ("sphere", SPHERE)):
