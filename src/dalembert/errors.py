@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 __all__ = [
+    "AssumptionWarning",
     "CacheWarning",
     "ConstraintError",
     "DalembertError",
@@ -80,6 +81,10 @@ class InitialStateError(DalembertError, ValueError):
 
 class MissingExtraError(DalembertError, ImportError):
     """An optional package is needed; the message says how to install it."""
+
+
+class AssumptionWarning(UserWarning):
+    """A coordinate left, along a motion, the sign that its symbol was declared to have."""
 
 
 class CacheWarning(UserWarning):

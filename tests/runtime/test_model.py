@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen import BACKENDS
-from dalembert.errors import MissingExtraError
+from dalembert.errors import MissingExtraError, ValueInputError
 from dalembert.integrators.status import Status
 from dalembert.ir.program import describe_counts
 from dalembert.reduction import FORMULATIONS
@@ -159,3 +159,21 @@ def test_backends_agree_on_a_motion(backend):
     np.testing.assert_array_equal(found.t, times)
     np.testing.assert_allclose(found.q, expected.q, atol=2e-9)
     np.testing.assert_allclose(found.qdot, expected.qdot, atol=2e-9)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_prepared_runs_take_arrays_of_their_own_shapes_alone(backend):
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend=backend)
+    run = model.prepare((0, 1))
+    start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+    p = model.parameter_vector({"m": 1, "b": 0.3, "I_C": 0.5})
+    state = model.state(start, {"m": 1, "b": 0.3, "I_C": 0.5})
+    np.testing.assert_array_equal(run(list(state), p.tolist()), run(state, p))
+    for wrong, name in (
+        ((state[:1], p), "state"),
+        ((state, p[:1]), "p"),
+        ((state, 1.0), "p"),
+        ((state[None], p), "state"),
+    ):
+        with pytest.raises(ValueInputError, match=f"^{name} must have shape"):
+            run(*wrong)

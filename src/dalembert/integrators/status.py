@@ -21,6 +21,7 @@ class Status(enum.IntEnum):
     CONTACT_IMPOSSIBLE = 12
     CONTACT_AMBIGUOUS = 13
     SINGULAR_COORDINATES = 14
+    ASSUMPTION = 15
 
     @property
     def success(self) -> bool:
@@ -73,6 +74,11 @@ _MESSAGES = {
         "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn "
         'it about the same line there. Compile with orientation="quaternion", declare the attitude with '
         "dalembert.free_orientation, or choose other angles."
+    ),
+    Status.ASSUMPTION: (
+        "A value of this case contradicts what its symbol was declared to be, such as -1 with positive=True, and SymPy "
+        "has simplified the scene with that: simulate this case alone to be told which, or declare the symbol without "
+        "it (real=True) and compile anew."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

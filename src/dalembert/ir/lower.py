@@ -84,6 +84,7 @@ def lower(system: ReducedSystem) -> Program:
         aliases=dict(symbols.aliases),
         defaults={**equations.defaults, **system.defaults},
         entries=tuple(name for entry in symbols.entries for name in entry.names),
+        assumptions=dict(symbols.assumptions),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
     return Program(

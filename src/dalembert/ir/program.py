@@ -95,6 +95,8 @@ class Layout:
         Parameters that may be left out, and their values then.
     entries : tuple of str
         Names of other values that a start may be given in.
+    assumptions : mapping of str to tuple of str
+        Name -> what its symbol was declared to be, such as "positive".
     """
 
     coordinates: tuple[str, ...]
@@ -110,6 +112,7 @@ class Layout:
     aliases: dict[str, str] = field(hash=False)
     defaults: dict[str, float] = field(default_factory=dict, hash=False)
     entries: tuple[str, ...] = ()
+    assumptions: dict[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
 
     @property
     def initial(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from ..ir.program import Program
 from ..reduction.starting import Start
 from ..values import array_of, times_of, whole
 from . import inputs
+from .assumed import contradicts, refuse_contradictions
 from .events import EventCode
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem"]
@@ -77,6 +78,8 @@ class Cases:
             raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
         self.span = {"start": first, "end": last}
         self.count = self._count()
+        self.refused = self._refused()
+        self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
         self.start = start(self.initial)
 
     def _count(self) -> int:
@@ -90,6 +93,20 @@ class Cases:
             listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
             raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
         return next(iter(lengths.values()), 1)
+
+    def _refused(self) -> NDArray[np.bool_] | None:
+        """Return which cases (k,) have values that their symbols exclude, None where there are none.
+
+        What is given for all cases is refused at once.
+        """
+        layout, whole = self.program.layout, np.zeros(self.count, bool)
+        for table in (self.parameters, self.initial):
+            one = {name: float(values[0]) for name, values in table.items() if len(values) == 1}
+            refuse_contradictions(layout.assumptions, one)
+            for name, values in table.items():
+                if name in layout.assumptions:
+                    whole |= contradicts(layout.assumptions[name], values)
+        return whole if np.any(whole) else None
 
     def constants(self, block: slice) -> FloatArray:
         """Return the constants c (k, n_c) of a block of cases."""
@@ -111,7 +128,7 @@ class Cases:
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         return CaseColumns(
             len(range(*block.indices(self.count))),
-            (_part(self.span["start"], block), _part(self.span["end"], block)),
+            (_part(self._begin, block), _part(self.span["end"], block)),
             tuple(_part(self.parameters[name], block) for name in self.program.layout.parameters),
             tuple(_part(self.initial[name], block) for name in self.start.given),
             self.start,
@@ -131,7 +148,7 @@ class Cases:
         c = self.constants(block)
         count, size = len(c), len(self.program.layout.state)
         spans = np.empty((count, 2))
-        spans[:, 0], spans[:, 1] = _part(self.span["start"], block), _part(self.span["end"], block)
+        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
         given = np.empty((count, len(self.start.given)))
         for i, name in enumerate(self.start.given):
             given[:, i] = _part(self.initial[name], block)
@@ -145,6 +162,8 @@ class Cases:
             started &= np.abs(residual) <= tolerance
         status = np.where(started, -1.0, float(Status.INITIAL_STATE))
         status[~finite] = float(Status.NON_FINITE)
+        if self.refused is not None:
+            status[self.refused[block]] = float(Status.ASSUMPTION)
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         y = np.ascontiguousarray(out[:, :size])
         return CaseBlock(

@@ -13,6 +13,7 @@ from ..errors import ValueInputError
 from ..ir.program import Layout, Program
 from ..values import array_of, times_of
 from . import inputs
+from .assumed import refuse_contradictions, rows_that_contradict
 
 __all__ = ["Evaluated", "rows_of"]
 
@@ -76,11 +77,20 @@ class Evaluated(ABC):
         times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
         if isinstance(p, Mapping):
             p = inputs.parameter_vector(self.layout, p)
-        c = inputs.constants(self._program, rows_of("p", p, len(self.layout.parameters)))
+        p = rows_of("p", p, len(self.layout.parameters))
+        self._refuse_contradictions(q, p)
+        c = inputs.constants(self._program, p)
         if kernel not in self._program:
             return np.zeros(shape if single else (count, *shape))
         out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
         return out[0] if single else out
+
+    def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:
+        """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
+        layout, rows = self.layout, np.atleast_2d(p)
+        for names, table in ((layout.coordinates, q), (layout.parameters, rows)):
+            for row in table[rows_that_contradict(layout.assumptions, names, table)]:
+                refuse_contradictions(layout.assumptions, dict(zip(names, row.tolist(), strict=True)))
 
 
 def rows_of(name: str, values: Any, size: int) -> FloatArray:

@@ -16,6 +16,7 @@ from ..ir.program import Layout, Program
 from ..reduction.starting import Start
 from ..values import number
 from .assembly import nearest
+from .assumed import refuse_contradictions
 
 __all__ = [
     "FLOOR",
@@ -118,11 +119,12 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
     UnknownNameError
         For missing or unknown names.
     ValueInputError
-        For values that are not finite numbers.
+        For values that are not finite numbers, or that their symbols exclude.
     """
     complaint = None
     try:
         values = resolve("parameter", parameters, layout.parameters, layout.aliases)
+        refuse_contradictions(layout.assumptions, values)
         given = set(values)
     except UnknownNameError as unknown:
         complaint = str(unknown)
@@ -216,7 +218,9 @@ def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = Fa
     Raises
     ------
     UnknownNameError, ValueInputError
-        For unknown names and values that are not finite numbers.
+        For unknown names, and values that are not finite numbers or that their symbols exclude.
     """
     known = (*layout.coordinates, *layout.rates) if plain else layout.initial
-    return resolve("initial value", initial, known, layout.aliases)
+    values = resolve("initial value", initial, known, layout.aliases)
+    refuse_contradictions(layout.assumptions, values)
+    return values

@@ -6,7 +6,10 @@ from collections.abc import Callable
 from typing import final
 
 from ..codegen.base import FloatArray
+from ..errors import ValueInputError, list_names
 from ..integrators.status import Status
+from ..ir.program import Layout
+from ..values import array_of
 
 __all__ = ["PreparedRun"]
 
@@ -15,8 +18,9 @@ __all__ = ["PreparedRun"]
 class PreparedRun:
     """A run of fixed span, method and tolerances: ``run(state, p)`` is the final state.
 
-    The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``; what is in
-    them is not checked. A prepared run keeps buffers of its own and is for one thread at a time.
+    The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``, which check
+    what is in them; here only their shapes are checked. A prepared run keeps buffers of its own and is for one thread
+    at a time.
 
     Attributes
     ----------
@@ -24,15 +28,46 @@ class PreparedRun:
         How the last run ended.
     """
 
-    def __init__(self, run: Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]], method: str) -> None:
+    def __init__(
+        self, run: Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]], method: str, layout: Layout
+    ) -> None:
         self._run = run
+        self._state, self._parameters = layout.state, layout.parameters
+        self._shapes = ((len(layout.state),), (len(layout.parameters),))
         self.method = method
         self.status = Status.SUCCESS
 
     def __call__(self, state: FloatArray, p: FloatArray) -> FloatArray:
-        """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,)."""
+        """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,).
+
+        Raises
+        ------
+        ValueInputError
+            For arrays of other shapes.
+        """
+        try:
+            fits = (state.shape, p.shape) == self._shapes
+        except AttributeError:
+            fits = False
+        if not fits:
+            state = self._array("state", state, self._state)
+            p = self._array("p", p, self._parameters)
         y, self.status = self._run(state, p)
         return y
+
+    @staticmethod
+    def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:
+        """Return what was given as an array, of the shape that it must have."""
+        try:
+            array = array_of(given)
+        except ValueError as reason:
+            raise ValueInputError(f"{kind} = {given!r} {reason}") from None
+        if array.shape != (len(names),):
+            raise ValueInputError(
+                f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}; make it with"
+                f" model.{'state' if kind == 'state' else 'parameter_vector'}(...)"
+            )
+        return array
 
     def __repr__(self) -> str:
         return f"<PreparedRun by {self.method}>"

@@ -25,6 +25,7 @@ from ..results.trajectory import Trajectory
 from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .assembly import assembled
+from .assumed import warn_of_motion
 from .evaluation import rows_of
 from .events import EventCode
 from .gains import with_gains
@@ -324,6 +325,7 @@ class Simulated(Held):
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        warn_of_motion(self.layout.assumptions, self.layout.coordinates, run.t, run.__getitem__)
         run.with_monitors(self._monitors).with_near(solution.near).of_scene(self.stages.scene)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
@@ -437,7 +439,9 @@ class Simulated(Held):
             refuse_unknown(project_invariants, self._conservable)
             options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
             return PreparedRun(
-                self._prepared_keeping(project_invariants, (t0, t1), options), self._method(method, rtol, atol)
+                self._prepared_keeping(project_invariants, (t0, t1), options),
+                self._method(method, rtol, atol),
+                self.layout,
             )
         chosen = self._method(method, rtol, atol)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
@@ -452,4 +456,4 @@ class Simulated(Held):
             max_steps=whole("max_steps", max_steps),
         )
         run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
-        return PreparedRun(run, chosen)
+        return PreparedRun(run, chosen, self.layout)

@@ -18,6 +18,7 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..values import option, tolerances, whole
 from . import inputs
+from .assumed import warn_of_motion
 from .cases import Cases, Settings, agreed, single_problem
 from .gains import give_gains
 from .gimbal import locked_cases
@@ -60,7 +61,8 @@ class Swept(Simulated):
         t_span : (float or array_like (n_case,), float or array_like (n_case,))
             Start and end [s], for all cases or one each.
         initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
-            Scalars serve all cases. A value that is not finite is the status of its case, not an error.
+            Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
+            status of its case, not an error.
         grid : Grid, optional
             From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
         t_eval : array_like (n_t,), optional
@@ -227,6 +229,8 @@ class Swept(Simulated):
             done = waiting(stop)
             if settings.apart is not None:
                 done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
+            if cases.refused is not None:
+                done.refuse(cases.refused, Status.ASSUMPTION)
             statistics = SweepStatistics(
                 method=settings.method,
                 threads=settings.threads,
@@ -240,6 +244,7 @@ class Swept(Simulated):
             run = Sweep(
                 self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
             )
+            warn_of_motion(self.layout.assumptions, self.layout.coordinates, run.t, run._final)
             watch = settings.watch
             return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 

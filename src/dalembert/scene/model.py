@@ -231,6 +231,8 @@ class SymbolTable:
         What a SymPy symbol prints as -> its name, so that symbols serve as keys wherever names do.
     entries : tuple of Entry
         Other values that a start may be given in.
+    assumptions : mapping of str to tuple of str
+        Name -> what its symbol was declared to be, such as "positive", where that excludes numbers.
     """
 
     time: str
@@ -240,6 +242,7 @@ class SymbolTable:
     unknowns: tuple[str, ...]
     aliases: Mapping[str, str]
     entries: tuple[Entry, ...] = ()
+    assumptions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @final

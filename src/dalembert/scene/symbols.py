@@ -21,12 +21,19 @@ from .speeds import read_speeds
 __all__ = ["RESERVED_OUTPUTS", "SymbolReader", "reader_of"]
 
 TIME = "t"
+_SIGNS = ("zero", "positive", "negative", "nonnegative", "nonpositive")
+_WHOLE = ("even", "odd", "integer")
 RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 
 def reader_of(scene: Scene) -> ExpressionReader:
     """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
     return SymbolReader(scene).expressions
+
+
+def _is(symbol: Any, what: str) -> bool:
+    """Whether a symbol was declared to be "positive" and so on, where it may be infinite, too."""
+    return bool(getattr(symbol, f"is_extended_{what}" if what in _SIGNS[1:] else f"is_{what}"))
 
 
 class SymbolReader:
@@ -112,7 +119,25 @@ class SymbolReader:
             name = u.func.__name__
             aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
-        return SymbolTable(TIME, coordinates, rates, parameters, unknowns, aliases, entries)
+        return SymbolTable(
+            TIME, coordinates, rates, parameters, unknowns, aliases, entries, self._assumptions(parameters)
+        )
+
+    def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Return what parameters, coordinates, angles and speeds were declared to be, by name."""
+        angles = [angle for item in self.scene.orientations for angle in item.angles]
+        moving = [(q.func.__name__, q) for q in (*self.coordinates, *angles, *self.scene.speeds)]
+        found: dict[str, tuple[str, ...]] = {}
+        for name, symbol in [(name, self.expressions.parameters[name]) for name in parameters] + moving:
+            if symbol.is_extended_real is False or symbol.is_finite is False:
+                self.faults.append(
+                    f"{name!r} is declared to be no finite real number, and all that is compiled is one; make it with"
+                    " real=True"
+                )
+            told = [next((what for what in kinds if _is(symbol, what)), "") for kinds in (_SIGNS, _WHOLE)]
+            if any(told):
+                found[name] = tuple(what for what in told if what)
+        return found
 
     def _rates(self) -> list[Node]:
         return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]

@@ -1,0 +1,122 @@
+"""What symbols were declared to be, such as positive, and the numbers that are given for them.
+
+SymPy simplifies with what it is told: sqrt(k**2) is k for a positive k before a scene is read. The equations are
+therefore wrong for numbers that the declarations exclude. Zero passes for what is positive or negative: it stands for
+the limit from the side that was declared.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codegen.base import FloatArray
+from ..errors import AssumptionWarning, ValueInputError
+
+__all__ = ["contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]
+
+_SIGNED = ("positive", "nonnegative", "negative", "nonpositive")
+_SLACK = 1e-6
+
+_Test = Callable[[FloatArray], NDArray[np.bool_]]
+
+
+def _divides(number: int, rest: int) -> _Test:
+    return lambda v: np.mod(v, number) != rest
+
+
+_BROKEN: dict[str, tuple[str, _Test]] = {
+    "positive": ("negative", lambda v: v < 0.0),
+    "nonnegative": ("negative", lambda v: v < 0.0),
+    "negative": ("positive", lambda v: v > 0.0),
+    "nonpositive": ("positive", lambda v: v > 0.0),
+    "zero": ("not zero", lambda v: v != 0.0),
+    "integer": ("not whole", _divides(1, 0)),
+    "even": ("not even", _divides(2, 0)),
+    "odd": ("not odd", _divides(2, 1)),
+}
+"""Declaration -> what a number is that it excludes, and which numbers (k,) are."""
+
+
+def contradicts(declared: Sequence[str], values: FloatArray) -> NDArray[np.bool_]:
+    """Return which numbers (k,) contradict what their symbol was declared to be; what is not finite does not."""
+    broken = np.zeros(values.shape, bool)
+    with np.errstate(invalid="ignore"):
+        for name in declared:
+            broken |= _BROKEN[name][1](values)
+    return broken & np.isfinite(values)
+
+
+def refuse_contradictions(assumptions: Mapping[str, Sequence[str]], values: Mapping[str, float]) -> None:
+    """Refuse numbers that their symbols exclude.
+
+    Raises
+    ------
+    ValueInputError
+        That names all of them, what they contradict, and the remedy.
+    """
+    wrong = []
+    for name, value in values.items():
+        if name in assumptions and contradicts(assumptions[name], np.array(value)):
+            declared = ", ".join(f"{what}=True" for what in assumptions[name])
+            wrong.append(f"{name} = {value:g} contradicts {declared}, with which the symbol {name!r} was declared")
+    if wrong:
+        raise ValueInputError(
+            f"{'; '.join(wrong)}. SymPy has simplified the scene with that (as sqrt(k**2) to k for positive k), so that"
+            " its equations may be wrong there: give another value, or declare the symbol without it (real=True) and"
+            " compile anew"
+        )
+
+
+def rows_that_contradict(
+    assumptions: Mapping[str, Sequence[str]], names: Sequence[str], rows: FloatArray
+) -> NDArray[np.bool_]:
+    """Return which of the rows (k, n), one column a name, hold numbers that their symbols exclude."""
+    broken = np.zeros(len(rows), bool)
+    for place, name in enumerate(names):
+        if name in assumptions:
+            broken |= contradicts(assumptions[name], rows[:, place])
+    return broken
+
+
+def warn_of_motion(
+    assumptions: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    t: FloatArray,
+    of: Callable[[str], FloatArray],
+    stacklevel: int = 4,
+) -> None:
+    """Warn where coordinates left, along motions, the sign that they were declared to have.
+
+    Excursions next to zero, as of a projection onto constraints, do not count.
+
+    Parameters
+    ----------
+    assumptions : mapping of str to sequence of str
+    names : sequence of str
+        Of the coordinates.
+    t : ndarray (k,)
+        Times [s].
+    of : function of a name
+        Gives the values (k,) of a coordinate at these times.
+    stacklevel : int
+        As for ``warnings.warn``.
+    """
+    for name in names:
+        signs = [what for what in assumptions.get(name, ()) if what in _SIGNED]
+        values = of(name) if signs and len(t) else np.zeros(0)
+        size = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
+        broken = np.flatnonzero(contradicts(signs, values) & (np.abs(values) > _SLACK * size))
+        if len(broken):
+            first = broken[0]
+            warnings.warn(
+                f"{name} = {values[first]:g} at t = {t[first]:g} ({len(broken)} of {len(values)} records): the"
+                f" coordinate was declared with {signs[0]}=True, and SymPy has simplified the scene with that (as"
+                " sqrt(k**2) to k for positive k), so that motions may be wrong beyond it. Declare it without, or end"
+                " the run there with a terminal event",
+                AssumptionWarning,
+                stacklevel=stacklevel,
+            )
