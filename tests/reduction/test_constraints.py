@@ -1,5 +1,6 @@
 """Constraints that depend on each other, mass matrices that are singular, and reactions."""
 
+import functools
 import re
 
 import numpy as np
@@ -8,7 +9,8 @@ from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import ConstraintError, SingularMassMatrixError
+from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError
+from dalembert.integrators.status import Status
 from dalembert.ir.program import count_operations
 from dalembert.reduction import FORMULATIONS
 from scene.builders import cartesian_pendulum
@@ -314,3 +316,46 @@ def test_reaction_at_a_point_that_travels_over_the_body_takes_the_bodys_velocity
     arm = p["l"] * np.cos(0.6)
     expected = p["m"] * p["g"] / (1 + p["m"] * arm**2 / p["A"])
     assert trajectory["R"][0] == pytest.approx(expected, rel=1e-12)
+
+
+# -- constraints that depend on each other at some parameters -------------------------------
+
+
+@functools.cache
+def two_blades(formulation):
+    """A body on two blades, d apart, that cannot turn unless they are one; a torque of its own turns it then."""
+    x, y, theta = dynamicsymbols("x y theta")
+    d, J = symbols("d J", real=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    S = N.orientnew("S", "Axis", (theta, N.z))
+    C = O.locatenew("C", x * N.x + y * N.y)
+    scene = da.Scene("two_blades", frame=N, origin=O, coordinates=[x, y, theta])
+    scene.add_bodies(RigidBody("body", C, S, symbols("m", real=True), (inertia(S, 0, 0, J), C)))
+    scene.add_loads((S, N.z))
+    across = -x.diff() * sin(theta) + y.diff() * cos(theta)
+    scene.add_nonholonomic_constraints(across, across + d * theta.diff())
+    return da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+BLADES = {"x": 0, "y": 0, "theta": 0, "x_dot": 0, "y_dot": 0, "theta_dot": 0}
+
+
+@pytest.mark.parametrize("formulation", [name for name in FORMULATIONS if name != "minimal"])
+def test_constraint_that_follows_from_others_at_some_parameters_is_left_out_there(formulation):
+    model = two_blades(formulation)
+    one = model.simulate((0, 1), BLADES, {"m": 1, "J": 1, "d": 0})
+    assert one["theta"][-1] == pytest.approx(0.5, rel=1e-6) and "nonholonomic constraint 2" in one.stats.note
+    apart = model.simulate((0, 1), BLADES, {"m": 1, "J": 1, "d": 0.5})
+    assert abs(apart["theta"][-1]) < 1e-9 and "not enforced" not in apart.stats.note
+    sweep = model.sweep((0, 1), BLADES, {"m": 1, "J": 1, "d": [0.5, 0.0]})
+    assert list(sweep.status) == [Status.SUCCESS, Status.SINGULAR_CONFIGURATION] and "1 of 2 cases" in sweep.stats.note
+
+
+def test_minimal_refuses_parameters_at_which_it_divides_by_zero():
+    model = two_blades("minimal")
+    with pytest.raises(InitialStateError) as caught:
+        model.simulate((0, 1), BLADES, {"m": 1, "J": 1, "d": 0})
+    for text in ("d = 0", "nonholonomic constraint 2", 'formulation="projected"'):
+        assert text in str(caught.value)
+    sweep = model.sweep((0, 1), BLADES, {"m": 1, "J": 1, "d": [0.0, 0.5]})
+    assert list(sweep.status) == [Status.INITIAL_STATE, Status.SUCCESS]

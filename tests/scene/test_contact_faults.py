@@ -131,13 +131,13 @@ def test_friction_without_a_normal_reaction_that_the_equations_determine():
 
 @pytest.mark.parametrize("value, text", [(-0.1, "must not be negative"), (math.nan, "finite")])
 def test_coefficients_at_run_time(value, text):
-    model = da.compile_model(corner_plate())
+    model = da.compile_model(corner_plate(mu=sp.Symbol("mu")))
     with pytest.raises(ValueInputError, match=text):
         model.simulate((0, 1), START, {**P, "F_A": 0, "mu": value})
 
 
 def test_coefficients_of_a_sweep():
-    model = da.compile_model(corner_plate())
+    model = da.compile_model(corner_plate(mu=sp.Symbol("mu")))
     sweep = model.sweep((0, 1), START, {**P, "F_A": 0, "mu": [0.1, -0.1]})
     assert list(sweep.status) == [Status.SUCCESS, Status.INITIAL_STATE]
 

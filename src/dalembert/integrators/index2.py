@@ -152,9 +152,12 @@ class _Run:
         part = ERROR_WEIGHTS @ z / h * self.mass
         new: FloatArray = self.y + z[2]
         scale = max(self.problem.atol, 1e-150) + self.problem.rtol * np.maximum(np.abs(self.y), np.abs(new))
-        error = np.linalg.solve(shifted, slope + part)
-        norm = float(np.sqrt(np.mean((error / scale)[: self.kept] ** 2)))
-        if norm > 1.0:  # filtered once more, as stiff components demand
-            error = np.linalg.solve(shifted, self._call(self.t, self.y + error) + part)
+        try:
+            error = np.linalg.solve(shifted, slope + part)
             norm = float(np.sqrt(np.mean((error / scale)[: self.kept] ** 2)))
+            if norm > 1.0:  # filtered once more, as stiff components demand
+                error = np.linalg.solve(shifted, self._call(self.t, self.y + error) + part)
+                norm = float(np.sqrt(np.mean((error / scale)[: self.kept] ** 2)))
+        except np.linalg.LinAlgError:
+            return np.inf
         return norm

@@ -99,4 +99,6 @@ def _reduce(
         why = "chosen because its basis is regular at every configuration"
         return minimal if not equations.constraints else replace(minimal, notes=(*minimal.notes, why))
     # what minimal has made offers the graph forms of the same accelerations that are often a third as long
-    return FORMULATIONS[formulation].reduce(equations, requested, ReductionSettings(gains, regular=True))
+    regular = not minimal.pivots  # which vanish at some parameters, where constraints may depend on each other
+    reduced = FORMULATIONS[formulation].reduce(equations, requested, ReductionSettings(gains, regular=regular))
+    return replace(reduced, regular=regular)

@@ -112,6 +112,8 @@ class ReducedSystem:
         Whether the constraints are known to be independent at every configuration.
     left_out : tuple of int
         Numbers of constraints that follow from the others and are not enforced.
+    pivots : tuple of (str, Node)
+        Label of a constraint, and the function of the parameters that the formulation divides it by.
     """
 
     formulation: str
@@ -132,6 +134,7 @@ class ReducedSystem:
     defaults: Mapping[str, float] = field(default_factory=dict)
     regular: bool = True
     left_out: tuple[int, ...] = ()
+    pivots: tuple[tuple[str, Node], ...] = ()
 
     @property
     def places(self) -> dict[Node, int]:

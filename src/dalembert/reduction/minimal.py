@@ -103,6 +103,7 @@ class Minimal(Formulation):
             projection=normalisation(scene, kept, len(best.names)),
             outputs=wanted.outputs,
             undetermined=wanted.undetermined,
+            pivots=best.pivots,
             notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),
         )
 

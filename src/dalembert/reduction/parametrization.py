@@ -47,6 +47,8 @@ class Parametrization:
         u in terms of q and q_dot.
     notes : tuple of str
         What was eliminated, for `explain()`.
+    pivots : tuple of (str, Node)
+        Label of a constraint, and the function of the parameters that it was divided by, where that is no number.
     """
 
     kept: tuple[int, ...]
@@ -56,6 +58,7 @@ class Parametrization:
     speeds: tuple[Node, ...]
     definitions: tuple[Node, ...]
     notes: tuple[str, ...]
+    pivots: tuple[tuple[str, Node], ...]
 
 
 def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrization], float]) -> Parametrization:
@@ -95,16 +98,21 @@ def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrizati
 @final
 @dataclass(frozen=True)
 class _Holonomic:
-    """Coordinates solved for: number -> expression in the others, and the values of q and q_dot that follow."""
+    """Coordinates solved for: number -> expression in the others, and the values of q and q_dot that follow.
+
+    `pivots` are as in `Parametrization`.
+    """
 
     solved: dict[int, Node]
     coordinates: tuple[Node, ...]
     rates: tuple[Node, ...]
+    pivots: tuple[tuple[str, Node], ...]
 
 
 def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
     graph, q = equations.graph, equations.q
     solved: dict[int, Node] = {}
+    pivots: list[tuple[str, Node]] = []
     for row in (row for row in equations.constraints if row.position is not None):
         assert row.position is not None
         known = {q[i]: value for i, value in solved.items()}
@@ -115,6 +123,8 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
             _refuse_dependent(equations, row, residual, q)
             raise NoRegularBasis(f"{row.label} gives no coordinate in closed form")
         number, slope = pivot
+        if slope.number is None:
+            pivots.append((row.label, slope))
         rest = graph.substitute([residual], {q[number]: graph.zero})[0]
         value = -rest / slope
         for i, old in solved.items():
@@ -125,7 +135,7 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
     rates = list(equations.qdot)
     for number, value in solved.items():
         rates[number] = tangents(graph, [value], flow)[0]
-    return _Holonomic(solved, coordinates, tuple(rates))
+    return _Holonomic(solved, coordinates, tuple(rates), tuple(pivots))
 
 
 def _refuse_dependent(
@@ -182,7 +192,7 @@ def _parametrize(
         for i, name, speed, row in zip(group.coordinates, pick.names, inputs, pick.rows, strict=False):
             names[i], speeds[i] = name, speed
             definitions[i] = graph.sum(a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True))
-    solved = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
+    solved, pivots = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
     independent = [i for i in speeds if i not in solved]
     rates_in_speeds = graph.substitute(list(holonomic.rates), turned)
     dependent = {speeds[i]: value for i, value in solved.items()}
@@ -200,6 +210,7 @@ def _parametrize(
         speeds=tuple(speeds[i] for i in independent),
         definitions=tuple(definitions[i] for i in independent),
         notes=tuple(notes),
+        pivots=(*holonomic.pivots, *pivots),
     )
 
 
@@ -209,10 +220,11 @@ def _solve_nonholonomic(
     holonomic: _Holonomic,
     turned: dict[Node, Node],
     speeds: dict[int, Node],
-) -> dict[int, Node]:
-    """Return the speeds that nonholonomic constraints give, each in terms of the independent ones."""
+) -> tuple[dict[int, Node], list[tuple[str, Node]]]:
+    """Return the speeds that nonholonomic constraints give, each in terms of the independent ones, and the pivots."""
     graph = equations.graph
     solved: dict[int, Node] = {}
+    pivots: list[tuple[str, Node]] = []
     moving = (*equations.moving, *speeds.values())
     for row in (row for row in equations.constraints if row.position is None):
         jacobian = graph.substitute([*row.jacobian, row.drift], at_kept)
@@ -231,13 +243,15 @@ def _solve_nonholonomic(
             _refuse_dependent(equations, row, velocity, tuple(speeds.values()))
             raise NoRegularBasis(f"{row.label} gives no velocity without a division by a function of the configuration")
         number, slope = best
+        if slope.number is None:
+            pivots.append((row.label, slope))
         rest = graph.substitute([velocity], {speeds[number]: graph.zero})[0]
         value = -rest / slope
         for i, old in solved.items():
             solved[i] = graph.substitute([old], {speeds[number]: value})[0]
         solved[number] = value
     independent = [speed for i, speed in speeds.items() if i not in solved]
-    return {i: _linear(graph, value, independent) for i, value in solved.items()}
+    return {i: _linear(graph, value, independent) for i, value in solved.items()}, pivots
 
 
 def _linear(graph: Graph, node: Node, speeds: Sequence[Node]) -> Node:

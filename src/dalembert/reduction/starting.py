@@ -28,6 +28,8 @@ TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""
 
 _NOTHING = 1e-4
+_PIVOT = 1e-13
+"""Share of a row of the constraint Jacobian below which a pivot does not count."""
 _RANK = 1e-18
 """Square of the share of the constraint Jacobian below which a column does not count."""
 
@@ -46,7 +48,8 @@ class Start:
         Names of coordinates and rates.
     labels : tuple of (str, str)
         "positions" or "rates", and the label of the constraint; or "coordinates left out" or "rates left out", and
-        the name of what the constraints must fix, which they do where the first number is at most the second.
+        the name of what the constraints must fix, which they do where the first number is at most the second; or
+        "pivots" and the label of a constraint, which the formulation can hold under the same condition.
     """
 
     kernel: Kernel
@@ -132,6 +135,11 @@ class _Starting:
         checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
         checks += [self._at([node])[0] for pair in self.fixed for node in pair]
         labels += self.fixed_labels
+        for label, pivot in self.system.pivots:
+            (row,) = (self.graph.adopt(row.jacobian) for row in self.rows if row.label == label)
+            size = self.graph.sum(self.graph.call("abs", entry) for entry in self._at(row))
+            checks += [self.graph.node(_PIVOT) * size, self.graph.call("abs", self.graph.adopt([pivot])[0])]
+            labels.append(("pivots", label))
         kernel = lower_kernel(self.graph, "start", [*state, *checks], self._inputs(), arguments=("t", "y", "c"))
         return Start(kernel, self.given, tuple(labels))
 

@@ -159,12 +159,16 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     """
     c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
     if not np.all(np.isfinite(c)):
-        given = ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=True))
         raise ValueInputError(
-            f"an expression of the parameters is not finite at {given}: a mass, a length or a moment of inertia"
-            " that the scene divides by is zero"
+            f"an expression of the parameters is not finite at {_told(program, p)}: a mass, a length or a moment of"
+            " inertia that the scene divides by is zero"
         )
     return c
+
+
+def _told(program: Program, p: FloatArray) -> str:
+    """Return what parameters are at the beginning of p, as text."""
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=False))
 
 
 def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatArray, program: Program) -> FloatArray:
@@ -187,6 +191,17 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
                 f"initial values are missing for the {what} {list_names(loose)}: the constraints do not fix them at"
                 " this configuration, and nothing defaults to zero"
             )
+    lost = [
+        name
+        for (kind, name), (least, pivot) in zip(start.labels, checks, strict=True)
+        if kind == "pivots" and not least <= pivot
+    ]
+    if lost:
+        raise InitialStateError(
+            f"at these parameters ({_told(program, c)}) the constraint {list_names(lost)} follows from the others or"
+            f" says nothing, and the formulation {program.formulation!r} divides by what vanishes there. Use"
+            ' formulation="projected", which leaves out what follows from the others, or remove the constraint'
+        )
     for what in ("positions", "rates"):
         faults = [
             f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
