@@ -13,6 +13,7 @@ __all__ = [
     "CacheWarning",
     "ConstraintError",
     "DalembertError",
+    "EnergyWarning",
     "ExpressionError",
     "FormulationError",
     "InitialStateError",
@@ -89,6 +90,10 @@ class AssumptionWarning(UserWarning):
 
 class CacheWarning(UserWarning):
     """A file of the module cache was damaged and has been rebuilt."""
+
+
+class EnergyWarning(UserWarning):
+    """A potential energy has no load that exerts its force."""
 
 
 class PrecisionWarning(UserWarning):

@@ -41,7 +41,7 @@ def given_powers(kinematics: Kinematics) -> Powers:
                     matrix[i][j] = matrix[i][j] + vec.dot(shares[j], partial)
                     matrix[j][i] = matrix[i][j]
             kinetic = kinetic + vec.dot(momentum, velocity) / 2
-    return Powers(matrix, forcing, kinetic, graph.zero)
+    return Powers(matrix, forcing, kinetic, graph.sum(kinematics.model.potentials), graph.zero)
 
 
 def load_powers(kinematics: Kinematics, loads: Sequence[GivenLoad]) -> list[Node]:

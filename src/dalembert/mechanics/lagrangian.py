@@ -45,4 +45,4 @@ def lagrangian_powers(kinematics: Kinematics) -> Powers:
     pairs = ((matrix[i][j], rates[i], rates[j]) for i in range(len(q)) for j in range(len(q)))
     kinetic = graph.sum(entry * a * b for entry, a, b in pairs) / 2
     still = graph.substitute([lagrangian], dict.fromkeys(rates, graph.zero))[0]
-    return Powers(matrix, forcing, kinetic, -still)
+    return Powers(matrix, forcing, kinetic, -still, -still)

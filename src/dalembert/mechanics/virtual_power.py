@@ -36,12 +36,17 @@ class _Inertia:
 
 @dataclass(frozen=True)
 class Powers:
-    """What virtual power gives: M q_ddot = forcing, reactions still inside the forcing as inputs."""
+    """What virtual power gives: M q_ddot = forcing, reactions still inside the forcing as inputs.
+
+    `weighing` is the part of the potential energy that has its forces from no load: that of gravity, also where bodies
+    say it themselves.
+    """
 
     mass_matrix: Matrix
     forcing: list[Node]
     kinetic_energy: Node
-    gravity_potential: Node
+    potential_energy: Node
+    weighing: Node
 
 
 def powers(kinematics: Kinematics) -> Powers:
@@ -49,10 +54,10 @@ def powers(kinematics: Kinematics) -> Powers:
     graph, model = kinematics.graph, kinematics.model
     inertias: dict[Pose, _Inertia] = {}
     wrenches: dict[Pose, Screw] = {}
-    kinetic, potential = graph.zero, graph.zero
+    kinetic, potential, weighing = graph.zero, graph.zero, graph.zero
     gravity = kinematics.resolve(model.gravity, 0)
     bodies = []
-    for body in model.bodies:
+    for body, said in zip(model.bodies, model.potentials, strict=True):
         frame = kinematics.carrier(body.centre) if body.inertia is None else body.frame
         pose = kinematics.pose(frame, body.centre)
         bodies.append(pose)
@@ -63,8 +68,12 @@ def powers(kinematics: Kinematics) -> Powers:
         _add_screw(wrenches, pose, (vec.scale(body.mass, pose.a), rate))
         energy = body.mass * vec.dot(pose.v, pose.v) + vec.dot(pose.omega, momentum)
         kinetic = kinetic + energy / 2
+        potential = potential + said
         if not vec.is_zero(gravity):
-            potential = potential - body.mass * vec.dot(gravity, kinematics.position(pose))
+            weight = -body.mass * vec.dot(gravity, kinematics.position(pose))
+            weighing = weighing + weight
+            if said.is_zero or graph.freed_of(said - weight, kinematics.q) is None:
+                potential = potential + weight
     _add_actions(kinematics, bodies, wrenches)
     size = len(kinematics.q)
     mass_matrix: Matrix = [[graph.zero] * size for _ in range(size)]
@@ -81,7 +90,7 @@ def powers(kinematics: Kinematics) -> Powers:
                 forcing[motion.coordinate] = forcing[motion.coordinate] - _power(motion, wrench)
             if pose.parent is not None:
                 _add_screw(wrenches, pose.parent, _carry_screw(pose, wrench))
-    return Powers(mass_matrix, forcing, kinetic, potential)
+    return Powers(mass_matrix, forcing, kinetic, potential, weighing)
 
 
 def _add_actions(kinematics: Kinematics, bodies: list[Pose], wrenches: dict[Pose, Screw]) -> None:

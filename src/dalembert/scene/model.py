@@ -251,7 +251,8 @@ class SceneModel:
     """Everything of a scene that the derivation needs, as graph nodes.
 
     Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
-    gives its Lagrangian, `given` holds the loads. `places` are outputs: number of a point, and of an axis.
+    gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
+    of the scene say themselves. `places` are outputs: number of a point, and of an axis.
     """
 
     name: str
@@ -262,7 +263,7 @@ class SceneModel:
     bodies: tuple[BodyModel, ...]
     actions: tuple[Action, ...]
     gravity: Pieces
-    potential: Node
+    potentials: tuple[Node, ...]
     holonomic: tuple[ConstraintModel, ...]
     nonholonomic: tuple[ConstraintModel, ...]
     outputs: Mapping[str, Node]

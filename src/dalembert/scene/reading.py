@@ -65,7 +65,7 @@ class _SceneReader(GeometryReader):
         actions = [self._joint(joint, names) for joint in scene.joints]
         actions += [self._load(load, place) for place, load in enumerate(scene.loads)] if placed else []
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
-        potential = self.graph.sum(
+        potentials = tuple(
             self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
             for body in scene.bodies
         )
@@ -108,7 +108,7 @@ class _SceneReader(GeometryReader):
             bodies=tuple(body for body in bodies if body is not None),
             actions=tuple(action for action in actions if action is not None),
             gravity=gravity,
-            potential=potential,
+            potentials=potentials,
             holonomic=(*holonomic, *closing),
             nonholonomic=tuple(nonholonomic),
             outputs=extra,

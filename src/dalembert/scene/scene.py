@@ -176,8 +176,9 @@ class Scene:
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:
         """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located.
 
-        As in SymPy, the ``potential_energy`` of a body exerts no force: it says what loads of its own do, and is added
-        to that of `apply_uniform_gravity` in the energies.
+        As in SymPy, the ``potential_energy`` of a body exerts no force: it says what loads do that are given beside it,
+        and counts in the energies. Where no load acts along a coordinate that it depends on, a warning says so. One
+        that is the body's own weight in the field of `apply_uniform_gravity` counts once.
         """
         self.bodies += bodies
 
