@@ -1,16 +1,16 @@
-"""Evaluation of a model's generated kernels by name, at states and parameters of the user's choice."""
+"""Evaluation of what a model is made of, at states and parameters of the user's choice."""
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..codegen.base import Engine, FloatArray
+from ..codegen.base import FloatArray
 from ..errors import ValueInputError
-from ..ir.program import Layout, Program
+from ..ir.program import Layout
 from ..values import array_of, times_of
 from . import inputs
 from .assumed import refuse_contradictions, rows_that_contradict
@@ -19,11 +19,19 @@ __all__ = ["Evaluated", "rows_of"]
 
 
 class Evaluated(ABC):
-    """A program with an engine that evaluates its kernels; `dalembert.runtime.model.CompiledModel` adds the motions."""
+    """A model whose mass matrix, forcing and so on can be evaluated.
+
+    Subclasses say how, and add the motions; those of `dalembert.runtime.model.CompiledModel` are generated kernels.
+    """
 
     layout: Layout
-    _program: Program
-    _engine: Engine
+
+    @abstractmethod
+    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
+        """Return outputs (k, n_out) at times (k,), coordinates and rates (k, 2 n_q) and parameters (n_p,).
+
+        None stands for zeros.
+        """
 
     def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
@@ -79,10 +87,8 @@ class Evaluated(ABC):
             p = inputs.parameter_vector(self.layout, p)
         p = rows_of("p", p, len(self.layout.parameters))
         self._refuse_contradictions(q, p)
-        c = inputs.constants(self._program, p)
-        if kernel not in self._program:
-            return np.zeros(shape if single else (count, *shape))
-        out = self._engine.evaluate(kernel, times, y, c).reshape(count, *shape)
+        found = self._outputs(kernel, times, y, p)
+        out = np.zeros((count, *shape)) if found is None else found.reshape(count, *shape)
         return out[0] if single else out
 
     def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:

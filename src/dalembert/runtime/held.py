@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..codegen import backend_named
-from ..codegen.base import Engine
+from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, ValueInputError, list_names, unknown_name
 from ..ir.program import Layout
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from ..values import number
+from . import inputs
 from .evaluation import Evaluated
 from .events import Event, EventCode, compiled_events, event_list
 from .explain import explain
@@ -75,6 +76,10 @@ class Held(Evaluated):
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+
+    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
+        c = inputs.constants(self._program, p)
+        return self._engine.evaluate(kernel, t, x, c) if kernel in self._program else None
 
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""

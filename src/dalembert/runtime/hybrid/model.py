@@ -22,11 +22,13 @@ from ...scene import Scene
 from ...values import option, times_of, tolerances, whole
 from .. import inputs
 from ..cases import Cases, agreed
+from ..evaluation import Evaluated
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
 from ..reductions import reduction_table
 from ..swept import with_grid
 from .facts import FloatArray
+from .kernels import outputs
 from .quick import Quick
 from .running import Modes, Request, simulate
 from .settling import Laws
@@ -39,8 +41,12 @@ __all__ = ["HybridModel"]
 
 
 @final
-class HybridModel:
+class HybridModel(Evaluated):
     """A scene with friction or contacts, compiled for one backend: a model for every mode, made when it is needed.
+
+    `mass_matrix`, `forcing` (without the forces of the contacts) and `constraint_jacobian` (of the constraints that
+    hold whatever the contacts do) are the same in all modes; `accelerations` are those of the mode that a state
+    decides.
 
     Attributes
     ----------
@@ -177,9 +183,13 @@ class HybridModel:
 
     # -- motions ---------------------------------------------------------------------------
 
-    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
-        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
-        return inputs.parameter_vector(self.layout, parameters)
+    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+        """Return consistent coordinates and rates (2 n_q,), as `simulate` starts from them."""
+        given = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
+        return self._start(option("t", t), inputs.given_values(self.layout, initial), given)
+
+    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
+        return outputs(self._equations, self._laws, kernel, t, x, p)
 
     def _refuse(self, project_invariants: Any, error_estimate: bool) -> None:
         if error_estimate:
