@@ -1,16 +1,17 @@
-"""dalembert: from a symbolic description of a constrained mechanical scene to a fast, accurate simulator."""
+"""dalembert: from a symbolic description of a constrained mechanical scene to a fast, accurate numerical simulator."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
-from .compiler import compile_model
-from .results.grid import grid
-from .runtime.events import Event
-from .runtime.reductions import final_value as final
-from .runtime.reductions import first_crossing, maximum, mean, minimum
 from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, unknowns
 
 if TYPE_CHECKING:
+    from .compiler import compile_model
+    from .results.grid import grid
+    from .runtime.events import Event
+    from .runtime.reductions import final_value as final
+    from .runtime.reductions import first_crossing, maximum, mean, minimum
     from .textbook import LagrangeView, Screw, lagrange
 
 __version__ = "0.1.0"
@@ -38,13 +39,31 @@ __all__ = [
     "unknowns",
 ]
 
-_TEXTBOOK = ("LagrangeView", "Screw", "lagrange")
+_ELSEWHERE = {
+    "LagrangeView": ("textbook", "LagrangeView"),
+    "Screw": ("textbook", "Screw"),
+    "lagrange": ("textbook", "lagrange"),
+    "compile_model": ("compiler", "compile_model"),
+    "grid": ("results.grid", "grid"),
+    "Event": ("runtime.events", "Event"),
+    "final": ("runtime.reductions", "final_value"),
+    "first_crossing": ("runtime.reductions", "first_crossing"),
+    "maximum": ("runtime.reductions", "maximum"),
+    "mean": ("runtime.reductions", "mean"),
+    "minimum": ("runtime.reductions", "minimum"),
+}
+"""Name -> module and name of what is imported when it is first asked for: a scene is written without it."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import the textbook view when it is first asked for."""
-    if name not in _TEXTBOOK:
+    """Import what a scene is written without when it is first asked for."""
+    if name not in _ELSEWHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from . import textbook
+    module, original = _ELSEWHERE[name]
+    found = globals()[name] = getattr(import_module(f".{module}", __name__), original)
+    return found
 
-    return getattr(textbook, name)
+
+def __dir__() -> list[str]:
+    """Return the public names, for completion."""
+    return sorted(__all__)
