@@ -10,7 +10,7 @@ from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
 from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
 from .code import bare, call_code, row
-from .scan import SERIES, SLOPE_SERIES, sample, transformed
+from .pieces import SERIES, SLOPE_SERIES, sample, transformed
 from .workspace import QUICK, Scratch, Watch
 
 __all__ = ["accumulate", "advance"]
