@@ -91,6 +91,13 @@ def test_times_that_are_no_numbers(sleigh, wrong):
             call()
 
 
+def test_times_are_one_or_a_list(sleigh):
+    run = sleigh.simulate((0, 0.1), START, P)
+    for call in (lambda t: run(t), lambda t: sleigh.forcing(t, [0, 0, 0], [0, 0, 0], P)):
+        with pytest.raises(ValueInputError, match=r"^t has shape \(1, 2\)"):
+            call([[0.0, 0.1]])
+
+
 def test_columns_and_axes_that_are_no_numbers(sleigh):
     for wrong, why in (("0.3", "not a number"), (["0.3"], "not an array"), ([[0.3]], "shape")):
         with pytest.raises(ValueInputError, match=rf"^b .*{why}"):

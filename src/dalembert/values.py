@@ -84,9 +84,13 @@ def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:
     Raises
     ------
     OptionError
-        For what is none.
+        For what is none, and for numbers that are negative or not finite.
     """
-    return option("rtol", rtol), option("atol", atol)
+    found = option("rtol", rtol), option("atol", atol)
+    for name, value in zip(("rtol", "atol"), found, strict=True):
+        if not 0.0 <= value < np.inf:
+            raise OptionError(f"{name} must be finite and not negative, not {value!r}")
+    return found
 
 
 def whole(name: str, value: Any) -> int:
@@ -109,9 +113,12 @@ def times_of(name: str, value: Any) -> FloatArray:
     Raises
     ------
     ValueInputError
-        For what are no numbers.
+        For what are no numbers, or a table of them.
     """
     try:
-        return np.atleast_1d(array_of(value))
+        times = np.atleast_1d(array_of(value))
     except ValueError as reason:
         raise ValueInputError(f"{name} = {value!r} {reason}; give times in seconds") from None
+    if times.ndim > 1:
+        raise ValueInputError(f"{name} has shape {times.shape}; give one time, or a list of them")
+    return times

@@ -274,6 +274,8 @@ def test_span_must_be_two_numbers(t_span):
     "options",
     [
         {"rtol": -1.0},
+        {"rtol": np.nan},
+        {"rtol": np.inf},
         {"rtol": 0.0, "atol": 0.0},
         {"atol": np.nan},
         {"max_step": 0.0},
@@ -372,6 +374,9 @@ def test_coordinates_of_the_wrong_shape_are_refused(q):
 def test_parameters_of_the_wrong_shape_are_refused():
     with pytest.raises(ValueInputError, match=r"p must have shape \(3,\)"):
         sleigh().mass_matrix([0, 0, 0], [1.0, 2.0])
+    for rows in ([[0.5, 0.3, 1.0]], [[0.5, 0.3, 1.0]] * 2):
+        with pytest.raises(ValueInputError, match=r"p must have shape \(3,\), not \(., 3\)"):
+            sleigh().mass_matrix([0, 0, 0], rows)
 
 
 def test_numbers_of_rows_that_do_not_match_are_refused():

@@ -1,6 +1,7 @@
 """The compiled model: what it explains, and how runs that cannot be finished end."""
 
 import functools
+import pickle
 import re
 
 import numpy as np
@@ -169,6 +170,7 @@ def test_prepared_runs_take_arrays_of_their_own_shapes_alone(backend):
     p = model.parameter_vector({"m": 1, "b": 0.3, "I_C": 0.5})
     state = model.state(start, {"m": 1, "b": 0.3, "I_C": 0.5})
     np.testing.assert_array_equal(run(list(state), p.tolist()), run(state, p))
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(run))(state, p), run(state, p))
     for wrong, name in (
         ((state[:1], p), "state"),
         ((state, p[:1]), "p"),

@@ -86,6 +86,10 @@ class Evaluated(ABC):
         if isinstance(p, Mapping):
             p = inputs.parameter_vector(self.layout, p)
         p = rows_of("p", p, len(self.layout.parameters))
+        if p.ndim > 1:
+            raise ValueInputError(
+                f"p must have shape ({len(self.layout.parameters)},), not {p.shape}: one for all states"
+            )
         self._refuse_contradictions(q, p)
         found = self._outputs(kernel, times, y, p)
         out = np.zeros((count, *shape)) if found is None else found.reshape(count, *shape)
@@ -93,8 +97,8 @@ class Evaluated(ABC):
 
     def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:
         """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
-        layout, rows = self.layout, np.atleast_2d(p)
-        for names, table in ((layout.coordinates, q), (layout.parameters, rows)):
+        layout = self.layout
+        for names, table in ((layout.coordinates, q), (layout.parameters, p[np.newaxis])):
             for row in table[rows_that_contradict(layout.assumptions, names, table)]:
                 refuse_contradictions(layout.assumptions, dict(zip(names, row.tolist(), strict=True)))
 

@@ -20,18 +20,23 @@ class PreparedRun:
 
     The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``, which check
     what is in them; here only their shapes are checked. A prepared run keeps buffers of its own and is for one thread
-    at a time.
+    at a time; a copy has others. `again` makes one more.
 
     Attributes
     ----------
+    method : str
     status : Status
         How the last run ended.
     """
 
     def __init__(
-        self, run: Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]], method: str, layout: Layout
+        self,
+        run: Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]],
+        method: str,
+        layout: Layout,
+        again: Callable[[], PreparedRun],
     ) -> None:
-        self._run = run
+        self._run, self._again = run, again
         self._state, self._parameters = layout.state, layout.parameters
         self._shapes = ((len(layout.state),), (len(layout.parameters),))
         self.method = method
@@ -68,6 +73,9 @@ class PreparedRun:
                 f" model.{'state' if kind == 'state' else 'parameter_vector'}(...)"
             )
         return array
+
+    def __reduce__(self) -> tuple[Callable[[], PreparedRun], tuple[()]]:
+        return self._again, ()
 
     def __repr__(self) -> str:
         return f"<PreparedRun by {self.method}>"

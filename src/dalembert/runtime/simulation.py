@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -434,6 +434,8 @@ class Simulated(Held):
         """
         t0, t1 = span_of(t_span)
         rtol, atol = tolerances(rtol, atol)
+        further = {"max_step": max_step, "max_steps": max_steps, "project_invariants": project_invariants}
+        again = partial(self.prepare, (t0, t1), method=method, rtol=rtol, atol=atol, **further)
         if project_invariants is not False:
             refuse_formulation(self.stages.reduced)
             refuse_unknown(project_invariants, self._conservable)
@@ -442,6 +444,7 @@ class Simulated(Held):
                 self._prepared_keeping(project_invariants, (t0, t1), options),
                 self._method(method, rtol, atol),
                 self.layout,
+                again,
             )
         chosen = self._method(method, rtol, atol)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
@@ -456,4 +459,4 @@ class Simulated(Held):
             max_steps=whole("max_steps", max_steps),
         )
         run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
-        return PreparedRun(run, chosen, self.layout)
+        return PreparedRun(run, chosen, self.layout, again)

@@ -108,6 +108,8 @@ class SymbolReader:
                     self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
         time = dynamicsymbols._t
         aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
+        for name in parameters:
+            aliases.setdefault(str(self.expressions.parameters[name]), name)  # a Dummy does not print as its name
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
             aliases[str(q)] = name
             aliases[str(sp.Derivative(q, time))] = rate
