@@ -33,7 +33,7 @@ _FUNCTIONS: dict[Any, str] = {
     sp.sign: "sign",
     sp.floor: "floor",
 }
-_FURTHER = ["Heaviside", "Max", "Min", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
+_FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
 _ONCE = "(SymPy tells symbols with other assumptions apart); create it once and use that one everywhere"
 _OTHER = f"is not the coordinate of that name {_ONCE}"
 _RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
@@ -187,6 +187,9 @@ class ExpressionReader:
             return reduce(lambda a, b: g.call(name, a, b), nodes)
         if kind is sp.ceiling:
             return -g.call("floor", -self._read(e.args[0]))
+        if kind is sp.Mod:
+            top, bottom = (self._read(arg) for arg in e.args)
+            return top - bottom * g.call("floor", self._divide(top, bottom, e))
         if kind is sp.Heaviside:
             x, there = self._read(e.args[0]), self._read(e.args[1])
             return g.call(
@@ -198,6 +201,9 @@ class ExpressionReader:
             return self.fault(
                 f"{e} is a relation; write an expression, such as left side minus right side that vanishes"
             )
+        done = e.doit() if kind in (sp.Sum, sp.Product, sp.Integral) else e
+        if done != e:
+            return self._read(done)
         supported = sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER)
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported)}")
 
