@@ -87,7 +87,7 @@ def lower(system: ReducedSystem) -> Program:
     )
     everything = (hoisted.prepare, *hoisted.kernels)
     return Program(
-        equations.name, system.formulation, layout, everything, system.notes, equations.kinks, equations.steep
+        equations.name, system.formulation, layout, everything, system.notes, equations.kinks
     )
 
 

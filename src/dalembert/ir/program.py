@@ -122,7 +122,7 @@ class Layout:
 class Program:
     """The kernels of one scene in one formulation, and what their arrays hold.
 
-    `kinks` and `steep` are operations of the scene that a power series does not see behind; see `ir.branches`.
+    `kinks` are operations of the scene that a power series does not see behind; see `ir.branches`.
     """
 
     name: str
@@ -131,7 +131,6 @@ class Program:
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
     kinks: tuple[str, ...] = ()
-    steep: tuple[str, ...] = ()
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
+from .branches import depending_on, steep
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
@@ -42,6 +43,8 @@ class Recurrences:
     followed : int
         How many of the states, the last ones, are integrals of what is followed along a step: nothing depends on them,
         and they begin at zero in every step.
+    steep : tuple of int
+        Which rates of the state depend on what its series may not show: a step controls their defect.
     """
 
     kernel: Kernel
@@ -50,6 +53,7 @@ class Recurrences:
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
     followed: int = 0
+    steep: tuple[int, ...] = ()
 
     @property
     def angles(self) -> frozenset[str]:
@@ -86,7 +90,9 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
         new = _expanded(line, known, done)
         items += new
         varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
-    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed)
+    own = len(kernel.outputs) - followed
+    controlled = tuple(i for i in depending_on(kernel, steep(kernel)) if i < own)
+    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled)
 
 
 _KINKED = ("abs", "sign", "floor", "min", "max", "less", "less_equal", "select")

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from .defect import PREVIOUS, grown, reached
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .lines import Lines
 from .passes import eliminate_dead_code, run
@@ -29,6 +30,7 @@ __all__ = [
     "STEP_ARGUMENTS",
     "clipped_tolerance",
     "closing",
+    "closing_loads",
     "controlled",
     "order_for",
     "series_kernel",
@@ -82,8 +84,8 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     outputs = closing(lines, recurrences, rates, order)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
-    settings = tuple(Load(name, "s", i) for i, name in enumerate(SETTING_NAMES))
-    kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
+    loads = (*_loads(recurrences), *(Load(name, *place) for name, *place in closing_loads(recurrences)))
+    kernel = Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])
 
 
@@ -96,10 +98,20 @@ _NOTHING, _LESS = 1e-250, 1e-300
 SETTING_NAMES = ("largest_", "direction_", "floor_")
 
 
+def closing_loads(recurrences: Recurrences) -> list[tuple[str, str, int]]:
+    """Return name, array and index of what the end of a step reads besides what its series are made of."""
+    loads = [(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
+    return [*loads, (PREVIOUS, "y", len(recurrences.states))] if recurrences.steep else loads
+
+
 def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
     """Return the new state, the size of the step and the check, from the series of the rates."""
     largest, direction, floor = SETTING_NAMES
-    size = lines.op("min", _radius(lines, recurrences, rates, order, floor), largest)
+    scale = _scale(lines, recurrences, floor)
+    size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
+    if recurrences.steep:
+        tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
+        size = reached(lines, recurrences, rates, order, grown(lines, size, largest), direction, scale, tolerance)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
     new: list[Operand] = []
@@ -144,14 +156,13 @@ def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
     return run(kernel, [eliminate_dead_code])
 
 
-def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, floor: Operand) -> Operand:
-    """Return the step that the last two coefficients of the state allow, read off those of its rate.
+def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
+    """Return what errors are measured by.
 
-    The scale is the largest component that anything depends on, but at least the floor; quadratures count in
-    the error and not in the scale, and an angle counts as two turns at most, however often it has gone round.
+    It is the largest component that anything depends on, but at least the floor; quadratures count in the error and
+    not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
     own = len(recurrences.states) - recurrences.followed
-    rates, followed = rates[:own], rates[own:]
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     states = recurrences.states[:own]
@@ -162,7 +173,14 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
         largest = lines.op(
             "max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS)
         )
-    size = lines.op("rough_log2", largest)
+    return largest
+
+
+def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand:
+    """Return the step that the last two coefficients of the state allow, read off those of its rate."""
+    own = len(recurrences.states) - recurrences.followed
+    rates, followed = rates[:own], rates[own:]
+    size = lines.op("rough_log2", scale)
     steps = []
     for k in (order - 1, order):
         norm = lines.op("rough_log2", _norm(lines, [coefficient(rate, k - 1) for rate in rates], 1e-300))

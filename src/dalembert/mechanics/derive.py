@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import SceneError
-from ..ir.branches import kinks, steep
+from ..ir.branches import kinks
 from ..ir.derivatives import tangents
 from ..ir.graph import Node, unit_names
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -57,7 +57,6 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
         kinks=kinks(model.graph, terms, moving),
-        steep=steep(model.graph, terms, moving),
     )
 
 

@@ -162,8 +162,6 @@ class EquationsOfMotion:
         Whether reactions that are not determined are the least ones, and not an error.
     kinks : tuple of str
         Operations in what the scene says that are not smooth in state and time.
-    steep : tuple of str
-        Those that are, and may still be nothing here and everything close by.
     """
 
     name: str
@@ -184,7 +182,6 @@ class EquationsOfMotion:
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
     kinks: tuple[str, ...] = ()
-    steep: tuple[str, ...] = ()
 
     @property
     def time(self) -> Node:

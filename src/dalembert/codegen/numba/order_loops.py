@@ -18,7 +18,7 @@ from typing import final
 from ...ir.expansion import Ahead, Expansion, Series, Sum
 from ...ir.program import Operand
 from ...ir.recurrences import Integrated, Recurrences
-from ...ir.taylor import SETTING_NAMES, STEP_ARGUMENTS, closing
+from ...ir.taylor import STEP_ARGUMENTS, closing, closing_loads
 from . import vector_functions as functions
 from .llvm import LanePrinter, fma_name, prelude
 
@@ -254,8 +254,8 @@ class _Step:
         for load in self.recurrences.kernel.loads:
             if load.array != "y":
                 self.printer.load(load.target, load.array, load.index or 0)
-        for i, setting in enumerate(SETTING_NAMES):
-            self.printer.load(setting, "s", i)
+        for name, array, index in closing_loads(self.recurrences):
+            self.printer.load(name, array, index)
         self.printer.body(self.first_orders)
         before = self.ahead.before
         for row in self.rows.values():

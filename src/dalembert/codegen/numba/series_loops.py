@@ -13,7 +13,7 @@ from typing import final
 
 from ...ir.program import Assignment, Operand
 from ...ir.recurrences import Integrated, Recurrences
-from ...ir.taylor import STEP_ARGUMENTS, controlled
+from ...ir.taylor import STEP_ARGUMENTS, closing_loads, controlled
 from . import vector_functions as functions
 from .llvm import LanePrinter, fma_name, prelude
 
@@ -314,8 +314,8 @@ class _Step:
         self.near = {}
         for i, state in enumerate(states):
             self.printer.load(f"{state}.old", "y", i)
-        for place, name in enumerate(("largest_", "direction_", "floor_")):
-            self.printer.load(name, "s", place)
+        for name, array, index in closing_loads(self.recurrences):
+            self.printer.load(name, array, index)
         for i, rate in enumerate(self.recurrences.rates):
             for k in range(self.order):
                 target = f"rate.{i}.{k}"
