@@ -1,13 +1,12 @@
-"""What is not smooth: operations that kernels compute only for branches, and those with a kink or a jump."""
+"""What is not smooth, or hardly: operations for branches alone, and those of which a power series may know nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
-from .graph import Graph, Node
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["LEAST_POWER", "depending_on", "kinks", "leading_to", "only_in_branches", "steep"]
+__all__ = ["LEAST_POWER", "depending_on", "leading_to", "only_in_branches", "unforeseen"]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
@@ -15,54 +14,46 @@ _KINKED = {*_CHOOSING, *_JUMPING, "abs"}
 _STEEP = {"exp", "sinh", "cosh", "tanh"}
 
 LEAST_POWER = 6
-"""Exponent from which a power is steep. That of a factor which passes through zero has no coefficient below its exponent,
-and is not seen by the two last coefficients of a rate, order - 2 and order - 1, from exponent = order on; orders are 6 or
-more for tolerances below 4e-3, and 13 by default. A negative power -k of a distance is smaller than the tolerance
-exp(-1.6 (order - 1)) from exp(1.6 (order - 1)/k) times its shortest on: 24 times for k = 6 and the default."""
+"""Exponent from which a power is steep. A factor that passes through zero has with exponent k no coefficient below k,
+which is not seen by the last two coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or
+more for tolerances below 4e-3, and 13 by default. With a negative exponent -k a distance r gives less than the tolerance
+exp(-1.6 (order - 1)) from exp(1.6 (order - 1)/k) times the shortest r on: 24 times for k = 6 at the default order."""
 
 
-def kinks(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> tuple[str, ...]:
-    """Return the names of the operations with a kink or a jump that `nodes` make on what is `moving`."""
-    mask = 0
-    for node in moving:
-        mask |= node.deps
-    return tuple(sorted({node.op for node in graph.topological(nodes) if node.op in _KINKED and node.deps & mask}))
+def unforeseen(kernel: Kernel) -> dict[str, str]:
+    """Return the values of a kernel of whose course a power series may know nothing, and what each is.
 
-
-def steep(kernel: Kernel) -> dict[str, str]:
-    """Return the values of a right-hand side that may be nothing here and everything close by, and what each is.
-
-    They are smooth. But what is below rounding where a power series begins is not in it, however large it gets within
-    the step: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. These are the
-    exponential functions of what moves, powers with exponents that move or are not known, and products of
-    `LEAST_POWER` equal factors or more, above or below the line, however they are nested.
+    These are the operations with a kink or a jump on what depends on state or time, and steep ones, which are smooth
+    and may be nothing where a series begins and everything close by: tanh(100) is 1 with all its derivatives 0, and
+    t**25 has no coefficient up to order 24. Steep are the exponential functions, powers with exponents that are not
+    known or move, and products of `LEAST_POWER` equal factors or more, above or below the line, however nested.
 
     The rule does not find everything: a quotient of low powers is small very far from its pole, differences of
-    products may cancel to any order, and a component of the state may itself be nothing and grow by a rate of its own
-    (which absolute tolerances leave unseen by every method).
+    products may cancel to any order, and a component of the state that is nothing may grow by a rate of its own (which
+    absolute tolerances leave unseen by every method).
     """
     moving = {load.target for load in kernel.loads if load.array in ("t", "y")}
-    powers: dict[Operand, dict[str, float]] = {name: {name: 1.0} for name in moving}
+    factors: dict[Operand, dict[str, float]] = {name: {name: 1.0} for name in moving}
     found: dict[str, str] = {}
     for line in kernel.body:
         if not any(arg in moving for arg in line.args):
             continue
         moving.add(line.target)
-        powers[line.target] = factors = _factors(line, powers)
-        if line.op in _STEEP or (line.op == "pow" and isinstance(line.args[1], str)):
+        factors[line.target] = _factors(line, factors)
+        if line.op in _KINKED or line.op in _STEEP or (line.op == "pow" and isinstance(line.args[1], str)):
             found[line.target] = line.op
-        elif any(abs(exponent) >= LEAST_POWER for exponent in factors.values()):
+        elif any(abs(exponent) >= LEAST_POWER for exponent in factors[line.target].values()):
             found[line.target] = "high powers"
     return found
 
 
-def _factors(line: Assignment, powers: dict[Operand, dict[str, float]]) -> dict[str, float]:
-    """Return the factors of a value, and their exponents."""
-    first = powers.get(line.args[0], {})
+def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:
+    """Return the factors of a value and their exponents, from those of the values before it."""
+    first = known.get(line.args[0], {})
     match line.op:
         case "mul" | "div":
-            sign, factors = 1.0 if line.op == "mul" else -1.0, dict(first)
-            for name, exponent in powers.get(line.args[1], {}).items():
+            factors, sign = dict(first), 1.0 if line.op == "mul" else -1.0
+            for name, exponent in known.get(line.args[1], {}).items():
                 factors[name] = factors.get(name, 0.0) + sign * exponent
             return factors
         case "neg" | "abs":

@@ -2,7 +2,7 @@
 
 A step takes its size from the last two coefficients of its series. What is nothing where it begins and large within it
 is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. Where a
-right-hand side has such operations (`dalembert.ir.branches.steep`), the polynomial p of a step is put into the
+right-hand side has such operations (`dalembert.ir.branches.unforeseen`), the polynomial p of a step is put into the
 differential equation at a few points of the step. Up to the first point where p' and f(t, p) differ by more than the
 tolerance the step may go; its series, which is what a step costs, is none the worse for being cut. So a step is never
 taken back, and the loops know nothing of this.
@@ -27,10 +27,14 @@ __all__ = ["PREVIOUS", "grown", "reached"]
 PREVIOUS = "previous_"
 """The size of the step before, which lies behind the state; 0 before the first."""
 
-_POINTS = (1e-8, 1e-5, 1e-3, 0.02, 0.06, 0.14, 0.26, 0.41, 0.57, 0.73, 0.88, 1.0)
-_GROWTH, _FIRST = 8.0, 0.01
+_POINTS = (1e-5, 0.02, 0.22, 0.45, 0.7, 1.0)
+_GROWTH, _FIRST = 2.0, 0.01
 _ALLOWED = 4.0
 """How far a defect may exceed that of the first term left out, as it is in steps that the coefficients limit."""
+
+_LEAST = 1e-9
+"""Share of a step that is taken where not even the first point is fine: what a jump at the beginning does in it is
+nothing. Where nothing is fine ever after, steps come to an end within a few of these."""
 
 _NOISE = 1e-13
 """Share of a rate that is rounding."""
@@ -55,11 +59,11 @@ def reached(
 ) -> Operand:
     """Return how far a step of a size may go."""
     kernel = recurrences.kernel
-    needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.steep])
+    needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
     body = [line for line in kernel.body if line.target in needed]
-    read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.steep}
+    read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.controlled}
     allowed = lines.mul(scale, max(_ALLOWED * (order + 1) * tolerance, _NOISE))
-    reach: Operand = 0.0
+    reach: Operand = _LEAST
     fine: Operand = 1.0
     for theta in _POINTS:
         reaches = lines.mul(size, theta)
@@ -82,7 +86,7 @@ def reached(
                 values[load.target] = lines.op("add", load.target, x)
         for line in body:
             values[line.target] = lines.op(line.op, *(values.get(arg, arg) for arg in line.args))
-        for i in recurrences.steep:
+        for i in recurrences.controlled:
             rate = values.get(recurrences.rates[i], recurrences.rates[i])
             gap = lines.op("abs", lines.sub(rate, at(rates[i])))
             gap = lines.op("fma", lines.op("abs", rate), -_NOISE, gap)

@@ -86,9 +86,7 @@ def lower(system: ReducedSystem) -> Program:
         entries=tuple(name for entry in symbols.entries for name in entry.names),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
-    return Program(
-        equations.name, system.formulation, layout, everything, system.notes, equations.kinks
-    )
+    return Program(equations.name, system.formulation, layout, everything, system.notes)
 
 
 def lower_kernel(

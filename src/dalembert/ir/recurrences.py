@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from .branches import depending_on, steep
+from .branches import depending_on, unforeseen
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["Integrated", "Recurrences", "analytic", "recurrences"]
+__all__ = ["Integrated", "Recurrences", "recurrences"]
 
 
 @final
@@ -43,8 +43,8 @@ class Recurrences:
     followed : int
         How many of the states, the last ones, are integrals of what is followed along a step: nothing depends on them,
         and they begin at zero in every step.
-    steep : tuple of int
-        Which rates of the state depend on what its series may not show: a step controls their defect.
+    controlled : tuple of int
+        Which rates of the state depend on what a series may know nothing of: steps look at their defect.
     """
 
     kernel: Kernel
@@ -53,7 +53,7 @@ class Recurrences:
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
     followed: int = 0
-    steep: tuple[int, ...] = ()
+    controlled: tuple[int, ...] = ()
 
     @property
     def angles(self) -> frozenset[str]:
@@ -91,16 +91,8 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
         items += new
         varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
     own = len(kernel.outputs) - followed
-    controlled = tuple(i for i in depending_on(kernel, steep(kernel)) if i < own)
+    controlled = tuple(i for i in depending_on(kernel, unforeseen(kernel)) if i < own)
     return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled)
-
-
-_KINKED = ("abs", "sign", "floor", "min", "max", "less", "less_equal", "select")
-
-
-def analytic(kernel: Kernel) -> bool:
-    """Return whether a kernel has no operation whose series says nothing of what is behind a kink or a jump."""
-    return not any(line.op in _KINKED for line in kernel.body)
 
 
 Items = list[Assignment | Integrated]

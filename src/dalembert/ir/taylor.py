@@ -101,7 +101,7 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 def closing_loads(recurrences: Recurrences) -> list[tuple[str, str, int]]:
     """Return name, array and index of what the end of a step reads besides what its series are made of."""
     loads = [(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
-    return [*loads, (PREVIOUS, "y", len(recurrences.states))] if recurrences.steep else loads
+    return [*loads, (PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
 
 
 def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
@@ -109,7 +109,7 @@ def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
     size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
-    if recurrences.steep:
+    if recurrences.controlled:
         tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
         size = reached(lines, recurrences, rates, order, grown(lines, size, largest), direction, scale, tolerance)
     h = lines.op("mul", size, direction)

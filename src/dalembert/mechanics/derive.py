@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import SceneError
-from ..ir.branches import kinks
 from ..ir.derivatives import tangents
 from ..ir.graph import Node, unit_names
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -38,9 +37,6 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
-    terms = [*(entry for row in power.mass_matrix for entry in row), *power.forcing]
-    terms += [node for row in rows for node in (*row.jacobian, row.drift, row.bias)]
-    moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot)
     return EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -56,7 +52,6 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         groups=_groups(kinematics),
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
-        kinks=kinks(model.graph, terms, moving),
     )
 
 

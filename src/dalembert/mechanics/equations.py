@@ -160,8 +160,6 @@ class EquationsOfMotion:
         What ends the mode that contacts are in.
     least : bool
         Whether reactions that are not determined are the least ones, and not an error.
-    kinks : tuple of str
-        Operations in what the scene says that are not smooth in state and time.
     """
 
     name: str
@@ -181,7 +179,6 @@ class EquationsOfMotion:
     defaults: Mapping[str, float] = field(default_factory=dict)
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
-    kinks: tuple[str, ...] = ()
 
     @property
     def time(self) -> Node:

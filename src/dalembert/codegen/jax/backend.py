@@ -105,7 +105,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        able = "taylor" in methods and not self._program.steep
+        able = "taylor" in methods and not self._known_recurrences().controlled
         if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
@@ -195,7 +195,8 @@ class JaxEngine(Engine):
         attempts: Attempts
         if method == "taylor":
             step = step_kernel(self._known_recurrences(), order, dense=False)
-            attempts, operations = TaylorAttempts(compile_kernel(step)), len(step.body)
+            controlled = bool(self._known_recurrences().controlled)
+            attempts, operations = TaylorAttempts(compile_kernel(step), controlled=controlled), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
             attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))

@@ -121,7 +121,7 @@ class NumbaEngine(Engine):
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
         if "taylor" not in methods:
             return methods[0]
-        if self._program.steep:
+        if self.steps.controlled:
             return "dop853"
         tolerance = clipped_tolerance(rtol, atol)
         lines = self.steps.series_lines(order_for(tolerance))

@@ -142,6 +142,11 @@ class StepLibrary:
         made = f"{name}_tangent"
         return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size))
 
+    @property
+    def controlled(self) -> bool:
+        """Whether Taylor steps look at their defect."""
+        return bool(self._known_recurrences().controlled)
+
     @cached_property
     def angles(self) -> tuple[int, ...]:
         """Components of the state that the motion depends on modulo a turn."""
