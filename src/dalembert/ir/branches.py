@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["LEAST_POWER", "depending_on", "leading_to", "only_in_branches", "unforeseen"]
+__all__ = ["LEAST_POWER", "depending_on", "kinks", "leading_to", "only_in_branches", "unforeseen"]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
@@ -16,8 +16,8 @@ _STEEP = {"exp", "sinh", "cosh", "tanh"}
 LEAST_POWER = 6
 """Exponent from which a power is steep. A factor that passes through zero has with exponent k no coefficient below k,
 which is not seen by the last two coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or
-more for tolerances below 4e-3, and 13 by default. With a negative exponent -k a distance r gives less than the tolerance
-exp(-1.6 (order - 1)) from exp(1.6 (order - 1)/k) times the shortest r on: 24 times for k = 6 at the default order."""
+more for tolerances below 4e-3, and 13 by default. With a negative exponent -k a distance r gives less than the
+tolerance exp(-1.6 (order - 1)) from exp(1.6 (order - 1)/k) times the shortest r on: 24 times for k = 6 and order 13."""
 
 
 def unforeseen(kernel: Kernel) -> dict[str, str]:
@@ -45,6 +45,11 @@ def unforeseen(kernel: Kernel) -> dict[str, str]:
         elif any(abs(exponent) >= LEAST_POWER for exponent in factors[line.target].values()):
             found[line.target] = "high powers"
     return found
+
+
+def kinks(kernel: Kernel) -> tuple[str, ...]:
+    """Return the names of the operations of a kernel with a kink or a jump on what depends on state or time."""
+    return tuple(sorted(_KINKED & set(unforeseen(kernel).values())))
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:

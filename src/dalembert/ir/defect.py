@@ -8,8 +8,8 @@ tolerance the step may go; its series, which is what a step costs, is none the w
 taken back, and the loops know nothing of this.
 
 Points lie closer and closer towards the beginning, so that one series serves to come near a jump however far it lies
-from the middle of the step; between large ones the distances are unequal, so that no period hides there. What begins and
-ends between two points is not seen. Steps therefore grow by a factor at most, and the first is a share of the span.
+from the middle of the step; between large ones the distances are unequal, so that no period hides there. What begins
+and ends between two points is not seen. Steps therefore grow by a factor at most, and the first is a share of the span.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .lines import Lines
 from .program import Operand
 from .recurrences import Recurrences
 
-__all__ = ["PREVIOUS", "grown", "reached"]
+__all__ = ["PREVIOUS", "cost", "grown", "reached"]
 
 PREVIOUS = "previous_"
 """The size of the step before, which lies behind the state; 0 before the first."""
 
 _POINTS = (1e-5, 0.02, 0.22, 0.45, 0.7, 1.0)
 _GROWTH, _FIRST = 2.0, 0.01
-_ALLOWED = 4.0
+_ALLOWED = 1.0
 """How far a defect may exceed that of the first term left out, as it is in steps that the coefficients limit."""
 
 _LEAST = 1e-9
@@ -38,6 +38,13 @@ nothing. Where nothing is fine ever after, steps come to an end within a few of 
 
 _NOISE = 1e-13
 """Share of a rate that is rounding."""
+
+
+def cost(recurrences: Recurrences, order: int) -> tuple[int, int]:
+    """Return how many evaluations the control of a step takes, and about how many lines besides."""
+    if not recurrences.controlled:
+        return 0, 0
+    return len(_POINTS), len(_POINTS) * order * (len(recurrences.states) + len(recurrences.controlled))
 
 
 def grown(lines: Lines, size: Operand, largest: Operand) -> Operand:
@@ -70,7 +77,7 @@ def reached(
         x = lines.mul(reaches, direction)
         terms = order if theta > 0.1 else min(order, math.ceil(-42.0 / math.log(theta)))
 
-        def at(series: Series, x: Operand = x, terms: int = terms) -> Operand:
+        def polynomial(series: Series, x: Operand = x, terms: int = terms) -> Operand:
             total: Operand = coefficient(series, terms - 1)
             for k in range(terms - 2, -1, -1):
                 total = lines.fma(total, x, coefficient(series, k))
@@ -80,16 +87,16 @@ def reached(
         for state, rate in zip(recurrences.states, rates, strict=True):
             if state in read:
                 moved = [over(lines, coefficient(rate, k), k + 1, order >= FAITHFUL_ORDER) for k in range(terms)]
-                values[state] = lines.fma(at(moved), x, state)
+                values[state] = lines.fma(polynomial(moved), x, state)
         for load in kernel.loads:
             if load.array == "t":
                 values[load.target] = lines.op("add", load.target, x)
         for line in body:
             values[line.target] = lines.op(line.op, *(values.get(arg, arg) for arg in line.args))
         for i in recurrences.controlled:
-            rate = values.get(recurrences.rates[i], recurrences.rates[i])
-            gap = lines.op("abs", lines.sub(rate, at(rates[i])))
-            gap = lines.op("fma", lines.op("abs", rate), -_NOISE, gap)
+            found = values[recurrences.rates[i]]
+            gap = lines.op("abs", lines.sub(found, polynomial(rates[i])))
+            gap = lines.op("fma", lines.op("abs", found), -_NOISE, gap)
             fine = lines.mul(fine, lines.op("less_equal", lines.mul(gap, reaches), allowed))
         reach = lines.op("select", fine, theta, reach)
     return lines.mul(size, reach)

@@ -84,7 +84,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     outputs = closing(lines, recurrences, rates, order)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
-    loads = (*_loads(recurrences), *(Load(name, *place) for name, *place in closing_loads(recurrences)))
+    loads = (*_loads(recurrences), *closing_loads(recurrences))
     kernel = Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])
 
@@ -98,10 +98,10 @@ _NOTHING, _LESS = 1e-250, 1e-300
 SETTING_NAMES = ("largest_", "direction_", "floor_")
 
 
-def closing_loads(recurrences: Recurrences) -> list[tuple[str, str, int]]:
-    """Return name, array and index of what the end of a step reads besides what its series are made of."""
-    loads = [(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
-    return [*loads, (PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
+def closing_loads(recurrences: Recurrences) -> list[Load]:
+    """Return what the end of a step reads besides what its series are made of."""
+    loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
+    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
 
 
 def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:

@@ -14,9 +14,9 @@ from ..integrators.problem import DenseOutput, JoinedOutput
 from ..integrators.reductions import running_values
 from ..integrators.status import Status
 from ..integrators.watched import Jump, Rule, Watched
+from ..ir.branches import unforeseen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
-from ..ir.branches import unforeseen
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
 from ..errors import list_names
-from ..ir.branches import unforeseen
+from ..ir.branches import kinks, unforeseen
 from ..ir.program import Program, describe_counts
 
 if TYPE_CHECKING:
@@ -60,12 +60,14 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
 
 def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
-    what = sorted(set(unforeseen(stages.program.kernel("rhs")).values())) if series else []
-    if not what:
+    rhs = stages.program.kernel("rhs") if series else None
+    what = [] if rhs is None else sorted(set(unforeseen(rhs).values()))
+    if rhs is None or not what:
         return []
+    rough = ", and auto leaves it aside for the kinks" if kinks(rhs) else ""
     return [
-        f"              {list_names(what)} of state or time may be nothing where a power series begins and large behind:",
-        f"              {list_names(series)} looks at the defect of its steps, and auto takes another method",
+        f"              a series may know nothing of {list_names(what)} of state or time:"
+        f" {list_names(series)} looks at the defect of its steps{rough}"
     ]
 
 

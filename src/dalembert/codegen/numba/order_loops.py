@@ -254,8 +254,8 @@ class _Step:
         for load in self.recurrences.kernel.loads:
             if load.array != "y":
                 self.printer.load(load.target, load.array, load.index or 0)
-        for name, array, index in closing_loads(self.recurrences):
-            self.printer.load(name, array, index)
+        for load in closing_loads(self.recurrences):
+            self.printer.load(load.target, load.array, load.index or 0)
         self.printer.body(self.first_orders)
         before = self.ahead.before
         for row in self.rows.values():

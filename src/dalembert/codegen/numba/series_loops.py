@@ -314,8 +314,8 @@ class _Step:
         self.near = {}
         for i, state in enumerate(states):
             self.printer.load(f"{state}.old", "y", i)
-        for name, array, index in closing_loads(self.recurrences):
-            self.printer.load(name, array, index)
+        for load in closing_loads(self.recurrences):
+            self.printer.load(load.target, load.array, load.index or 0)
         for i, rate in enumerate(self.recurrences.rates):
             for k in range(self.order):
                 target = f"rate.{i}.{k}"

@@ -119,7 +119,9 @@ class TaylorAttempts:
         values = self._step(t, (*y, *memory), batch.c, (largest, direction, batch.floor))
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
         accepted = finite & ~((size < largest) & (size < _least(t, batch.t1)))
-        return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,))
+        return Attempted(
+            tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,)
+        )
 
 
 @final

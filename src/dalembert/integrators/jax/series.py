@@ -47,7 +47,10 @@ class _Span(NamedTuple):
 
 @final
 class _Leg(NamedTuple):
-    """Where a leg is, the size of the last step, and its steps: ends t (LEG,), states y (LEG, n_y), increments (LEG, order, n_y)."""
+    """Where a leg is, the size of its last step, and its steps.
+
+    Their ends are t (LEG,), the states there y (LEG, n_y), the terms of the series increments (LEG, order, n_y).
+    """
 
     count: Any
     now: Any

@@ -117,7 +117,9 @@ def LOOP(
     mark: NDArray[np.int64],
     outcome: NDArray[np.int64],
 ) -> int:
-    """March from the state y (1, n_y + 1), behind which lies the size of the step before, at most so many steps. Return the status.
+    """March from the state y (1, n_y + 1), at most so many steps. Return the status.
+
+    Behind the state lies the size of the step before, 0 where there was none.
 
     Parameters
     ----------
