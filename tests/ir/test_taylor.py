@@ -134,17 +134,20 @@ def test_series_solves_the_equations_to_its_order(name, order):
 def test_a_step_sums_its_series(name):
     step = step_kernel(recurrences(kernel_of(FUNCTIONS[name])), ORDER, dense=True)
     h = 0.002
-    out = interpret(step, {"t": 0.3, "y": [0.7, 0.4], "c": [0.8], "s": [h, -1.0, 1.0]})
+    out = interpret(step, {"t": 0.3, "y": [0.7, 0.4, h], "c": [0.8], "s": [h, -1.0, 1.0]})
     assert out[2] == h and out[3] == 0.0
     series = np.reshape(out[4:], (2, ORDER + 1))
     assert np.allclose(out[:2], series @ (-h) ** np.arange(ORDER + 1), rtol=4e-16, atol=0)
 
 
 def outcomes(texts, count, lanes):
-    """Return what modules with one step each make of the same states (2, lanes): outputs (count, lanes) of each."""
+    """Return what modules with one step each make of the same states: outputs (count, lanes) of each.
+
+    The states (3, lanes) have two components, and behind them the size of the step before.
+    """
     rng = np.random.default_rng(5)
     t, c = np.full((1, lanes), 0.3), np.full((1, lanes), 0.8)
-    y = np.array([[0.7], [0.4]]) + 0.05 * rng.random((2, lanes))
+    y = np.array([[0.7], [0.4], [1.0]]) + 0.05 * rng.random((3, lanes))
     s = np.array([[0.002], [1.0], [1.0]]) * np.ones(lanes)
     results = []
     for text in texts:
