@@ -54,14 +54,15 @@ def test_force_that_sets_in_later(force):
         assert sweep["x_dot"][0] == pytest.approx(1.5, rel=1e-6)
 
 
+HERTZ, LEAK = 100 * sp.Max(0, -x) ** sp.Rational(3, 2) - 1, -sp.sqrt(sp.Max(0, x))
 STOP, TURNS, SATURATED = 100 * sp.Max(0, -x) - 1, sp.sign(sp.sin(3 * t)), -sp.Max(-1, sp.Min(1, 5 * x))
 
 
 @pytest.mark.parametrize("rtol", [1e-6, 1e-10])
 @pytest.mark.parametrize(
     "force, place, end",
-    [(STOP, 1, 5), (TURNS, 0, 6), (SATURATED, 2, 20), (-x - v * sp.Abs(v) / 2, 2, 20)],
-    ids=["stop", "turns", "saturated", "drag"],
+    [(HERTZ, 1, 5), (LEAK, 1, 5), (STOP, 1, 5), (TURNS, 0, 6), (SATURATED, 2, 20), (-x - v * sp.Abs(v) / 2, 2, 20)],
+    ids=["Hertz", "root", "stop", "turns", "saturated", "drag"],
 )
 def test_power_series_come_to_a_kink_and_go_on_behind_it(force, place, end, rtol):
     """As near the motion as steps of a pair are, which are cut there too; the pair is run at 1e-13 for comparison."""

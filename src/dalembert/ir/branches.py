@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["LEAST_POWER", "depending_on", "kinks", "leading_to", "only_in_branches", "unforeseen"]
+__all__ = ["LEAST_POWER", "kinked", "leading_to", "only_in_branches", "reached_from", "unforeseen"]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
@@ -47,9 +47,9 @@ def unforeseen(kernel: Kernel) -> dict[str, str]:
     return found
 
 
-def kinks(kernel: Kernel) -> tuple[str, ...]:
-    """Return the names of the operations of a kernel with a kink or a jump on what depends on state or time."""
-    return tuple(sorted(_KINKED & set(unforeseen(kernel).values())))
+def kinked(found: Mapping[str, str]) -> list[str]:
+    """Return those of the values that `unforeseen` gives which have a kink or a jump."""
+    return [name for name, what in found.items() if what in _KINKED]
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:
@@ -80,13 +80,13 @@ def leading_to(kernel: Kernel, targets: Collection[Operand]) -> set[Operand]:
     return needed
 
 
-def depending_on(kernel: Kernel, values: Collection[str]) -> tuple[int, ...]:
-    """Return which outputs are computed from some values."""
-    reached = set(values)
+def reached_from(kernel: Kernel, values: Collection[str]) -> set[Operand]:
+    """Return the values that are computed from some, and these."""
+    reached: set[Operand] = set(values)
     for line in kernel.body:
         if any(arg in reached for arg in line.args):
             reached.add(line.target)
-    return tuple(i for i, output in enumerate(kernel.outputs) if output in reached)
+    return reached
 
 
 def only_in_branches(kernel: Kernel) -> frozenset[str]:

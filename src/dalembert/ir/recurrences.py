@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from .branches import depending_on, unforeseen
+from .branches import kinked, reached_from, unforeseen
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
@@ -83,15 +83,18 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
     items: list[Assignment | Integrated] = []
     known = {(line.op, line.args): line.target for line in kernel.body}
     done: set[str] = set()
+    hidden = unforeseen(kernel)
+    flat = reached_from(kernel, kinked(hidden))
     for line in kernel.body:
         if not any(arg in varying for arg in line.args):
             items.append(line)
             continue
-        new = _expanded(line, known, done)
+        new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
         items += new
         varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
     own = len(kernel.outputs) - followed
-    controlled = tuple(i for i in depending_on(kernel, unforeseen(kernel)) if i < own)
+    looked_at = reached_from(kernel, hidden)
+    controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled)
 
 
@@ -184,6 +187,23 @@ def _power(line: Assignment) -> Items:
         Integrated(line, ((1.0, a, along_a), (1.0, b, along_b))),
         *after,
         Assignment(along_b, "mul", (name, logarithm)),
+    ]
+
+
+def _root(line: Assignment) -> bool:
+    """Return whether a value is a root or a fixed power."""
+    return line.op == "sqrt" or (line.op == "pow" and not isinstance(line.args[1], str))
+
+
+def _from_flat(line: Assignment) -> Items:
+    """Return a root or power of what may be zero all over, as max(0, x) is: where it is zero, it stays zero."""
+    a, name = line.args[0], line.target
+    exponent, base = 0.5 if line.op == "sqrt" else line.args[1], f"{name}_base"
+    return [
+        Integrated(line, ((1.0, a, f"{name}_along_a"),)),
+        Assignment(base, "select", (a, a, 1.0)),
+        Assignment(f"{name}_quotient", "div", (name, base)),
+        Assignment(f"{name}_along_a", "mul", (exponent, f"{name}_quotient")),
     ]
 
 

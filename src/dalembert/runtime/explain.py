@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
 from ..errors import list_names
-from ..ir.branches import kinks, unforeseen
+from ..ir.branches import kinked, unforeseen
 from ..ir.program import Program, describe_counts
 
 if TYPE_CHECKING:
@@ -61,12 +61,12 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
 def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
     rhs = stages.program.kernel("rhs") if series else None
-    what = [] if rhs is None else sorted(set(unforeseen(rhs).values()))
-    if rhs is None or not what:
+    found = {} if rhs is None else unforeseen(rhs)
+    if not found:
         return []
-    rough = ", and auto leaves it aside for the kinks" if kinks(rhs) else ""
+    rough = ", and auto leaves it aside for the kinks" if kinked(found) else ""
     return [
-        f"              a series may know nothing of {list_names(what)} of state or time:"
+        f"              a series may know nothing of {list_names(sorted(set(found.values())))} of state or time:"
         f" {list_names(series)} looks at the defect of its steps{rough}"
     ]
 

@@ -12,7 +12,7 @@ from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.status import Status
-from ...ir.branches import kinks
+from ...ir.branches import kinked, unforeseen
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
@@ -106,7 +106,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        able = "taylor" in methods and not kinks(self._program.kernel("rhs"))
+        able = "taylor" in methods and not kinked(unforeseen(self._program.kernel("rhs")))
         if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"

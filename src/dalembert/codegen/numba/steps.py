@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
-from ...ir.branches import kinks
+from ...ir.branches import kinked, unforeseen
 from ...ir.defect import cost
 from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.periodic import angles_of
@@ -151,7 +151,7 @@ class StepLibrary:
     @cached_property
     def kinked(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
-        return bool(kinks(self._program.kernel("rhs")))
+        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
 
     @cached_property
     def angles(self) -> tuple[int, ...]:
