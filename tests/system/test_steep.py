@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.numba.steps import StepLibrary
-from dalembert.ir.branches import LEAST_POWER, unforeseen
+from dalembert.ir.branches import LEAST_INVERSE, LEAST_POWER, unforeseen
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.lower import lower_kernel
@@ -139,9 +139,10 @@ PLAIN = {
     "sine": lambda g, x, t: g.sin(x) * g.cos(t),
     "quotient": lambda g, x, t: x / (1 + x * x),
     "root": lambda g, x, t: g.call("sqrt", 1 + x * x * t),
-    "low powers": lambda g, x, t: g.power(x, LEAST_POWER - 1) + 1 / g.power(t, LEAST_POWER - 1),
+    "low powers": lambda g, x, t: g.power(x, LEAST_POWER - 1) + 1 / g.power(t, LEAST_INVERSE - 1),
     "many factors": lambda g, x, t: g.sin(x) * g.cos(x) * g.sin(t) * g.cos(t) * x * t * x,
     "a fraction of a power": lambda g, x, t: g.call("pow", x, g.node(1.5)),
+    "gravity": lambda g, x, t: x / g.call("sqrt", g.power(1 + x * x, 3)),
     "a constant": lambda g, x, t: x * g.call("exp", g.input("c0")) * g.call("abs", g.input("c0")),
 }
 STEEP = {
@@ -150,7 +151,8 @@ STEEP = {
     "abs": lambda g, x, t: g.call("abs", x),
     "select": lambda g, x, t: g.call("select", g.call("less", x, t), x, t),
     "high power": lambda g, x, t: g.power(g.sin(x), LEAST_POWER),
-    "high negative power": lambda g, x, t: 1 / g.power(x, LEAST_POWER),
+    "inverse power": lambda g, x, t: 1 / g.power(x, LEAST_INVERSE),
+    "inverse power of a distance": lambda g, x, t: x / g.call("sqrt", g.power(1 + x * x, LEAST_INVERSE)),
     "nested powers": lambda g, x, t: g.power(1 / (g.power(1 + x * x, 3)), 2),
     "power by a parameter": lambda g, x, t: g.call("pow", x, g.input("c0")),
     "power by the state": lambda g, x, t: g.call("pow", g.input("c0"), x),
@@ -162,6 +164,29 @@ def kernel_of(make):
     q, time, c = graph.input("x"), graph.input("t"), graph.input("c0")
     inputs = {q: ("y", 0), time: ("t", None), c: ("c", 0)}
     return lower_kernel(graph, "rhs", [make(graph, q, time)], inputs, arguments=("t", "y", "c"))
+
+
+def repelling(power):
+    """A particle in a plane that is pushed away from the origin."""
+    N, O = ReferenceFrame("N"), Point("O")
+    y = dynamicsymbols("y")
+    made = da.Scene("repelled", frame=N, origin=O, coordinates=[x, y])
+    place = O.locatenew("P", x * N.x + y * N.y)
+    made.add_bodies(Particle("body", place, 1))
+    made.add_loads((place, sp.sqrt(x**2 + y**2) ** (-power - 1) * place.pos_from(O)))
+    return made
+
+
+@pytest.mark.parametrize("power", [5, 7, 13])
+def test_what_is_far_away_is_not_passed_over(power):
+    """From 1e4 times the shortest distance, where the force is 1e-20 to 1e-52: energy and angular momentum are kept."""
+    model = da.compile_model(repelling(power), backend="numba")
+    start = {"x": -1e4, "y": 0.5, "x_dot": 1, "y_dot": 0}
+    for run in (model.simulate((0, 2e4), start, {}), model.sweep((0, 2e4), start, {})):
+        x1, y1, vx, vy = (float(np.ravel(run[name])[-1]) for name in ("x", "y", "x_dot", "y_dot"))
+        assert run.stats.method == "taylor" and run.stats.steps < 150
+        assert vx < 0.5 and np.hypot(vx, vy) == pytest.approx(1, abs=1e-6)
+        assert x1 * vy - y1 * vx == pytest.approx(-0.5, abs=1e-8 * 2e4)
 
 
 @pytest.mark.parametrize("name", PLAIN)

@@ -6,18 +6,33 @@ from collections.abc import Collection, Mapping
 
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["LEAST_POWER", "kinked", "leading_to", "only_in_branches", "reached_from", "unforeseen"]
+__all__ = [
+    "INVERSE",
+    "LEAST_INVERSE",
+    "LEAST_POWER",
+    "kinked",
+    "last_of",
+    "leading_to",
+    "only_in_branches",
+    "reached_from",
+    "unforeseen",
+]
 
 _CHOOSING = ("select", "min", "max")
 _JUMPING = ("less", "less_equal", "sign", "floor")
 _KINKED = {*_CHOOSING, *_JUMPING, "abs"}
 _STEEP = {"exp", "sinh", "cosh", "tanh"}
 
-LEAST_POWER = 6
-"""Exponent from which a power is steep. A factor that passes through zero has with exponent k no coefficient below k,
-which is not seen by the last two coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or
-more for tolerances below 4e-3, and 13 by default. With a negative exponent -k a distance r gives less than the
-tolerance exp(-1.6 (order - 1)) from exp(1.6 (order - 1)/k) times the shortest r on: 24 times for k = 6 and order 13."""
+LEAST_POWER, LEAST_INVERSE = 6, 5
+"""Exponents from which powers and inverse powers are steep; of the latter, sums with a square in them count twice.
+
+A factor that passes through zero has with exponent k no coefficient below k, which is not seen by the last two
+coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or more for tolerances below 4e-3, and
+13 by default. A force that goes with an inverse power of a distance is nothing far away: at the default order, steps
+passed over bodies at 1e5 times the shortest distance for exponents up to 4, which is let alone, at 1e3 times for 6, and
+at 100 times for 8 (measured on particles that repel each other)."""
+
+INVERSE = "inverse powers"
 
 
 def unforeseen(kernel: Kernel) -> dict[str, str]:
@@ -35,16 +50,28 @@ def unforeseen(kernel: Kernel) -> dict[str, str]:
     moving = {load.target for load in kernel.loads if load.array in ("t", "y")}
     factors: dict[Operand, dict[str, float]] = {name: {name: 1.0} for name in moving}
     found: dict[str, str] = {}
+    squares: set[str] = set()
     for line in kernel.body:
         if not any(arg in moving for arg in line.args):
             continue
         moving.add(line.target)
-        factors[line.target] = _factors(line, factors)
+        factors[line.target] = own = _factors(line, factors)
+        parts = (part for arg in line.args for part in factors.get(arg, {}).items())
+        if line.op in ("add", "sub") and any(exponent >= 2.0 or name in squares for name, exponent in parts):
+            squares.add(line.target)
         if line.op in _KINKED or line.op in _STEEP or (line.op == "pow" and isinstance(line.args[1], str)):
             found[line.target] = line.op
-        elif any(abs(exponent) >= LEAST_POWER for exponent in factors[line.target].values()):
+        elif any(exponent >= LEAST_POWER for exponent in own.values()):
             found[line.target] = "high powers"
+        elif any(exponent * (1 + (name in squares)) <= -LEAST_INVERSE for name, exponent in own.items()):
+            found[line.target] = INVERSE
     return found
+
+
+def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
+    """Return those of some values that no other of them is computed from."""
+    behind = {value for value in values if reached_from(kernel, [value]) & set(values) == {value}}
+    return tuple(line.target for line in kernel.body if line.target in behind)
 
 
 def kinked(found: Mapping[str, str]) -> list[str]:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from .branches import kinked, reached_from, unforeseen
+from .branches import INVERSE, kinked, last_of, leading_to, reached_from, unforeseen
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
@@ -45,6 +45,8 @@ class Recurrences:
         and they begin at zero in every step.
     controlled : tuple of int
         Which rates of the state depend on what a series may know nothing of: steps look at their defect.
+    poles : tuple of str
+        Inverse powers among that: steps stay within the reach of their series, however small these are.
     """
 
     kernel: Kernel
@@ -54,6 +56,7 @@ class Recurrences:
     rates: tuple[Operand, ...]
     followed: int = 0
     controlled: tuple[int, ...] = ()
+    poles: tuple[str, ...] = ()
 
     @property
     def angles(self) -> frozenset[str]:
@@ -95,7 +98,9 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
     own = len(kernel.outputs) - followed
     looked_at = reached_from(kernel, hidden)
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
-    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled)
+    needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
+    poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
+    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled, poles)
 
 
 Items = list[Assignment | Integrated]

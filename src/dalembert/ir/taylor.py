@@ -25,6 +25,7 @@ from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
 
 __all__ = [
+    "LOW_TERMS",
     "SETTINGS",
     "SETTING_NAMES",
     "STEP_ARGUMENTS",
@@ -81,7 +82,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     expansion.extend(order)
     lines = expansion.lines
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    outputs = closing(lines, recurrences, rates, order)
+    outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in recurrences.poles], order)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
     loads = (*_loads(recurrences), *closing_loads(recurrences))
@@ -90,7 +91,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
 
 
 _TURNS = 4.0 * math.pi
-_LOW_TERMS = 4
+LOW_TERMS = 4
 """Terms of what is followed that may be the largest: those after which it leaves zero."""
 _NOTHING, _LESS = 1e-250, 1e-300
 """Sizes that stand for zero, such that what is zero all over a step does not limit it."""
@@ -104,12 +105,19 @@ def closing_loads(recurrences: Recurrences) -> list[Load]:
     return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
 
 
-def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
-    """Return the new state, the size of the step and the check, from the series of the rates."""
+def closing(
+    lines: Lines, recurrences: Recurrences, rates: list[Series], poles: list[Series], order: int
+) -> list[Operand]:
+    """Return the new state, the size of the step and the check, from the series of the rates and of the poles.
+
+    Of poles, the first terms and the last two are read.
+    """
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
     size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
     if recurrences.controlled:
+        for pole in poles:
+            size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
         tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
         size = reached(lines, recurrences, rates, order, grown(lines, size, largest), direction, scale, tolerance)
     h = lines.op("mul", size, direction)
@@ -137,13 +145,15 @@ def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -
     return coefficients[0]
 
 
-def controlled(recurrences: Recurrences, rates: list[list[str]], order: int) -> tuple[list[Assignment], list[Operand]]:
+def controlled(
+    recurrences: Recurrences, rates: list[list[str]], poles: list[list[str]], order: int
+) -> tuple[list[Assignment], list[Operand]]:
     """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.
 
-    `rates` names the coefficients 0 to order - 1 of each rate.
+    `rates` and `poles` name the coefficients 0 to order - 1 of each rate and pole.
     """
     lines = Lines()
-    outputs = closing(lines, recurrences, [list(rate) for rate in rates], order)
+    outputs = closing(lines, recurrences, [list(rate) for rate in rates], [list(pole) for pole in poles], order)
     return lines.body, outputs
 
 
@@ -204,7 +214,7 @@ def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
     def size(k: int, least: float) -> Operand:
         return lines.op("rough_log2", _norm(lines, [coefficient(series, k)], least))
 
-    first = [size(k, _NOTHING) for k in range(_LOW_TERMS)]
+    first = [size(k, _NOTHING) for k in range(min(LOW_TERMS, order - 2))]
     steps = []
     for k in (order - 2, order - 1):
         last = size(k, _LESS)

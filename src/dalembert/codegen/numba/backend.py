@@ -126,8 +126,10 @@ class NumbaEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)
         lines, control = self.steps.series_lines(order), self.steps.control(order)
-        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
-        return "dop853" if long else "taylor"
+        if lines > LARGEST_UNROLLED:
+            return "dop853"
+        pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
+        return "dop853" if pays else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""

@@ -326,7 +326,11 @@ class _Step:
                     value = self._first(rate) if k == 0 else functions.constant(0.0, self.lanes)
                     self._set(target, f"fadd {self.v} {value}, {functions.constant(0.0, self.lanes)}")
         series = [[f"rate.{i}.{k}" for k in range(self.order)] for i in range(len(states))]
-        body, outputs = controlled(self.recurrences, series, self.order)
+        poles = [[f"pole.{i}.{k}" for k in range(self.order)] for i in range(len(self.recurrences.poles))]
+        for names, pole in zip(poles, self.recurrences.poles, strict=True):
+            for k, name in enumerate(names):
+                self._set(name, f"load {self.v}, ptr {self._at(self.slots[pole], str(k))}, align 8")
+        body, outputs = controlled(self.recurrences, series, poles, self.order)
         old = {state: f"{state}.old" for state in states}
         body = [
             Assignment(x.target, x.op, tuple(old.get(a, a) if isinstance(a, str) else a for a in x.args)) for x in body

@@ -148,6 +148,11 @@ class StepLibrary:
         """Return the cost of the control of a Taylor step (`dalembert.ir.defect.cost`)."""
         return cost(self._known_recurrences(), order)
 
+    @property
+    def poles(self) -> bool:
+        """Whether rates have inverse powers that pairs may step over."""
+        return bool(self._known_recurrences().poles)
+
     @cached_property
     def kinked(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
