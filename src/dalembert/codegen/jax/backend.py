@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -106,7 +107,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        able = "taylor" in methods and not kinked(unforeseen(self._program.kernel("rhs")))
+        able = "taylor" in methods and not self._kinked
         if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
@@ -232,6 +233,11 @@ class JaxEngine(Engine):
         """Operations of all corrections that follow a step."""
         kernels = ((self._program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self._program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
+
+    @cached_property
+    def _kinked(self) -> bool:
+        """Whether rates have kinks or jumps in state or time."""
+        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:
