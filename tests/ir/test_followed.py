@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from dalembert.integrators.crossings import chebyshev_of_powers
+from dalembert.ir.branches import unforeseen
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.lower import lower_kernel
-from dalembert.ir.recurrences import analytic, recurrences
+from dalembert.ir.recurrences import recurrences
 from dalembert.ir.taylor import step_kernel
 from dalembert.ir.watch import followed_kernel
 
@@ -94,6 +95,7 @@ def test_the_sign_over_a_step_is_never_wrong():
     assert sure > 60
 
 
-def test_kinks_are_not_analytic():
-    assert analytic(joint(pull))
-    assert not analytic(joint(lambda g, x, v, t: g.call("abs", v)))
+def test_what_no_series_shows_is_not_followed():
+    assert not unforeseen(joint(pull))
+    assert unforeseen(joint(lambda g, x, v, t: g.call("abs", v)))
+    assert unforeseen(joint(lambda g, x, v, t: g.call("tanh", v)))

@@ -1,6 +1,7 @@
 """Taylor recurrences of every operation, against series computed in extended precision."""
 
 import ctypes
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -58,6 +59,15 @@ def everything(g, x, y):
     angle, root = g.sin(x * y), g.call("sqrt", x + y * y)
     quotient = (x - angle) / (root * g.call("exp", y))
     return quotient * angle + g.cos(y) * root - (x * x) * (quotient * quotient) + g.call("log", x) * angle * 0.5 - x
+
+
+def poles(g, x, y):
+    """Return inverse powers that are nothing as yet, and within the reach of whose series steps stay."""
+    a, b = x - 0.5, y - 0.5
+    return g.node(1e-30) * (a / g.power(a * a + b * b, 7) - 1 / g.power(y - 9, 9))
+
+
+SCENES = FUNCTIONS | {"everything": everything, "poles": poles}
 
 
 VALUES = {
@@ -134,18 +144,21 @@ def test_series_solves_the_equations_to_its_order(name, order):
 def test_a_step_sums_its_series(name):
     step = step_kernel(recurrences(kernel_of(FUNCTIONS[name])), ORDER, dense=True)
     h = 0.002
-    out = interpret(step, {"t": 0.3, "y": [0.7, 0.4], "c": [0.8], "s": [h, -1.0, 1.0]})
+    out = interpret(step, {"t": 0.3, "y": [0.7, 0.4, h], "c": [0.8], "s": [h, -1.0, 1.0]})
     assert out[2] == h and out[3] == 0.0
     series = np.reshape(out[4:], (2, ORDER + 1))
     assert np.allclose(out[:2], series @ (-h) ** np.arange(ORDER + 1), rtol=4e-16, atol=0)
 
 
-def outcomes(texts, count, lanes):
-    """Return what modules with one step each make of the same states (2, lanes): outputs (count, lanes) of each."""
+def outcomes(texts, count, lanes, largest=0.002):
+    """Return what modules with one step each make of the same states: outputs (count, lanes) of each.
+
+    The states (3, lanes) have two components, and behind them the size of the step before.
+    """
     rng = np.random.default_rng(5)
     t, c = np.full((1, lanes), 0.3), np.full((1, lanes), 0.8)
-    y = np.array([[0.7], [0.4]]) + 0.05 * rng.random((2, lanes))
-    s = np.array([[0.002], [1.0], [1.0]]) * np.ones(lanes)
+    y = np.array([[0.7], [0.4], [1.0]]) + 0.05 * rng.random((3, lanes))
+    s = np.array([[largest], [1.0], [1.0]]) * np.ones(lanes)
     results = []
     for text in texts:
         code = load_object(compile_object(text))
@@ -182,15 +195,31 @@ ORDERS = [LEAST_ORDER, LEAST_ORDER + 1, FAITHFUL_ORDER + 1]
 
 @pytest.mark.parametrize(
     "name, order, lanes, width",
-    [(name, ORDER, 1, 4) for name in FUNCTIONS]
-    + [("everything", order, *shape) for order in ORDERS for shape in SHAPES],
+    [(name, ORDER, 1, 4) for name in (*FUNCTIONS, "poles")]
+    + [("everything", order, *shape) for order in ORDERS for shape in SHAPES]
+    + [("poles", order, 4, 1) for order in ORDERS],
 )
 def test_a_loop_over_the_orders_gives_the_bits_of_unrolled_code(name, order, lanes, width):
-    known = recurrences(kernel_of(FUNCTIONS.get(name, everything)))
+    known = recurrences(kernel_of(SCENES[name]))
     step = step_kernel(known, order, dense=True)
     loop = order_loop_assembly("step", known, order, lanes, width, dense=True)
     (unrolled, looped), *_ = outcomes((assembly([("step", step)], lanes), loop), len(step.outputs), lanes)
     np.testing.assert_array_equal(looped, unrolled)
+
+
+@pytest.mark.parametrize("order", [4, 5, ORDER])
+def test_steps_stay_within_the_reach_of_poles(order):
+    """In every form of a step; the rest of the rates would allow for more."""
+    known = recurrences(kernel_of(poles))
+    step = step_kernel(known, order, dense=False)
+    without = step_kernel(replace(known, poles=()), order, dense=False)
+    texts = [assembly([("step", step)], 1), loop_assembly("step", known, order, 1, dense=False)]
+    if order >= LEAST_ORDER:
+        texts.append(order_loop_assembly("step", known, order, 1, 4, dense=False))
+    (free, *held), *_ = outcomes([assembly([("step", without)], 1), *texts], 4, 1, largest=5.0)
+    for out in held:
+        assert 0.05 < out[2, 0] < 0.9 * free[2, 0]
+        np.testing.assert_allclose(out, held[0], rtol=1e-9)
 
 
 def test_a_loop_over_the_orders_squares_what_does_not_move():

@@ -353,7 +353,7 @@ class Backend(ABC):
             Where there is none.
         """
         if "stages" not in program:
-            return {name: what for name, what in self.methods.items() if not (program.kinks and name in self.series)}
+            return self.methods
         if not self.for_stages:
             raise FormulationError(
                 f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
@@ -365,12 +365,7 @@ class Backend(ABC):
         """Return why one of its methods does not integrate a program; nothing for a method that it does not have."""
         if method not in self.methods:
             return ""
-        if "stages" in program:
-            return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"
-        return (
-            f"{method!r} does not serve {program.name!r}: a power series knows nothing of what lies behind a kink or a"
-            f" jump, and the scene has some ({', '.join(program.kinks)} of state or time)"
-        )
+        return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"
 
     @abstractmethod
     def render(self, program: Program, *, cache: bool) -> RenderedModule:

@@ -87,9 +87,7 @@ def lower(system: ReducedSystem) -> Program:
         assumptions=dict(symbols.assumptions),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
-    return Program(
-        equations.name, system.formulation, layout, everything, system.notes, equations.kinks, equations.steep
-    )
+    return Program(equations.name, system.formulation, layout, everything, system.notes)
 
 
 def lower_kernel(

@@ -123,18 +123,13 @@ class Layout:
 @final
 @dataclass(frozen=True)
 class Program:
-    """The kernels of one scene in one formulation, and what their arrays hold.
-
-    `kinks` and `steep` are operations of the scene that a power series does not see behind; see `ir.branches`.
-    """
+    """The kernels of one scene in one formulation, and what their arrays hold."""
 
     name: str
     formulation: str
     layout: Layout
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
-    kinks: tuple[str, ...] = ()
-    steep: tuple[str, ...] = ()
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

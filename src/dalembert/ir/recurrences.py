@@ -12,10 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
+from .branches import INVERSE, kinked, last_of, leading_to, reached_from, unforeseen
 from .periodic import turning
 from .program import Assignment, Kernel, Operand
 
-__all__ = ["Integrated", "Recurrences", "analytic", "recurrences"]
+__all__ = ["Integrated", "Recurrences", "recurrences"]
 
 
 @final
@@ -42,6 +43,10 @@ class Recurrences:
     followed : int
         How many of the states, the last ones, are integrals of what is followed along a step: nothing depends on them,
         and they begin at zero in every step.
+    controlled : tuple of int
+        Which rates of the state depend on what a series may know nothing of: steps look at their defect.
+    poles : tuple of str
+        Inverse powers among that: steps stay within the reach of their series, however small these are.
     """
 
     kernel: Kernel
@@ -50,6 +55,8 @@ class Recurrences:
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
     followed: int = 0
+    controlled: tuple[int, ...] = ()
+    poles: tuple[str, ...] = ()
 
     @property
     def angles(self) -> frozenset[str]:
@@ -79,22 +86,21 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
     items: list[Assignment | Integrated] = []
     known = {(line.op, line.args): line.target for line in kernel.body}
     done: set[str] = set()
+    hidden = unforeseen(kernel)
+    flat = reached_from(kernel, kinked(hidden))
     for line in kernel.body:
         if not any(arg in varying for arg in line.args):
             items.append(line)
             continue
-        new = _expanded(line, known, done)
+        new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
         items += new
         varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
-    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed)
-
-
-_KINKED = ("abs", "sign", "floor", "min", "max", "less", "less_equal", "select")
-
-
-def analytic(kernel: Kernel) -> bool:
-    """Return whether a kernel has no operation whose series says nothing of what is behind a kink or a jump."""
-    return not any(line.op in _KINKED for line in kernel.body)
+    own = len(kernel.outputs) - followed
+    looked_at = reached_from(kernel, hidden)
+    controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
+    needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
+    poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
+    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled, poles)
 
 
 Items = list[Assignment | Integrated]
@@ -186,6 +192,23 @@ def _power(line: Assignment) -> Items:
         Integrated(line, ((1.0, a, along_a), (1.0, b, along_b))),
         *after,
         Assignment(along_b, "mul", (name, logarithm)),
+    ]
+
+
+def _root(line: Assignment) -> bool:
+    """Return whether a value is a root or a fixed power."""
+    return line.op == "sqrt" or (line.op == "pow" and not isinstance(line.args[1], str))
+
+
+def _from_flat(line: Assignment) -> Items:
+    """Return a root or power of what may be zero all over, as max(0, x) is: where it is zero, it stays zero."""
+    a, name = line.args[0], line.target
+    exponent, base = 0.5 if line.op == "sqrt" else line.args[1], f"{name}_base"
+    return [
+        Integrated(line, ((1.0, a, f"{name}_along_a"),)),
+        Assignment(base, "select", (a, a, 1.0)),
+        Assignment(f"{name}_quotient", "div", (name, base)),
+        Assignment(f"{name}_along_a", "mul", (exponent, f"{name}_quotient")),
     ]
 
 

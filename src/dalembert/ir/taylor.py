@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from .defect import PREVIOUS, grown, reached
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .lines import Lines
 from .passes import eliminate_dead_code, run
@@ -24,11 +25,13 @@ from .program import Assignment, Kernel, Load, Operand
 from .recurrences import Integrated, Recurrences
 
 __all__ = [
+    "LOW_TERMS",
     "SETTINGS",
     "SETTING_NAMES",
     "STEP_ARGUMENTS",
     "clipped_tolerance",
     "closing",
+    "closing_loads",
     "controlled",
     "order_for",
     "series_kernel",
@@ -79,16 +82,16 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     expansion.extend(order)
     lines = expansion.lines
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    outputs = closing(lines, recurrences, rates, order)
+    outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in recurrences.poles], order)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
-    settings = tuple(Load(name, "s", i) for i, name in enumerate(SETTING_NAMES))
-    kernel = Kernel("step", STEP_ARGUMENTS, (*_loads(recurrences), *settings), tuple(lines.body), tuple(outputs))
+    loads = (*_loads(recurrences), *closing_loads(recurrences))
+    kernel = Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])
 
 
 _TURNS = 4.0 * math.pi
-_LOW_TERMS = 4
+LOW_TERMS = 4
 """Terms of what is followed that may be the largest: those after which it leaves zero."""
 _NOTHING, _LESS = 1e-250, 1e-300
 """Sizes that stand for zero, such that what is zero all over a step does not limit it."""
@@ -96,10 +99,27 @@ _NOTHING, _LESS = 1e-250, 1e-300
 SETTING_NAMES = ("largest_", "direction_", "floor_")
 
 
-def closing(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int) -> list[Operand]:
-    """Return the new state, the size of the step and the check, from the series of the rates."""
+def closing_loads(recurrences: Recurrences) -> list[Load]:
+    """Return what the end of a step reads besides what its series are made of."""
+    loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
+    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
+
+
+def closing(
+    lines: Lines, recurrences: Recurrences, rates: list[Series], poles: list[Series], order: int
+) -> list[Operand]:
+    """Return the new state, the size of the step and the check, from the series of the rates and of the poles.
+
+    Of poles, the first terms and the last two are read.
+    """
     largest, direction, floor = SETTING_NAMES
-    size = lines.op("min", _radius(lines, recurrences, rates, order, floor), largest)
+    scale = _scale(lines, recurrences, floor)
+    size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
+    if recurrences.controlled:
+        for pole in poles:
+            size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
+        tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
+        size = reached(lines, recurrences, rates, order, grown(lines, size, largest), direction, scale, tolerance)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
     new: list[Operand] = []
@@ -125,13 +145,15 @@ def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -
     return coefficients[0]
 
 
-def controlled(recurrences: Recurrences, rates: list[list[str]], order: int) -> tuple[list[Assignment], list[Operand]]:
+def controlled(
+    recurrences: Recurrences, rates: list[list[str]], poles: list[list[str]], order: int
+) -> tuple[list[Assignment], list[Operand]]:
     """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.
 
-    `rates` names the coefficients 0 to order - 1 of each rate.
+    `rates` and `poles` name the coefficients 0 to order - 1 of each rate and pole.
     """
     lines = Lines()
-    outputs = closing(lines, recurrences, [list(rate) for rate in rates], order)
+    outputs = closing(lines, recurrences, [list(rate) for rate in rates], [list(pole) for pole in poles], order)
     return lines.body, outputs
 
 
@@ -144,14 +166,13 @@ def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
     return run(kernel, [eliminate_dead_code])
 
 
-def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, floor: Operand) -> Operand:
-    """Return the step that the last two coefficients of the state allow, read off those of its rate.
+def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
+    """Return what errors are measured by.
 
-    The scale is the largest component that anything depends on, but at least the floor; quadratures count in
-    the error and not in the scale, and an angle counts as two turns at most, however often it has gone round.
+    It is the largest component that anything depends on, but at least the floor; quadratures count in the error and
+    not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
     own = len(recurrences.states) - recurrences.followed
-    rates, followed = rates[:own], rates[own:]
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     states = recurrences.states[:own]
@@ -162,7 +183,14 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
         largest = lines.op(
             "max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS)
         )
-    size = lines.op("rough_log2", largest)
+    return largest
+
+
+def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand:
+    """Return the step that the last two coefficients of the state allow, read off those of its rate."""
+    own = len(recurrences.states) - recurrences.followed
+    rates, followed = rates[:own], rates[own:]
+    size = lines.op("rough_log2", scale)
     steps = []
     for k in (order - 1, order):
         norm = lines.op("rough_log2", _norm(lines, [coefficient(rate, k - 1) for rate in rates], 1e-300))
@@ -186,7 +214,7 @@ def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
     def size(k: int, least: float) -> Operand:
         return lines.op("rough_log2", _norm(lines, [coefficient(series, k)], least))
 
-    first = [size(k, _NOTHING) for k in range(_LOW_TERMS)]
+    first = [size(k, _NOTHING) for k in range(min(LOW_TERMS, order - 2))]
     steps = []
     for k in (order - 2, order - 1):
         last = size(k, _LESS)

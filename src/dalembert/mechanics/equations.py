@@ -160,10 +160,6 @@ class EquationsOfMotion:
         What ends the mode that contacts are in.
     least : bool
         Whether reactions that are not determined are the least ones, and not an error.
-    kinks : tuple of str
-        Operations in what the scene says that are not smooth in state and time.
-    steep : tuple of str
-        Those that are, and may still be nothing here and everything close by.
     """
 
     name: str
@@ -183,8 +179,6 @@ class EquationsOfMotion:
     defaults: Mapping[str, float] = field(default_factory=dict)
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
-    kinks: tuple[str, ...] = ()
-    steep: tuple[str, ...] = ()
 
     @property
     def time(self) -> Node:

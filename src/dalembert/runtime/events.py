@@ -14,9 +14,9 @@ from ..integrators.problem import DenseOutput, JoinedOutput
 from ..integrators.reductions import running_values
 from ..integrators.status import Status
 from ..integrators.watched import Jump, Rule, Watched
+from ..ir.branches import unforeseen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
-from ..ir.recurrences import analytic
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
@@ -310,5 +310,5 @@ def compiled_events(
         finals=watching(scene, reduced, finals, "reduction", moving=False).values,
         plan=plan,
         rank=rank,
-        smooth=smooth and not margins and analytic(watch.values),
+        smooth=smooth and not margins and not unforeseen(watch.values),
     )

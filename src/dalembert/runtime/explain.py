@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
 from ..errors import list_names
+from ..ir.branches import kinked, unforeseen
 from ..ir.program import Program, describe_counts
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
-        *_kinked(stages, methods),
+        *_unforeseen(stages, methods),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
         f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
@@ -57,14 +58,17 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
     return ["              a run whose steps are held by modes long dead is stiff, and auto takes radau for it"]
 
 
-def _kinked(stages: Stages, methods: Mapping[str, str]) -> list[str]:
-    backend = backend_named(stages.rendered.backend)
-    refused = [name for name in backend.series if name not in methods and stages.program.kinks]
-    lines = [f"              {backend.refusal(stages.program, name)}" for name in refused]
-    if stages.program.steep and set(backend.series) & set(methods):
-        what = ", ".join(stages.program.steep)
-        lines.append(f"              auto leaves power series aside: {what} may be below rounding where one begins")
-    return lines
+def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
+    series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
+    rhs = stages.program.kernel("rhs") if series else None
+    found = {} if rhs is None else unforeseen(rhs)
+    if not found:
+        return []
+    rough = ", and auto leaves it aside for the kinks" if kinked(found) else ""
+    return [
+        f"              a series may know nothing of {list_names(sorted(set(found.values())))} of state or time:"
+        f" {list_names(series)} looks at the defect of its steps{rough}"
+    ]
 
 
 def _projections(program: Program) -> list[str]:

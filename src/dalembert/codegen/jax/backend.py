@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -12,6 +13,7 @@ from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.status import Status
+from ...ir.branches import kinked, unforeseen
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
@@ -105,7 +107,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        able = "taylor" in methods and not self._program.steep
+        able = "taylor" in methods and not self._kinked
         if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
@@ -195,7 +197,8 @@ class JaxEngine(Engine):
         attempts: Attempts
         if method == "taylor":
             step = step_kernel(self._known_recurrences(), order, dense=False)
-            attempts, operations = TaylorAttempts(compile_kernel(step)), len(step.body)
+            controlled = bool(self._known_recurrences().controlled)
+            attempts, operations = TaylorAttempts(compile_kernel(step), controlled=controlled), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
             attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
@@ -230,6 +233,11 @@ class JaxEngine(Engine):
         """Operations of all corrections that follow a step."""
         kernels = ((self._program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self._program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
+
+    @cached_property
+    def _kinked(self) -> bool:
+        """Whether rates have kinks or jumps in state or time."""
+        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:

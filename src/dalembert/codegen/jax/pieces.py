@@ -52,10 +52,10 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     if method == "taylor":
         known = recurrences(program.kernel("rhs"))
         step = step_kernel(known, order, dense=False)
-        taylor = TaylorAttempts(_step_of_one(looped(step)))
+        taylor = TaylorAttempts(_step_of_one(looped(step)), controlled=bool(known.controlled))
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
-        taylors = TaylorAttempts(compile_kernel(step))
+        taylors = TaylorAttempts(compile_kernel(step), controlled=bool(known.controlled))
         return Pieces(taylor, alone, taylors, on_rows, _SeriesSteps(series, order, projections))
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
@@ -87,7 +87,8 @@ def _step_of_one(step: Function) -> Function:
     """Return a Taylor step on arrays as a function of rows, of which there is one."""
 
     def on_row(t: Any, y: Rows, c: Rows, settings: Rows) -> Rows:
-        out = step(t, y[0], c[0], jnp.stack(jnp.broadcast_arrays(*settings)))
+        known = jnp.append(y[0], y[1]) if y[1:] else y[0]
+        out = step(t, known, c[0], jnp.stack(jnp.broadcast_arrays(*settings)))
         n = len(y[0])
         return out[:n], out[n], out[n + 1]
 

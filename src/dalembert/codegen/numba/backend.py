@@ -118,15 +118,18 @@ class NumbaEngine(Engine):
         return out
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair where the right-hand side is long."""
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""
         if "taylor" not in methods:
             return methods[0]
-        if self._program.steep:
+        if self.steps.kinked:
             return "dop853"
         tolerance = clipped_tolerance(rtol, atol)
-        lines = self.steps.series_lines(order_for(tolerance))
-        long = lines > LARGEST_UNROLLED or runge_kutta_pays(self._program.kernel("rhs"), lines, tolerance)
-        return "dop853" if long else "taylor"
+        order = order_for(tolerance)
+        lines, control = self.steps.series_lines(order), self.steps.control(order)
+        if lines > LARGEST_UNROLLED:
+            return "dop853"
+        pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
+        return "dop853" if pays else "taylor"
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""

@@ -18,7 +18,7 @@ from typing import final
 from ...ir.expansion import Ahead, Expansion, Series, Sum
 from ...ir.program import Operand
 from ...ir.recurrences import Integrated, Recurrences
-from ...ir.taylor import SETTING_NAMES, STEP_ARGUMENTS, closing
+from ...ir.taylor import LOW_TERMS, STEP_ARGUMENTS, closing, closing_loads
 from . import vector_functions as functions
 from .llvm import LanePrinter, fma_name, prelude
 
@@ -254,8 +254,8 @@ class _Step:
         for load in self.recurrences.kernel.loads:
             if load.array != "y":
                 self.printer.load(load.target, load.array, load.index or 0)
-        for i, setting in enumerate(SETTING_NAMES):
-            self.printer.load(setting, "s", i)
+        for load in closing_loads(self.recurrences):
+            self.printer.load(load.target, load.array, load.index or 0)
         self.printer.body(self.first_orders)
         before = self.ahead.before
         for row in self.rows.values():
@@ -378,7 +378,13 @@ class _Step:
                 known[rate].append(f"rate.{i}.{k}")
             known[rate].append(self.ahead.series[rate][2])
         rates = [known[rate] if rate in known else self.entry.of(rate) for rate in self.recurrences.rates]
-        outputs = closing(lines, self.recurrences, rates, self.order)
+        first = min(LOW_TERMS, self.order - 2)
+        between: Series = [0.0] * (self.order - 2 - first)
+        poles = [
+            [*self.entry.series[pole][:first], *between, *self.ahead.series[pole][1:3]]
+            for pole in self.recurrences.poles
+        ]
+        outputs = closing(lines, self.recurrences, rates, poles, self.order)
         self.printer.body(lines.body[done:])
         for index, operand in enumerate(outputs):
             self.printer.store(operand, index)

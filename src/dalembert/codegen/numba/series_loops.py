@@ -13,7 +13,7 @@ from typing import final
 
 from ...ir.program import Assignment, Operand
 from ...ir.recurrences import Integrated, Recurrences
-from ...ir.taylor import STEP_ARGUMENTS, controlled
+from ...ir.taylor import STEP_ARGUMENTS, closing_loads, controlled
 from . import vector_functions as functions
 from .llvm import LanePrinter, fma_name, prelude
 
@@ -314,8 +314,8 @@ class _Step:
         self.near = {}
         for i, state in enumerate(states):
             self.printer.load(f"{state}.old", "y", i)
-        for place, name in enumerate(("largest_", "direction_", "floor_")):
-            self.printer.load(name, "s", place)
+        for load in closing_loads(self.recurrences):
+            self.printer.load(load.target, load.array, load.index or 0)
         for i, rate in enumerate(self.recurrences.rates):
             for k in range(self.order):
                 target = f"rate.{i}.{k}"
@@ -326,7 +326,11 @@ class _Step:
                     value = self._first(rate) if k == 0 else functions.constant(0.0, self.lanes)
                     self._set(target, f"fadd {self.v} {value}, {functions.constant(0.0, self.lanes)}")
         series = [[f"rate.{i}.{k}" for k in range(self.order)] for i in range(len(states))]
-        body, outputs = controlled(self.recurrences, series, self.order)
+        poles = [[f"pole.{i}.{k}" for k in range(self.order)] for i in range(len(self.recurrences.poles))]
+        for names, pole in zip(poles, self.recurrences.poles, strict=True):
+            for k, name in enumerate(names):
+                self._set(name, f"load {self.v}, ptr {self._at(self.slots[pole], str(k))}, align 8")
+        body, outputs = controlled(self.recurrences, series, poles, self.order)
         old = {state: f"{state}.old" for state in states}
         body = [
             Assignment(x.target, x.op, tuple(old.get(a, a) if isinstance(a, str) else a for a in x.args)) for x in body

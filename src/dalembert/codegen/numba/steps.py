@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
+from ...ir.branches import kinked, unforeseen
+from ...ir.defect import cost
 from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.periodic import angles_of
 from ...ir.program import Kernel, Program
@@ -141,6 +143,20 @@ class StepLibrary:
             return self._address(made, 1, lambda: jacobian_kernel(kernel, size)), 0
         made = f"{name}_tangent"
         return 0, self._address(made, 1, lambda: tangent_kernel(kernel, size))
+
+    def control(self, order: int) -> tuple[int, int]:
+        """Return the cost of the control of a Taylor step (`dalembert.ir.defect.cost`)."""
+        return cost(self._known_recurrences(), order)
+
+    @property
+    def poles(self) -> bool:
+        """Whether rates have inverse powers that pairs may step over."""
+        return bool(self._known_recurrences().poles)
+
+    @cached_property
+    def kinked(self) -> bool:
+        """Whether rates have kinks or jumps in state or time."""
+        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
 
     @cached_property
     def angles(self) -> tuple[int, ...]:

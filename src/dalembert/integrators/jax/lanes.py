@@ -102,21 +102,26 @@ class Attempts(Protocol):
 
 @final
 class TaylorAttempts:
-    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.ir.taylor.step_kernel` gives them."""
+    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.ir.taylor.step_kernel` gives them.
 
-    def __init__(self, step: Function) -> None:
-        self._step = step
+    Those that look at their defect, `controlled`, are told the size of the step before, as a last row of y.
+    """
+
+    def __init__(self, step: Function, *, controlled: bool) -> None:
+        self._step, self._controlled = step, controlled
 
     def start(self, batch: Batch, direction: Any) -> Any:
-        """Return nothing: a Taylor step remembers nothing."""
-        return ()
+        """Return the size of no step, where steps are told."""
+        return (jnp.zeros(jnp.shape(batch.t0)),) if self._controlled else ()
 
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Take a step; one that is too small to advance the time is not accepted."""
-        values = self._step(t, y, batch.c, (largest, direction, batch.floor))
+        values = self._step(t, (*y, *memory), batch.c, (largest, direction, batch.floor))
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
         accepted = finite & ~((size < largest) & (size < _least(t, batch.t1)))
-        return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory)
+        return Attempted(
+            tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,)
+        )
 
 
 @final

@@ -47,10 +47,14 @@ class _Span(NamedTuple):
 
 @final
 class _Leg(NamedTuple):
-    """Where a leg is, and its steps: ends t (LEG,), states y (LEG, n_y), increments (LEG, order, n_y)."""
+    """Where a leg is, the size of its last step, and its steps.
+
+    Their ends are t (LEG,), the states there y (LEG, n_y), the terms of the series increments (LEG, order, n_y).
+    """
 
     count: Any
     now: Any
+    before: Any
     state: Any
     status: Any
     t: Any
@@ -58,14 +62,17 @@ class _Leg(NamedTuple):
     increments: Any
 
 
-def _advance(step: Callable[..., Any], kernels: Kernels, order: int, span: _Span, t: Any, y: Any, limit: Any) -> _Leg:
+def _advance(
+    step: Callable[..., Any], kernels: Kernels, order: int, span: _Span, t: Any, before: Any, y: Any, limit: Any
+) -> _Leg:
     n = len(y)
     exponents = jnp.arange(1, order + 1)[:, None]
 
     def body(leg: _Leg) -> _Leg:
         rest = jnp.abs(span.t1 - leg.now)
         settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
-        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, leg.state, span.c, settings)])
+        known = jnp.append(leg.state, leg.before)
+        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, known, span.c, settings)])
         size, finite = values[n], values[n + 1] == 0.0
         small = _SMALLEST * jnp.maximum(jnp.abs(leg.now), jnp.abs(span.t1 - span.t0) * 1e-16)
         stuck = (size < small) & (size < rest)
@@ -81,6 +88,7 @@ def _advance(step: Callable[..., Any], kernels: Kernels, order: int, span: _Span
         return _Leg(
             leg.count + moved,
             jnp.where(moved, now, leg.now),
+            size,
             jnp.where(moved, new, leg.state),
             status,
             leg.t.at[leg.count].set(now),
@@ -89,7 +97,7 @@ def _advance(step: Callable[..., Any], kernels: Kernels, order: int, span: _Span
         )
 
     start = _Leg(
-        jnp.array(0), t, y, jnp.array(_RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
+        jnp.array(0), t, before, y, jnp.array(_RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
     )
     return lax.while_loop(lambda leg: (leg.status == _RUNNING) & (leg.count < limit), body, start)
 
@@ -128,7 +136,7 @@ class TaylorIntegrator:
             np.float64(problem.atol),
             np.array(problem.constants, dtype=np.float64),
         )
-        t, y = span.t0, np.array(problem.y0, dtype=np.float64)
+        t, before, y = span.t0, np.float64(0.0), np.array(problem.y0, dtype=np.float64)
         status = _RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)
         if status == _RUNNING and problem.t0 == problem.t1:
             status = int(Status.SUCCESS)
@@ -138,8 +146,8 @@ class TaylorIntegrator:
                 if limit == 0:
                     status = int(Status.MAX_STEPS)
                     break
-                leg: _Leg = jax.device_get(self._advance(span, t, y, np.int64(limit)))
+                leg: _Leg = jax.device_get(self._advance(span, t, before, y, np.int64(limit)))
                 count = slice(int(leg.count))
                 record.add(record.direction * leg.t[count], leg.y[count], leg.increments[count], 0)
-                t, y, status = leg.now, leg.state, int(leg.status)
+                t, before, y, status = leg.now, leg.before, leg.state, int(leg.status)
         return record.solution(Status(status), record.steps)

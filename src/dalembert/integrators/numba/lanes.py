@@ -221,6 +221,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                         ends[i, 0], ends[i, 1], ends[i, 2] = room.clock_ahead[0, place], whole[STAGED, place], 0.0
                         place += 1
                         continue
+                    states[old + size_at, lane] = 0.0
                     enter(room, lane, place, i, old, from_, copied)
                     if begin != 0:
                         for m in range(n):

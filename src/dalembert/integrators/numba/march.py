@@ -65,7 +65,7 @@ def _march(
     mark: NDArray[np.int64],
 ) -> tuple[int, int]:
     step, position, velocity, limit = codes
-    n = y.shape[1]
+    n = low.size - 1
     t, t1, largest = span[0], span[1], span[2]
     state = row(y, 0)
     for k in range(limit):
@@ -117,7 +117,9 @@ def LOOP(
     mark: NDArray[np.int64],
     outcome: NDArray[np.int64],
 ) -> int:
-    """March from the state y (1, n_y), at most so many steps. Return the status.
+    """March from the state y (1, n_y + 1), at most so many steps. Return the status.
+
+    Behind the state lies the size of the step before, 0 where there was none.
 
     Parameters
     ----------

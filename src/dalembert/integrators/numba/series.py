@@ -83,7 +83,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     span = np.array([problem.t0, problem.t1, problem.max_step])
     settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
-    y = np.array(problem.y0, dtype=float).reshape(1, n)
+    y = np.append(np.asarray(problem.y0, dtype=float), 0.0).reshape(1, n + 1)
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
     low = np.zeros(n + 1)
     record = _Record(problem, code.order, bool(code.position or code.velocity))
@@ -102,13 +102,13 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         codes = code.step, code.position, code.velocity, limit
         status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, mark, outcome)
         count = int(outcome[0])
-        record.add(start, times[:count], y[0], rows[:count], turns)
+        record.add(start, times[:count], y[0, :n], rows[:count], turns)
         if count:
-            y = rows[count - 1, :n].copy().reshape(1, n)
+            y = rows[count - 1, : n + 1].copy().reshape(1, n + 1)
         size = min(2 * size, _LARGEST_WINDING if len(angles) else _LARGEST_BLOCK)
         if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
             step = abs(float(span[0]) - start) / count
-            if abs(problem.t1 - float(span[0])) >= _WATCHED_REST * step and watch(float(span[0]), y[0], step):
+            if abs(problem.t1 - float(span[0])) >= _WATCHED_REST * step and watch(float(span[0]), y[0, :n], step):
                 return None
     return record.solution(Status(status))
 

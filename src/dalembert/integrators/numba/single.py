@@ -69,6 +69,7 @@ def LOOP(
     call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
     old = steps = attempts = 0
     status = _SUCCESS if t == t1 else -1
+    states[0, n] = 0.0
     if start != 0 and status < 0:
         clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
         call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
