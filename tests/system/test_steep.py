@@ -16,6 +16,7 @@ from dalembert.ir.interpret import interpret
 from dalembert.ir.lower import lower_kernel
 from dalembert.ir.recurrences import recurrences
 from dalembert.ir.taylor import order_for, step_kernel
+from hard_cases.contacts import table_oscillator
 
 x, t = dynamicsymbols("x"), dynamicsymbols._t
 v = x.diff()
@@ -118,7 +119,7 @@ def test_where_the_series_tells_all_the_control_changes_nothing():
     kernel = da.compile_model(scene(-x + sp.exp(-t / 5)), backend="numpy").stages.program.kernel("rhs")
     looking = recurrences(kernel)
     assert looking.controlled
-    blind = replace(looking, controlled=())
+    blind = replace(looking, controlled=(), paced=False)
     for order in (10, 13, 17):
         texts = [step_kernel(known, order, dense=False) for known in (looking, blind)]
         steps = [walked(step, [1.0, 0.0], 20.0) for step in texts]
@@ -187,6 +188,20 @@ def test_what_is_far_away_is_not_passed_over(power):
         assert run.stats.method == "taylor" and run.stats.steps < 150
         assert vx < 0.5 and np.hypot(vx, vy) == pytest.approx(1, abs=1e-6)
         assert x1 * vy - y1 * vx == pytest.approx(-0.5, abs=1e-8 * 2e4)
+
+
+def test_a_pulse_lets_go_what_sticks():
+    """While the block rests, no rate depends on the pulse, and steps do not grow at once all the same."""
+    k = sp.Symbol("k", positive=True)
+    model = da.compile_model(table_oscillator(lambda q: -k * q + 30 * sp.exp(-200 * (t - 2) ** 2)))
+    start, p = {"x": 0.9, "x_dot": 0}, {"g": 9.81, "k": 4, "m": 1, "mu": 0.3}
+    exact = model.simulate((0, 5), start, p, method="dop853", rtol=1e-12, atol=1e-13, max_step=0.01)
+    assert len(exact.phases) == 5
+    for method in METHODS:
+        run = model.simulate((0, 5), start, p, method=method)
+        sweep = model.sweep((0, 5), start, p, method=method)
+        assert run["x"][-1] == pytest.approx(exact["x"][-1], abs=1e-7)
+        assert float(np.ravel(sweep["x"])[0]) == pytest.approx(exact["x"][-1], abs=1e-7)
 
 
 @pytest.mark.parametrize("name", PLAIN)

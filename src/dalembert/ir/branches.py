@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
+from .graph import Graph, Node
 from .program import Assignment, Kernel, Operand
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "leading_to",
     "only_in_branches",
     "reached_from",
+    "sudden",
     "unforeseen",
 ]
 
@@ -77,6 +79,14 @@ def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
 def kinked(found: Mapping[str, str]) -> list[str]:
     """Return those of the values that `unforeseen` gives which have a kink or a jump."""
     return [name for name, what in found.items() if what in _KINKED]
+
+
+def sudden(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:
+    """Return whether nodes have kinks, jumps or exponential functions in what is `moving`."""
+    mask = 0
+    for node in moving:
+        mask |= node.deps
+    return any(node.op in (*_KINKED, *_STEEP) and node.deps & mask for node in graph.topological(nodes))
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:

@@ -87,7 +87,7 @@ def lower(system: ReducedSystem) -> Program:
         assumptions=dict(symbols.assumptions),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
-    return Program(equations.name, system.formulation, layout, everything, system.notes)
+    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.sudden)
 
 
 def lower_kernel(

@@ -123,13 +123,17 @@ class Layout:
 @final
 @dataclass(frozen=True)
 class Program:
-    """The kernels of one scene in one formulation, and what their arrays hold."""
+    """The kernels of one scene in one formulation, and what their arrays hold.
+
+    Where the scene is `sudden`, what its series do not show may happen in reactions, too, that no rate depends on.
+    """
 
     name: str
     formulation: str
     layout: Layout
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
+    sudden: bool = False
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

@@ -47,6 +47,8 @@ class Recurrences:
         Which rates of the state depend on what a series may know nothing of: steps look at their defect.
     poles : tuple of str
         Inverse powers among that: steps stay within the reach of their series, however small these are.
+    paced : bool
+        Whether steps do not grow at once, so that what happens is not passed over.
     """
 
     kernel: Kernel
@@ -57,6 +59,7 @@ class Recurrences:
     followed: int = 0
     controlled: tuple[int, ...] = ()
     poles: tuple[str, ...] = ()
+    paced: bool = False
 
     @property
     def angles(self) -> frozenset[str]:
@@ -75,10 +78,11 @@ class Recurrences:
         return lines
 
 
-def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
+def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Recurrences:
     """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``.
 
-    The last `followed` outputs are not rates of the state, but what is followed along a step.
+    The last `followed` outputs are not rates of the state, but what is followed along a step. Steps with a control of
+    their defect are `paced`, and others may be.
     """
     loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
     states = tuple(loaded.get(i, f"y_{i}_") for i in range(len(kernel.outputs)))
@@ -100,7 +104,17 @@ def recurrences(kernel: Kernel, followed: int = 0) -> Recurrences:
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
     poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
-    return Recurrences(kernel, tuple(items), frozenset(varying), states, kernel.outputs, followed, controlled, poles)
+    return Recurrences(
+        kernel,
+        tuple(items),
+        frozenset(varying),
+        states,
+        kernel.outputs,
+        followed,
+        controlled,
+        poles,
+        paced or bool(controlled),
+    )
 
 
 Items = list[Assignment | Integrated]

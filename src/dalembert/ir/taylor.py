@@ -102,7 +102,7 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 def closing_loads(recurrences: Recurrences) -> list[Load]:
     """Return what the end of a step reads besides what its series are made of."""
     loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
-    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.controlled else loads
+    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.paced else loads
 
 
 def closing(
@@ -115,11 +115,13 @@ def closing(
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
     size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
+    for pole in poles:
+        size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
+    if recurrences.paced:
+        size = grown(lines, size, largest)
     if recurrences.controlled:
-        for pole in poles:
-            size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
         tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
-        size = reached(lines, recurrences, rates, order, grown(lines, size, largest), direction, scale, tolerance)
+        size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
     new: list[Operand] = []

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 
 from ..errors import EnergyWarning, SceneError, list_names
+from ..ir.branches import sudden
 from ..ir.derivatives import tangents
 from ..ir.graph import Node, unit_names
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -40,6 +41,9 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
+    terms = [*(entry for row in power.mass_matrix for entry in row), *power.forcing]
+    terms += [node for row in rows for node in (*row.jacobian, row.drift, row.bias)]
+    moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot)
     return EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -55,6 +59,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         groups=_groups(kinematics),
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
+        sudden=sudden(model.graph, terms, moving),
     )
 
 

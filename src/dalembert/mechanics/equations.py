@@ -160,6 +160,8 @@ class EquationsOfMotion:
         What ends the mode that contacts are in.
     least : bool
         Whether reactions that are not determined are the least ones, and not an error.
+    sudden : bool
+        Whether what the scene says has kinks, jumps or exponential functions in state or time.
     """
 
     name: str
@@ -179,6 +181,7 @@ class EquationsOfMotion:
     defaults: Mapping[str, float] = field(default_factory=dict)
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
+    sudden: bool = False
 
     @property
     def time(self) -> Node:

@@ -101,7 +101,7 @@ class _Variational:
         )
         equations, everything = system.equations, (hoisted.prepare, *hoisted.kernels)
         name = f"{equations.name}, varied"
-        return Program(name, system.formulation, layout, everything, ())
+        return Program(name, system.formulation, layout, everything, (), equations.sudden)
 
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:
         graph = self.graph

@@ -197,8 +197,8 @@ class JaxEngine(Engine):
         attempts: Attempts
         if method == "taylor":
             step = step_kernel(self._known_recurrences(), order, dense=False)
-            controlled = bool(self._known_recurrences().controlled)
-            attempts, operations = TaylorAttempts(compile_kernel(step), controlled=controlled), len(step.body)
+            paced = self._known_recurrences().paced
+            attempts, operations = TaylorAttempts(compile_kernel(step), paced=paced), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
             attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
@@ -241,7 +241,7 @@ class JaxEngine(Engine):
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:
-            self._recurrences = recurrences(self._program.kernel("rhs"))
+            self._recurrences = recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
         return self._recurrences
 
 

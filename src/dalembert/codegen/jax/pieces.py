@@ -50,12 +50,12 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         return tuple((correct(go), count) for correct, count in in_blocks)
 
     if method == "taylor":
-        known = recurrences(program.kernel("rhs"))
+        known = recurrences(program.kernel("rhs"), paced=program.sudden)
         step = step_kernel(known, order, dense=False)
-        taylor = TaylorAttempts(_step_of_one(looped(step)), controlled=bool(known.controlled))
+        taylor = TaylorAttempts(_step_of_one(looped(step)), paced=known.paced)
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
-        taylors = TaylorAttempts(compile_kernel(step), controlled=bool(known.controlled))
+        taylors = TaylorAttempts(compile_kernel(step), paced=known.paced)
         return Pieces(taylor, alone, taylors, on_rows, _SeriesSteps(series, order, projections))
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)

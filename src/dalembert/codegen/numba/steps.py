@@ -78,7 +78,9 @@ class StepLibrary:
         """
         key = id(joint), order, lanes
         if key not in self._following:  # the kernel is kept, so that no other can have its number
-            text = _step_text("step", recurrences(joint, followed), order, lanes, dense=True)
+            text = _step_text(
+                "step", recurrences(joint, followed, paced=self._program.sudden), order, lanes, dense=True
+            )
             name = f"following{order}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
             self._following[key] = joint, self._entry(name, lanes, lambda: text, "step")
         return self._following[key][1]
@@ -165,7 +167,7 @@ class StepLibrary:
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:
-            self._recurrences = recurrences(self._program.kernel("rhs"))
+            self._recurrences = recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
         return self._recurrences
 
     def _address(self, name: str, lanes: int, make: Make) -> int:

@@ -104,15 +104,15 @@ class Attempts(Protocol):
 class TaylorAttempts:
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.ir.taylor.step_kernel` gives them.
 
-    Those that look at their defect, `controlled`, are told the size of the step before, as a last row of y.
+    Those that do not grow at once, `paced`, are told the size of the step before, as a last row of y.
     """
 
-    def __init__(self, step: Function, *, controlled: bool) -> None:
-        self._step, self._controlled = step, controlled
+    def __init__(self, step: Function, *, paced: bool) -> None:
+        self._step, self._paced = step, paced
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the size of no step, where steps are told."""
-        return (jnp.zeros(jnp.shape(batch.t0)),) if self._controlled else ()
+        return (jnp.zeros(jnp.shape(batch.t0)),) if self._paced else ()
 
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Take a step; one that is too small to advance the time is not accepted."""
