@@ -120,7 +120,9 @@ class JaxEngine(Engine):
             if method == "taylor":
                 step = step_kernel(self._known_recurrences(), order, dense=True)
                 operations = len(step.body) + self._projecting
-                self._integrators[key] = TaylorIntegrator(compile_kernel(step), self.kernels, order, operations)
+                self._integrators[key] = TaylorIntegrator(
+                    compile_kernel(step), self.kernels, order, operations, paced=self._known_recurrences().paced
+                )
             else:
                 self._integrators[key] = Integrator(self.kernels, method)
         return self._integrators[key](problem)

@@ -63,7 +63,15 @@ class _Leg(NamedTuple):
 
 
 def _advance(
-    step: Callable[..., Any], kernels: Kernels, order: int, span: _Span, t: Any, before: Any, y: Any, limit: Any
+    step: Callable[..., Any],
+    paced: bool,
+    kernels: Kernels,
+    order: int,
+    span: _Span,
+    t: Any,
+    before: Any,
+    y: Any,
+    limit: Any,
 ) -> _Leg:
     n = len(y)
     exponents = jnp.arange(1, order + 1)[:, None]
@@ -71,7 +79,7 @@ def _advance(
     def body(leg: _Leg) -> _Leg:
         rest = jnp.abs(span.t1 - leg.now)
         settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
-        known = jnp.append(leg.state, leg.before)
+        known = jnp.append(leg.state, leg.before) if paced else leg.state
         values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, known, span.c, settings)])
         size, finite = values[n], values[n + 1] == 0.0
         small = _SMALLEST * jnp.maximum(jnp.abs(leg.now), jnp.abs(span.t1 - span.t0) * 1e-16)
@@ -116,12 +124,14 @@ class TaylorIntegrator:
         Order of the step.
     operations : int
         Length of the step.
+    paced : bool
+        Whether the size of the step before lies behind the state that it takes.
     """
 
-    def __init__(self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int) -> None:
+    def __init__(self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int, *, paced: bool) -> None:
         self._order = order
         self._kernels = kernels
-        self._advance = compiled(partial(_advance, step, kernels, order), operations)
+        self._advance = compiled(partial(_advance, step, paced, kernels, order), operations)
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
