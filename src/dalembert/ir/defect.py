@@ -64,7 +64,17 @@ def reached(
     scale: Operand,
     tolerance: float,
 ) -> Operand:
-    """Return how far a step of a size may go."""
+    """Return how far a step may go: up to the last point before the first where its polynomial is not a solution.
+
+    Parameters
+    ----------
+    rates : list of Series
+        Of all components of the state; those of the controlled ones are compared.
+    size : Operand
+        Of the step that is proposed, which is returned as it is where all is fine.
+    scale, tolerance
+        What errors are measured by, and the share of it that the order of the step stands for.
+    """
     kernel = recurrences.kernel
     needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
     body = [line for line in kernel.body if line.target in needed]

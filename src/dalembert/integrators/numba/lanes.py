@@ -3,10 +3,10 @@
 A lane whose case has ended takes the next one at once, so cases of unequal length do not wait for each
 other. Lanes never mix: what a case computes does not depend on its neighbours, to the last bit.
 
-One loop serves every step kernel. A Taylor step chooses its size, never fails to reach it and remembers nothing; an
-attempt of a Runge-Kutta step may be rejected, and what it remembers travels behind the state
-(`dalembert.ir.runge_kutta`). Threads run the loop on the same arrays, and take a few cases at a time from a count that
-they share.
+One loop serves every step kernel. A Taylor step chooses its size, never fails to reach it and remembers at most that
+size, which is 0 in the beginning; an attempt of a Runge-Kutta step may be rejected, and what it remembers travels
+behind the state (`dalembert.ir.runge_kutta`). Threads run the loop on the same arrays, and take a few cases at a time
+from a count that they share.
 """
 
 from __future__ import annotations
