@@ -13,6 +13,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.integrators.status import Status
+from dalembert.runtime.hybrid import carrying
 from dalembert.runtime.hybrid import sweeping as hybrid_sweeping
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
@@ -322,36 +323,51 @@ def test_a_sweep_is_its_single_runs():
         assert last[i] == run.phases[-1].modes["corner"]
 
 
-def test_halves_of_a_sweep_and_threads_change_no_bit(monkeypatch):
-    model, mu = plate_model(FORCE), np.linspace(0.7, 0.95, 9)
+def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypatch):
+    """Alone or together, in one thread or two, with samples and with events, one of which ends some of the cases."""
+    model, mu = plate_model(FORCE), np.linspace(0.7, 0.95, 19)
+    ends = da.Event("theta_dot", terminal=True, direction=1, name="back")
+    many = {"t_eval": np.linspace(0, 5, 23), "events": ["x_dot", ends]}
 
     def swept(**options):
         return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
 
-    together = [swept(threads=threads) for threads in (1, 2)]
-    monkeypatch.setattr(hybrid_sweeping, "_WORTH_HALVING", 2)
-    together.append(swept())
-    for other in together[1:]:
-        np.testing.assert_array_equal(other.final["theta"], together[0].final["theta"])
-        np.testing.assert_array_equal(other.steps, together[0].steps)
-        np.testing.assert_array_equal(other.phases, together[0].phases)
+    with monkeypatch.context() as patched:
+        patched.setattr(hybrid_sweeping.Carrier, "carry", lambda self, some: False)
+        expected, sampled = swept(), swept(**many)
+    monkeypatch.setattr(hybrid_sweeping._Sweep, "_round", None)
+    found = [swept(threads=threads) for threads in (1, 2)]
+    monkeypatch.setattr(carrying, "_MOST_TOGETHER", 3)
+    for run in (*found, swept(threads=2), swept(progress=True)):
+        for name in ("theta", "x_dot"):
+            np.testing.assert_array_equal(run.final[name], expected.final[name])
+        np.testing.assert_array_equal(run.steps, expected.steps)
+        np.testing.assert_array_equal(run.phases, expected.phases)
+    run = swept(**many)
+    for name in ("theta", "x_dot"):
+        np.testing.assert_array_equal(run[name], sampled[name])
+    np.testing.assert_array_equal(run.mode("corner"), sampled.mode("corner"))
+    np.testing.assert_array_equal(run.status, sampled.status)
+    for name in ("x_dot", "back"):
+        np.testing.assert_array_equal(run.events[name].count, sampled.events[name].count)
+        np.testing.assert_array_equal(run.events[name].last, sampled.events[name].last)
 
 
-def test_an_interrupt_ends_both_halves_of_a_sweep(monkeypatch):
-    """Ctrl-C after the first round; what goes on in threads then is stopped, and the next sweep has them."""
+def test_an_interrupt_ends_a_sweep(monkeypatch):
+    """Ctrl-C after the first look: what ended by then is kept, and the next sweep has all."""
     calls = []
 
     def press(finished):
         calls.append(finished)
-        if len(calls) == 2:
+        if len(calls) == 3:
             raise KeyboardInterrupt
 
     model, p = plate_model(FORCE), {**PLATE, "mu": np.linspace(0.7, 0.95, 200)}
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_sweeping, "_WORTH_HALVING", 2)
+        patched.setattr(hybrid_sweeping, "_BETWEEN_LOOKS", 20)
         patched.setattr(hybrid_sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
-        broken = model.sweep((0, 5), at_angle(0.5), p)
-    assert {Status(s) for s in broken.status} == {Status.INTERRUPTED}
+        broken = model.sweep((0, 5), at_angle(0.5), p, progress=True)
+    assert {Status(s) for s in broken.status} >= {Status.INTERRUPTED}
     assert model.sweep((0, 5), at_angle(0.5), p).success.all()
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "CaseRun",
     "Engine",
     "FloatArray",
+    "LoopCall",
     "RenderedModule",
     "growing_stretches",
 ]
@@ -135,11 +136,37 @@ class CaseRun:
         How many cases have been begun, at most; writing the number of all stops the work.
     finish : function without arguments
         To be called when all is done.
+    call : function without arguments, optional
+        What `work` calls, made anew, for loops that do so themselves.
     """
 
     work: Callable[[], None]
     turn: NDArray[np.int64]
     finish: Callable[[], None]
+    call: Callable[[], LoopCall] | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LoopCall:
+    """A call of a loop over lanes.
+
+    Attributes
+    ----------
+    entry : address
+        Of a function of the address of words.
+    words : ndarray (n,) of int
+    count_at, turn_at : int
+        Where among them are the number of cases and the address of `CaseRun.turn`.
+    held : object
+        What must stay alive.
+    """
+
+    entry: int
+    words: NDArray[np.int64]
+    count_at: int
+    turn_at: int
+    held: object
 
 
 @final
@@ -267,6 +294,15 @@ class Engine(ABC):
         Cases that cannot start get NaN and their status. ``constants`` (k, n_c) are filled in, unless they are (0, 0).
         A thread takes `share` cases at a time.
         """
+        return None
+
+    def code(self, kernel: Kernel) -> tuple[int, int]:
+        """Return the address of any kernel of (t, y, c) as compiled code, and its lanes; (0, 0) where there is none."""
+        return 0, 0
+
+    @property
+    def phases(self) -> Callable[..., int] | None:
+        """The loop of `dalembert.integrators.numba.phases`, for engines that have it."""
         return None
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:

@@ -19,7 +19,7 @@ from .cases import Cases, Settings, single_problem
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["begin_cases", "fitted", "meter"]
+__all__ = ["begin_cases", "begin_whole", "fitted", "meter"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -117,7 +117,7 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
         if run is None:
             return None
         size = part.stop - part.start
-        return _begin_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress)
+        return begin_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress)
 
     waiting = begin(parts[0]) if parts else lambda stop: True
     if waiting is None:
@@ -148,7 +148,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
 
 
-def _begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[bool], bool]:
+def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[bool], bool]:
     """Let threads do the work; return what waits for them, or stops them, and says whether it came to its end.
 
     Few cases need no thread.

@@ -251,6 +251,11 @@ class Swept(Simulated):
         return wait
 
     @property
+    def _straight(self) -> bool:
+        """Whether a sweep is nothing but a run of the engine: nothing to choose at the start, nothing to judge."""
+        return bool(self.layout.state) and not self._enforced and not self._dropped and self._gimbals is None
+
+    @property
     def _ranked(self) -> bool:
         """Whether the cases of sweeps are searched for a rank that the constraints lose."""
         return bool(self._enforced) and bool(self.layout.state) and searched(self._program)

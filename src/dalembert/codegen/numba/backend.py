@@ -107,15 +107,24 @@ class NumbaEngine(Engine):
 
     def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.rows`."""
-        lanes = native_lanes()
-        if id(kernel) not in self._further:  # the kernel is kept, so that no other can have its number
-            self._further[id(kernel)] = kernel, self.steps.further(kernel, lanes)
-        _, code = self._further[id(kernel)]
+        code, lanes = self.code(kernel)
         out = np.empty((len(t), len(kernel.outputs)))
         if len(t):
             room = [aligned(size, lanes) for size in (1, y.shape[1], c.shape[1], out.shape[1])]
             loop_named("rows")(code, *(np.ascontiguousarray(a) for a in (t, y, c)), out, *room)
         return out
+
+    def code(self, kernel: Kernel) -> tuple[int, int]:
+        """See `Engine.code`."""
+        lanes = native_lanes()
+        if id(kernel) not in self._further:  # the kernel is kept, so that no other can have its number
+            self._further[id(kernel)] = kernel, self.steps.further(kernel, lanes)
+        return self._further[id(kernel)][1], lanes
+
+    @property
+    def phases(self) -> Callable[..., int]:
+        """See `Engine.phases`."""
+        return loop_named("phases")
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""

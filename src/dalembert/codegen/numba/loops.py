@@ -67,6 +67,11 @@ class Loop:
         """The function of one pointer to words; it releases the interpreter while it runs."""
         return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
 
+    @property
+    def address(self) -> int:
+        """Address of that function."""
+        return self._code.address("entry")
+
     def __call__(self, *arguments: Any) -> int:
         """Return what the loop makes of numbers, C-contiguous arrays, and tuples of these."""
         words = packed(arguments)

@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...integrators.numba.workspace import Watch, aligned, room, scratch
-from ..base import BlockResult, CaseColumns, CaseRun, FloatArray
+from ..base import BlockResult, CaseColumns, CaseRun, FloatArray, LoopCall
 from .loops import loop_named, packed
 
 __all__ = ["SweepShape", "case_run"]
+
+_COUNT = 5
+"""Place of the number of cases in the loop's ``shape``."""
 
 
 @final
@@ -84,22 +87,26 @@ def case_run(
         constants,
     )
     last = (result.happened, result.totals)
-    loop = loop_named("watched_lanes" if watched else "projected_lanes" if any(projections) else "lanes").call
+    loop = loop_named("watched_lanes" if watched else "projected_lanes" if any(projections) else "lanes")
     head, tail = packed(first), packed(last)
+    places = len(packed(first[:1])) + _COUNT, len(packed(first[:4]))
 
-    def work() -> None:
+    def call() -> LoopCall:
         n_s = 2 + len(settings)
         space = room(shape.lanes, n, shape.n_c, n_s, rows, max(len(cases.parameters), values), n + checks + size)
         spare = (watch, scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes)) if watched else ()
         words = np.concatenate([head, packed((space, spare)), tail])
-        loop(ctypes.c_void_p(words.ctypes.data))
+        return LoopCall(loop.address, words, *places, (held, first, last, space, spare))
+
+    def work() -> None:
+        made = call()
+        loop.call(ctypes.c_void_p(made.words.ctypes.data))
 
     def finish() -> None:
         if np.any(inside):
             _project(projections, constants, t_eval, inside, samples, shape)
 
-    work.held = held, first, last  # type: ignore[attr-defined]  # what words point to stays alive with `work`
-    return CaseRun(work, turn, finish)
+    return CaseRun(work, turn, finish, call)
 
 
 def _columns(cases: CaseColumns) -> tuple[NDArray[np.int64], tuple[FloatArray, ...]]:

@@ -15,15 +15,13 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.numba.judging import ROUNDING
 from ...integrators.status import Status
 from ...mechanics.equations import ContactRow
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
 from .facts import Facts, FloatArray, Level, Outcome
 
 __all__ = ["Choice", "Option", "Standing", "Trial", "choose", "contested", "judge", "options_of"]
-
-ROUNDING = 1e-9
-"""Share of the forces, or rates, within which a comparison may go either way."""
 
 GRAZING = 1e-6
 """Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ...codegen.base import Engine
 from ...errors import ExpressionError, OptionError, ValueInputError, list_names
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Layout
@@ -60,7 +61,7 @@ class HybridModel(Evaluated):
         self._scene, self._options, self._equations = scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
         self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
-        self._modes = Modes(equations, self._laws, self._model)
+        self._modes = Modes(equations, self._laws, self._model, self._engine)
         self.contacts = tuple(contact.name for contact in equations.contacts)
         first = self._model(self._plain(OPEN))
         symbols = equations.symbols
@@ -97,7 +98,10 @@ class HybridModel(Evaluated):
 
     def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""
-        return self._model(self._plain(OPEN))._engine.rows(kernel, t, y, c)
+        return self._engine().rows(kernel, t, y, c)
+
+    def _engine(self) -> Engine:
+        return self._model(self._plain(OPEN))._engine
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.

@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.numba.judging import REGULAR
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion
 from ...reduction.modes import SLIP, STICK, Mode, side_name
@@ -38,9 +39,6 @@ __all__ = ["Quick", "Rows"]
 Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 """Outputs (k, n) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
 
-REGULAR = 1e-6
-"""Share of its diagonal entry that a pivot must have, so that a decision by kernels is trusted."""
-
 
 @final
 class Quick:
@@ -59,11 +57,16 @@ class Quick:
         self._starts: Kernel | None = None
         self._verdicts: dict[tuple[tuple[Standing, ...], bool], Verdict | None] = {}
 
-    def slips(self, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
-        """Return the slip velocities (k, n_contacts) along the first directions of contacts."""
+    @property
+    def slip_kernel(self) -> Kernel:
+        """The kernel of the slip velocities."""
         if self._slips is None:
             self._slips = slip_kernel(self._equations)
-        return self._rows(self._slips, t, x, p)
+        return self._slips
+
+    def slips(self, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
+        """Return the slip velocities (k, n_contacts) along the first directions of contacts."""
+        return self._rows(self.slip_kernel, t, x, p)
 
     def starts(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, ...]:
         """Return what tells how contacts stand at the start, (k, n_contacts) each; see `start_kernel`."""
@@ -92,8 +95,8 @@ class Quick:
         directions, sides
             As for `deciding.choose`; `known` says whether these sides are those just before.
         """
-        known = known and any(side_name(contact) is not None for contact in self._equations.contacts)
-        found = self._verdict(tuple(standings), known)
+        known = self.sided(known)
+        found = self.verdict(standings, known)
         if found is None:
             return None
         t, x, p = cases
@@ -118,10 +121,16 @@ class Quick:
             after[here] = out[here, first : first + n_q]
         return Decided(choice, after, sure)
 
-    def _verdict(self, standings: tuple[Standing, ...], known: bool) -> Verdict | None:
-        if (standings, known) not in self._verdicts:
-            self._verdicts[standings, known] = self._made(standings, known)
-        return self._verdicts[standings, known]
+    def sided(self, known: bool) -> bool:
+        """Return whether sides are known, and there are any."""
+        return known and any(side_name(contact) is not None for contact in self._equations.contacts)
+
+    def verdict(self, standings: Sequence[Standing], known: bool) -> Verdict | None:
+        """Return the verdict on contacts that stand so, None where there is none; `known` as `sided` returns it."""
+        key = tuple(standings), known
+        if key not in self._verdicts:
+            self._verdicts[key] = self._made(*key)
+        return self._verdicts[key]
 
     def _made(self, standings: tuple[Standing, ...], known: bool) -> Verdict | None:
         contacts = self._equations.contacts

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ...codegen.base import Engine
 from ...errors import InitialStateError, ValueInputError
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
@@ -23,7 +24,7 @@ from ...results.trajectory import Trajectory
 from ..events import Event, leaving
 from .facts import FloatArray
 from .instants import Instants, Settled
-from .settling import Laws
+from .settling import Laws, Ruling
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -37,11 +38,19 @@ JAMMED = 0.05
 @final
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """What a scene with contacts offers its motions: equations, laws, and the model of every mode."""
+    """What a scene with contacts offers its motions: equations, laws, and the model of every mode.
+
+    `engine` evaluates kernels that belong to no mode. `rulings` are the verdicts met so far: by the mode that ended, by
+    what ended it, and by the contacts that slide, as bits; None where there is no verdict.
+    """
 
     equations: EquationsOfMotion
     laws: Laws
     model: Callable[[Mode], CompiledModel]
+    engine: Callable[[], Engine]
+    rulings: dict[tuple[Mode, tuple[Watchpoint, ...]], dict[int, Ruling | None]] = field(
+        default_factory=dict, init=False
+    )
     _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
 
@@ -72,13 +81,16 @@ class Modes:
 
         `columns` are the parameters of the mode's model in their order, (k,) or (1,) each.
         """
-        model = self.model(mode)
-        if mode not in self._expansions:
-            self._expansions[mode] = expanding(model.stages.reduced)
         p = np.empty((len(t), len(columns)))
         for i, column in enumerate(columns.values()):
             p[:, i] = column
-        return model._engine.rows(self._expansions[mode], t, y, p)
+        return self.model(mode)._engine.rows(self.expansion(mode), t, y, p)
+
+    def expansion(self, mode: Mode) -> Kernel:
+        """Return the kernel of coordinates and rates in a mode."""
+        if mode not in self._expansions:
+            self._expansions[mode] = expanding(self.model(mode).stages.reduced)
+        return self._expansions[mode]
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""

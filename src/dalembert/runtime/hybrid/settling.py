@@ -6,23 +6,34 @@ Cases that come from one mode for one reason are settled together, as the ones o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.numba.judging import NOISE
 from ...integrators.status import Status
 from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.contact_data import ContactData
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
+from ...reduction.verdicts import Verdict
 from .deciding import FREE, GRIPPED, SLIDING, TOUCHING, Standing, choose
 from .facts import Facts, FloatArray, facts_at
 from .instants import Instants, Settled
 from .quick import Quick
-from .standings import NOISE, Standings, length
+from .standings import Standings, length
 
-__all__ = ["Laws"]
+__all__ = ["Laws", "Ruling"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ruling:
+    """A verdict by which cases go on, and whether their contacts are pushed as they were before."""
+
+    verdict: Verdict
+    known: bool
 
 
 @final
@@ -72,15 +83,35 @@ class Laws:
 
         A contact that closes may be struck, and where two slip or some may in a plane, zero is a matter of size.
         """
-        meets = {point.contact for point in fired if point.kind == "meet"}
-        if mode.count(SLIP) > 1 or any(len(contact.tangential) > 1 for contact in self.contacts) or meets:
+        if not self._plain_enough(mode, fired):
             return None
         slip = self.quick.slips(now.t, now.x, now.c)
         slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
-        table, codes = self.standings.coded(None, slips, now, mode, fired, result.speeds)
-        known = not any(point.kind == "turn" for point in fired)
-        return self._decided(now, slips, (table, codes), result, known=known)
+        coded = self.standings.coded(None, slips, now, mode, fired, result.speeds)
+        return self._decided(now, slips, coded, result, known=_known(fired))
+
+    def _plain_enough(self, mode: Mode, fired: Sequence[Watchpoint]) -> bool:
+        meets = any(point.kind == "meet" for point in fired)
+        return mode.count(SLIP) <= 1 and not meets and all(len(contact.tangential) < 2 for contact in self.contacts)
+
+    def rulings(self, now: Instants, mode: Mode, fired: Sequence[Watchpoint]) -> dict[int, Ruling | None]:
+        """Return by which verdicts cases go on that come from `mode` because of `fired`; None where there is none.
+
+        They are told apart by the contacts whose slip velocities are not zero, as bits.
+        """
+        if not self._plain_enough(mode, fired):
+            return {}
+        slip = self.quick.slips(now.t, now.x, now.c)
+        speeds = np.maximum(now.speeds, np.abs(slip))
+        slips = np.stack([slip, np.zeros_like(slip)], axis=2)
+        sliding = ~(np.abs(slip) <= NOISE * speeds) @ (1 << np.arange(len(self.contacts)))
+        table, codes = self.standings.coded(None, slips, now, mode, fired, speeds)
+        known, found = self.quick.sided(_known(fired)), dict[int, Ruling | None]()
+        for number in np.unique(sliding):
+            verdict = self.quick.verdict(table[int(codes[np.argmax(sliding == number)])], known)
+            found[int(number)] = None if verdict is None else Ruling(verdict, known)
+        return found
 
     def _begun(self, now: Instants) -> tuple[Settled, NDArray[np.bool_]] | None:
         """Return the same as `_quickly` for cases that start, where no contact may be open."""
@@ -139,7 +170,7 @@ class Laws:
         for code, alike in table.items():
             some = np.flatnonzero(codes == code)
             here = facts if len(some) == count else facts.part(some)
-            known = mode is not None and not any(point.kind == "turn" for point in fired)
+            known = mode is not None and _known(fired)
             self._group(here, now.part(some), alike, result, some, known=known)
         bad = self._refused(facts, mode)
         result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
@@ -247,6 +278,11 @@ class Laws:
     def _directions(self, facts: Facts, before: FloatArray) -> FloatArray:
         """Return unit vectors along the slip velocities, the former ones where there is none."""
         return _turned_along(np.stack([facts.slips(i) for i in range(len(self.contacts))], axis=1), before)
+
+
+def _known(fired: Sequence[Watchpoint]) -> bool:
+    """Return whether contacts are pushed as they were before."""
+    return not any(point.kind == "turn" for point in fired)
 
 
 def _turned_along(slips: FloatArray, before: FloatArray) -> FloatArray:

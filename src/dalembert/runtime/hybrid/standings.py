@@ -8,16 +8,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.numba.judging import NOISE
 from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.modes import OPEN, STICK, Mode
 from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing
 from .facts import Facts, FloatArray
 from .instants import Instants
 
-__all__ = ["NOISE", "Standings", "length"]
-
-NOISE = 1e-8
-"""Share of a velocity, or of a position, below which it counts as zero."""
+__all__ = ["Standings", "length"]
 
 STOPPED = 1e-5
 """Share of the slip velocities of a run below which one along two directions has come to rest."""

@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.numba.fleet import NOTHING_FIRED, WHOLE, Fleet
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
 from ...ir.interpret import interpret_rows
@@ -23,6 +24,7 @@ from .. import inputs
 from ..events import Event
 from ..reductions import Reduction
 from ..sweeping import meter
+from .carrying import Carrier
 from .facts import FloatArray
 from .instants import Instants, placed
 from .running import JAMMED, Modes
@@ -32,10 +34,9 @@ __all__ = ["Campaign", "sweep"]
 _RUNNING = -1
 _BETWEEN_FITS = 16
 """Rounds in one mode after which it is asked anew which method fits."""
-_WORTH_HALVING = 2000
-"""Cases from which on one half runs while it is decided how the other goes on."""
-
-_Group = tuple[Mode, NDArray[np.intp], dict[str, FloatArray], Callable[..., Sweep]]
+_BETWEEN_LOOKS = 1024
+"""Cases after which a bar shows how far they are."""
+_BROKEN = (int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE), int(Status.MAX_STEPS))
 
 
 @final
@@ -95,68 +96,109 @@ class _Sweep:
         count, k = len(campaign.t), len(modes.equations.contacts)
         self.names = (*campaign.layout.coordinates, *campaign.layout.rates)
         self.now = Instants.starting(campaign.t.copy(), campaign.x.copy(), campaign.p, k)
-        self.status = campaign.status.copy()
+        self.whole = np.zeros((WHOLE, count), np.int64)
+        self.status, self.mode, self.cause, self.station, self.fired, self.phases, self.steps, *others = self.whole
+        self.soon, self.next = others
+        self.status[:], self.mode[:], self.station[:], self.fired[:] = campaign.status, -1, -1, NOTHING_FIRED
         self.table: list[Mode] = []
-        self.mode = np.full(count, -1)
         self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
-        self.cause = np.zeros(count, np.intp)
-        self.forward = np.where(campaign.t1 >= campaign.t, 1.0, -1.0)
-        self.span = np.abs(campaign.t1 - campaign.t)
-        self.steps, self.phases = np.zeros(count, np.int64), np.zeros(count, np.int64)
-        self.soon = np.zeros(count, np.int64)
-        labels = [event.label for event in campaign.events]
-        self.counts = {label: np.zeros(count, np.int64) for label in labels}
-        self.first = {label: np.full(count, np.nan) for label in labels}
-        self.last = {label: np.full(count, np.nan) for label in labels}
+        self.span = campaign.t1 - campaign.t
+        self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
+        self.occurred = np.tile(np.array([0.0, np.nan, np.nan]), (count, len(campaign.events)))
         self.kept = {name: np.full(count, np.nan) for name in campaign.reductions}
         wanted = 0 if campaign.t_eval is None else len(campaign.t_eval)
-        self.next = np.zeros(count, np.int64)
-        self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k) if wanted else None
+        self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k)
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[tuple[Mode, int], tuple[Event, ...]] = {}
+        self.carrier = None if campaign.reductions else Carrier(modes, campaign, self._fleet(), self.table, self.causes)
+
+    def _fleet(self) -> Fleet:
+        """Return all cases as compiled code sees them: the very same arrays."""
+        now, samples, count, k = self.now, self.samples, len(self.status), len(self.modes.equations.contacts)
+        nothing = np.zeros(0, np.int64)
+        return Fleet(
+            now.t,
+            np.ascontiguousarray(self.campaign.t1),
+            self.span,
+            now.passed,
+            now.x,
+            np.ascontiguousarray(now.c),
+            now.directions.reshape(count, 2 * k),
+            now.sides,
+            now.speeds,
+            self.whole,
+            self.occurred,
+            nothing,
+            nothing,
+            np.empty(0) if self.campaign.t_eval is None else np.ascontiguousarray(self.campaign.t_eval),
+            samples.t,
+            samples.x,
+            samples.mode,
+            samples.directions.reshape(len(samples.t), 2 * k),
+            samples.sides,
+        )
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
         every = np.flatnonzero(self.status == _RUNNING)
         self._settle(every, None, ())
         self._sample(every)
-        going: list[list[_Group]] = []
         with meter(len(self.status), self.campaign.progress) as advance:
-            advance(int(np.sum(self.status != _RUNNING)))
+            advance(len(self.status) - len(self._going()))
             try:
-                wings = np.array_split(np.arange(len(self.status)), 1 + (len(self.status) >= _WORTH_HALVING))
-                for wing in wings:
-                    going.append(self._begin_round(wing))
-                before = int(np.sum(self.status == _RUNNING))
-                while any(going):
-                    for number, wing in enumerate(wings):
-                        for group in going[number]:
-                            self._end_round(*group)
-                        going[number] = self._begin_round(wing)
-                    running = int(np.sum(self.status == _RUNNING))
-                    advance(before - running)
-                    before = running
+                while len(going := self._going()):
+                    if not self._carried(going):
+                        self._round(going)
+                    advance(len(going) - len(self._going()))
             except KeyboardInterrupt:
-                for *_, waiting in (group for groups in going for group in groups):
-                    waiting(True)
+                pass
         self.status[self.status == _RUNNING] = int(Status.INTERRUPTED)
         return self._finished()
 
+    def _going(self) -> NDArray[np.intp]:
+        """Return the cases that go on."""
+        return np.flatnonzero(self.status == _RUNNING)
+
+    # -- compiled code ---------------------------------------------------------------------
+
+    def _carried(self, going: NDArray[np.intp]) -> bool:
+        """Let compiled code carry cases as far as it can; return whether it could do anything."""
+        if self.campaign.progress:
+            going = going[:_BETWEEN_LOOKS]
+        if self.carrier is None or not self.carrier.carry(going):
+            return False
+        self.methods |= dict.fromkeys(method for method in self.carrier.methods.values() if method)
+        status = self.status[going]
+        broken = going[np.isin(status, _BROKEN)]
+        for number in np.unique(self.mode[broken]):
+            here, mode = broken[self.mode[broken] == number], self.table[number]
+            if SLIP in mode:
+                regular = self._value("uniqueness of reactions", self._states(here)) > JAMMED
+                self.status[here[~regular]] = int(Status.CONTACT_IMPOSSIBLE)
+        waiting = going[(status == _RUNNING) & (self.fired[going] != NOTHING_FIRED)]
+        alike = self.mode[waiting] + len(self.table) * self.fired[waiting]
+        for number in np.unique(alike):
+            some = waiting[alike == number]
+            mode, bits = self.table[self.mode[some[0]]], int(self.fired[some[0]])
+            fired = [point for i, point in enumerate(self.modes.points(mode)) if bits >> i & 1]
+            self.carrier.learn(some, mode, fired)
+            self.fired[some] = NOTHING_FIRED
+            self._settle(some, mode, fired)
+        self._sample(waiting)
+        return True
+
     # -- one round -------------------------------------------------------------------------
 
-    def _begin_round(self, wing: NDArray[np.intp]) -> list[_Group]:
-        """Begin to run cases, each to its next sample, its end, or what ends its mode: those alike in one group."""
-        running = wing[self.status[wing] == _RUNNING]
+    def _round(self, running: NDArray[np.intp]) -> None:
+        """Run cases, each to its next sample, its end, or what ends its mode: those alike together."""
         mixed = self.mode[running] * len(self.causes) + self.cause[running]
-        groups = []
         for number in np.unique(mixed):
             some = running[mixed == number]
             mode = self.table[self.mode[some[0]]]
             columns = self._columns(mode, some)
-            groups.append((mode, some, columns, self._begin(mode, some, columns)))
-        return groups
+            self._end_round(mode, some, columns, self._begin(mode, some, columns))
 
     def _end_round(
         self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray], waiting: Callable[..., Sweep]
@@ -246,11 +288,12 @@ class _Sweep:
 
     def _keep(self, run: Sweep, some: NDArray[np.intp], passed: FloatArray) -> None:
         """Join what was counted and reduced in a phase to what was before."""
-        for label, count in self.counts.items():
-            record = run.events[label]
-            count[some] += record.count
-            self.first[label][some] = np.where(np.isnan(self.first[label][some]), record.first, self.first[label][some])
-            self.last[label][some] = np.where(record.count > 0, record.last, self.last[label][some])
+        for i, event in enumerate(self.campaign.events):
+            record, occurred = run.events[event.label], self.occurred[some, 3 * i : 3 * i + 3]
+            occurred[:, 0] += record.count
+            occurred[:, 1] = np.where(np.isnan(occurred[:, 1]), record.first, occurred[:, 1])
+            occurred[:, 2] = np.where(record.count > 0, record.last, occurred[:, 2])
+            self.occurred[some, 3 * i : 3 * i + 3] = occurred
         whole = np.abs(self.now.t[some] - self.campaign.t[some])
         for name, reduction in self.campaign.reductions.items():
             old, new = self.kept[name][some], run.reduced[name]
@@ -268,7 +311,7 @@ class _Sweep:
     def _sample(self, some: NDArray[np.intp]) -> None:
         """Take down the samples that cases have reached."""
         t_eval, samples = self.campaign.t_eval, self.samples
-        if t_eval is None or samples is None:
+        if t_eval is None:
             return
         while len(some):
             some = some[self.next[some] < len(t_eval)]
@@ -292,7 +335,7 @@ class _Sweep:
                 ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
         cases = some[ended]
         self.phases[cases] += 1
-        quick = np.abs(self.now.passed[cases]) <= SOON * self.span[cases]
+        quick = np.abs(self.now.passed[cases]) <= SOON * np.abs(self.span[cases])
         self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         keep = self.status[cases] == _RUNNING
@@ -330,7 +373,7 @@ class _Sweep:
             getattr(self.now, name)[placed(some)] = getattr(settled, name)
         self.table += [found for found in settled.table if found not in self.table]
         numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
-        self.mode[some] = numbers[settled.mode]
+        self.mode[some], self.station[some] = numbers[settled.mode], -1
         self.status[some[self.now.t[some] == self.campaign.t1[some]]] = int(Status.SUCCESS)
 
     # -- results ---------------------------------------------------------------------------
@@ -348,7 +391,7 @@ class _Sweep:
         )
         count = len(self.mode)
         last = self._states(np.arange(count))
-        if self.samples is not None and campaign.t_eval is not None:
+        if campaign.t_eval is not None:
             self.samples.case[:] = np.repeat(np.arange(count), len(campaign.t_eval))
         modes = [self.modes.named(mode) for mode in self.table]
         run = HybridSweep(
@@ -359,18 +402,17 @@ class _Sweep:
             campaign.t_eval,
             campaign.axes,
             stats,
-            (last, self.samples),
+            (last, None if campaign.t_eval is None else self.samples),
             self.phases + started,
             modes,
             self._value,
         )
         failed = ~run.success
-        happened = [np.column_stack([self.counts[n], self.first[n], self.last[n]]) for n in self.counts]
         for values in self.kept.values():
             values[failed] = np.nan
         reduced = np.array(list(self.kept.values())).T.reshape(count, len(self.kept))
-        together = np.hstack(happened) if happened else np.empty((count, 0))
-        return run.with_events(list(self.counts), together, list(self.kept), reduced)
+        labels = [event.label for event in campaign.events]
+        return run.with_events(labels, self.occurred, list(self.kept), reduced)
 
     def _value(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""

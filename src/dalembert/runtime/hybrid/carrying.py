@@ -1,0 +1,240 @@
+"""Cases of a sweep carried through their phases by compiled code, as far as that is sure of how they go on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...codegen.base import CaseRun
+from ...integrators.numba import fleet
+from ...integrators.numba.fleet import Bench, Fleet, Plan
+from ...mechanics.equations import Watchpoint
+from ...reduction.modes import OPEN, Mode, side_name
+from ...reduction.verdicts import Attempt
+from ..cases import Cases
+from ..sweeping import begin_whole
+from .instants import Instants
+from .running import Modes
+from .settling import Ruling
+from .stations import Rows, Station, bench, fitting_method
+
+if TYPE_CHECKING:
+    from .sweeping import Campaign
+
+__all__ = ["Carrier"]
+
+_MOST_TOGETHER = 256
+"""Cases that a thread carries together: enough to fill lanes, and few enough for the nearest cache."""
+_BATCHES_PER_THREAD = 4
+
+Cause = tuple[Mode | None, tuple[Watchpoint, ...]]
+Key = tuple[Mode, tuple[int, ...]]
+
+
+@final
+class Carrier:
+    """Carries the cases of a sweep.
+
+    Parameters
+    ----------
+    modes : Modes
+    campaign : Campaign
+    cases : Fleet
+        All of them, with nothing in ``order``.
+    table, causes : list
+        Modes and causes by number, which grow.
+    """
+
+    def __init__(self, modes: Modes, campaign: Campaign, cases: Fleet, table: list[Mode], causes: list[Cause]) -> None:
+        self.modes, self.campaign, self.cases, self.table, self.causes = modes, campaign, cases, table, causes
+        self.rows = Rows.of(campaign.layout, modes.equations.contacts)
+        self.settings = {name: campaign.options[name] for name in ("rtol", "atol", "max_step", "max_steps")}
+        self.asked = [replace(event, name=event.label) for event in campaign.events]
+        self.methods: dict[Mode, str | None] = {}
+        self.numbers: dict[Key, int] = {}
+        self.stations: list[Station] = []
+
+    # -- stations --------------------------------------------------------------------------
+
+    def _key(self, mode: Mode, cause: Cause) -> Key:
+        return mode, tuple(event.direction for event in self.modes.events(mode, *cause))
+
+    def _station(self, mode: Mode, cause: Cause) -> int:
+        """Return the station of a mode that came about by a cause; -1 where its method is not known, or there is none.
+
+        Only models that are compiled anyhow have a method.
+        """
+        method = self.methods.get(mode)
+        if method is None or method == "radau":
+            return -1
+        key = self._key(mode, cause)
+        if key not in self.numbers:
+            events = (*self.asked, *self.modes.events(mode, *cause))
+            self.numbers[key] = len(self.stations)
+            self.stations.append(Station(mode, self.modes.model(mode), events, method, self.settings))
+        return self.numbers[key]
+
+    def _place(self, some: NDArray[np.intp]) -> None:
+        """Give running cases without a station the one that they need, where there is any."""
+        whole = self.cases.whole
+        mixed = whole[fleet.MODE, some] * len(self.causes) + whole[fleet.CAUSE, some]
+        for number in np.unique(mixed):
+            here = some[mixed == number]
+            mode, cause = self.table[whole[fleet.MODE, here[0]]], self.causes[whole[fleet.CAUSE, here[0]]]
+            if mode not in self.methods:
+                self.methods[mode] = self._method(mode, here)
+            whole[fleet.STATION, here] = self._station(mode, cause)
+
+    def _method(self, mode: Mode, some: NDArray[np.intp]) -> str | None:
+        """Return the method that fits the first, the middle and the last of some cases."""
+        some = some[sorted({0, len(some) // 2, len(some) - 1})]
+        model, cases = self.modes.model(mode), self.cases
+        names = self.campaign.layout.parameters
+        columns = {name: cases.p[some, i] for i, name in enumerate(names)}
+        columns |= self.modes.added(mode, cases.directions.reshape(len(cases.t), -1, 2)[some], cases.sides[some])
+        if any(name not in columns for name in model.layout.parameters):
+            return None
+        given = {name: columns[name] for name in model.layout.parameters}
+        initial = {name: cases.x[some, i] for i, name in enumerate(self.rows.states)}
+        ready = Cases(model.stages.program, model._start, (cases.t[some], cases.t1[some]), initial, given)
+        return fitting_method(model, ready, self.settings, self.campaign.options["method"])
+
+    # -- carrying --------------------------------------------------------------------------
+
+    def carry(self, some: NDArray[np.intp]) -> bool:
+        """Carry those of some running cases that have a station as far as it goes; return whether there are any.
+
+        Raises KeyboardInterrupt where Ctrl-C stopped it.
+        """
+        whole = self.cases.whole
+        self._place(some[whole[fleet.STATION, some] < 0])
+        order = np.ascontiguousarray(some[whole[fleet.STATION, some] >= 0])
+        loop = self.modes.engine().phases
+        if not len(order) or loop is None:
+            return False
+        plan, outputs, lanes = self._plan()
+        threads = int(self.campaign.options["threads"])
+        together = min(_MOST_TOGETHER, max(lanes, len(order) // (threads * _BATCHES_PER_THREAD)))
+        threads = min(threads, -(-len(order) // together))
+        benches: list[tuple[Bench, object]] = []
+        for _ in range(threads):
+            made = bench(self.stations, self.rows, together, lanes, outputs, len(self.modes.equations.contacts))
+            if made is None:
+                self.methods = dict.fromkeys(self.methods)
+                whole[fleet.STATION] = -1
+                return False
+            room, call, held = made
+            benches.append((room, held))
+            plan = plan._replace(entry=call.entry, count_at=call.count_at)
+        turn = np.zeros(1, np.int64)
+        cases, numbers = self.cases._replace(order=order, turn=turn), itertools.count()
+
+        def work() -> None:
+            loop(plan, cases, benches[next(numbers)][0])
+
+        run = CaseRun(work, turn, lambda: None)
+        if not begin_whole(run, len(order), threads, False)(False):
+            raise KeyboardInterrupt
+        return True
+
+    def learn(self, some: NDArray[np.intp], mode: Mode, fired: Sequence[Watchpoint]) -> None:
+        """Find the verdicts on cases that wait for a decision, for those that come after them."""
+        cases = self.cases
+        directions = cases.directions.reshape(len(cases.t), -1, 2)
+        here = Instants(
+            *(
+                values[some]
+                for values in (cases.t, cases.x, cases.p, directions, cases.sides, cases.speeds, cases.passed)
+            )
+        )
+        known = self.modes.rulings.setdefault((mode, tuple(fired)), {})
+        known |= self.modes.laws.rulings(here, mode, fired)
+
+    # -- what is known ---------------------------------------------------------------------
+
+    def _plan(self) -> tuple[Plan, int, int]:
+        """Return what is known of the modes, the most outputs of a verdict, and the lanes of kernels."""
+        engine = self.modes.engine()
+        slips, lanes = engine.code(self.modes.laws.quick.slip_kernel)
+        lines = _Lines([], [], [], [])
+        number = outputs = 0
+        while number < len(self.stations):  # what is known of one may call for another
+            station = self.stations[number]
+            points = self.modes.points(station.mode)
+            lines.stations.append(self._line(station, points))
+            lines.columns.append([self.rows.parameters[name] for name in station.model.layout.parameters])
+            for (mode, fired), rulings in self.modes.rulings.items():
+                if mode != station.mode or any(point not in points for point in fired):
+                    continue
+                cause = self._cause((mode, fired))
+                bits = sum(1 << points.index(point) for point in fired)
+                for sliding, ruling in rulings.items():
+                    if ruling is None:
+                        continue
+                    kernel, attempts = ruling.verdict.kernel, ruling.verdict.attempts
+                    code, first = engine.code(kernel)[0], len(lines.attempts)
+                    known = int(ruling.known)
+                    lines.rules.append([number, bits, sliding, code, len(attempts), first, known, cause])
+                    lines.attempts.extend(self._attempts(ruling, cause))
+                    outputs = max(outputs, len(kernel.outputs))
+            number += 1
+        terminal = np.array([int(bool(event.terminal)) for event in self.asked], np.int64)
+        return Plan(0, slips, 0, *lines.tables(), terminal=terminal), outputs, lanes
+
+    def _cause(self, cause: Cause) -> int:
+        if cause not in self.causes:
+            self.causes.append(cause)
+        return self.causes.index(cause)
+
+    def _line(self, station: Station, points: Sequence[Watchpoint]) -> list[int]:
+        paradox = sum(1 << i for i, point in enumerate(points) if point.kind == "paradox")
+        plain = -1 if self.campaign.t_eval is None else self._station(station.mode, (None, ()))
+        expand, _ = station.model._engine.code(self.modes.expansion(station.mode))
+        return [station.size, len(station.events), len(station.model.layout.parameters), expand, plain, paradox]
+
+    def _attempts(self, ruling: Ruling, cause: int) -> list[list[int]]:
+        """Return what the attempts of a verdict lead to."""
+        attempts, held, lines = ruling.verdict.attempts, ruling.verdict.held, []
+        n_q = len(self.rows.states) // 2
+        for number, attempt in enumerate(attempts):
+            if attempt.mode not in self.table:
+                self.table.append(attempt.mode)
+            rates = 2 + len(attempts) + held.index(number) * n_q if number in held else 0
+            apart = sum(1 << i for i, other in enumerate(attempts[:number]) if self._apart(attempt, other))
+            mode, station = self.table.index(attempt.mode), self._station(attempt.mode, self.causes[cause])
+            lines.append([mode, station, rates, apart, *attempt.ways, *attempt.sides])
+        return lines
+
+    def _apart(self, a: Attempt, b: Attempt) -> bool:
+        """Return whether two attempts cannot hold both; see `deciding.judge`."""
+        return any(
+            (a.mode[i] == OPEN) != (b.mode[i] == OPEN) or (side_name(contact) is not None and a.sides[i] != b.sides[i])
+            for i, contact in enumerate(self.modes.equations.contacts)
+        )
+
+
+@final
+@dataclass(frozen=True)
+class _Lines:
+    """Lines of the tables of a plan."""
+
+    stations: list[list[int]]
+    columns: list[list[int]]
+    rules: list[list[int]]
+    attempts: list[list[int]]
+
+    def tables(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return the tables, with lines of one length."""
+        return _table(self.stations), _table(self.columns), _table(self.rules), _table(self.attempts)
+
+
+def _table(lines: Sequence[Sequence[int]]) -> NDArray[np.int64]:
+    made = np.zeros((len(lines), max((len(line) for line in lines), default=1)), np.int64)
+    for line, row in zip(lines, made, strict=True):
+        row[: len(line)] = line
+    return made
