@@ -14,6 +14,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.integrators.status import Status
 from dalembert.runtime.hybrid import carrying
+from dalembert.runtime.hybrid import running as hybrid_running
 from dalembert.runtime.hybrid import sweeping as hybrid_sweeping
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
@@ -305,6 +306,26 @@ def test_the_same_run_twice_is_the_same():
     first, again = (plate_model(FORCE).simulate((0, 4), at_angle(0.5), {**PLATE, "mu": 0.8}) for _ in range(2))
     assert first.phases == again.phases
     np.testing.assert_array_equal(first.q, again.q)
+
+
+def test_a_run_seen_ahead_is_the_one_that_watches_for_its_events(monkeypatch):
+    """Compiled code finds all phases; with events of the user's too, which do not end or change the motion."""
+    model, p, events = plate_model(FORCE), {**PLATE, "mu": 0.8}, ["theta_dot"]
+
+    def simulated(**options):
+        return model.simulate((0, 6), at_angle(0.5), p, rtol=1e-11, atol=1e-13, events=events, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(hybrid_running.Lookout, "look", lambda *arguments: None)
+        expected = simulated()
+    monkeypatch.setattr(hybrid_running._Run, "_phase", None)
+    run = simulated()
+    assert modes(run) == modes(expected)
+    np.testing.assert_allclose(begins(run), begins(expected), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(run.events["theta_dot"].t, expected.events["theta_dot"].t, rtol=0, atol=1e-9)
+    times = np.linspace(0, 6, 50)
+    np.testing.assert_allclose(run(times).y, expected(times).y, rtol=0, atol=1e-8)
+    assert run.stats.steps > 60 and simulated(t_eval=times).t.shape == (50,)
 
 
 # -- sweeps ---------------------------------------------------------------------------------------

@@ -84,13 +84,12 @@ Behind them are the ways and the sides of the contacts.
 class Plan(NamedTuple):
     """What is known of the modes.
 
-    ``entry`` is the watched loop over lanes, ``slips`` the code of the slip velocities; ``columns`` (n_stations, n)
-    says in which row of ``Bench.gathered`` each parameter of a station is. ``count_at`` is the place of the number of
-    cases among the words of a station. Of the events, those that were asked for come first; ``terminal`` is 1 for those
+    ``slips`` is the code of the slip velocities; ``columns`` (n_stations, n) says in which row of ``Bench.gathered``
+    each parameter of a station is. ``count_at`` is the place of the number of cases among the words of a station. Of
+    the events, those that were asked for come first; ``terminal`` is 1 for those
     that end a case.
     """
 
-    entry: int
     slips: int
     count_at: int
     stations: NDArray[np.int64]
@@ -105,7 +104,9 @@ class Fleet(NamedTuple):
 
     ``span`` is signed, ``directions`` are (k, 2 n_contacts).
 
-    ``occurred`` (k, 3 n) are numbers, first and last times of the events that were asked for; the rest are the samples.
+    ``occurred`` (k, 3 n) are numbers, first and last times of the events that were asked for. What follows are the
+    samples, and the ``log`` of a case that is alone: for every phase that it begins its time, mode, cause, number of
+    phases that were too short, directions, sides, speeds, coordinates and rates. A full log ends the work.
     """
 
     t: FloatArray
@@ -127,18 +128,20 @@ class Fleet(NamedTuple):
     sampled_mode: NDArray[np.int64]
     sampled_directions: FloatArray
     sampled_sides: FloatArray
+    log: FloatArray
 
 
 class Bench(NamedTuple):
     """Room of one thread, for so many cases at a time as ``gathered`` has columns.
 
-    Its rows are start, end, parameters, directions, sides, coordinates and rates. ``addresses`` are those of the words
-    for which each station calls the loop over lanes, which are rows of ``words``; its results are in ``y``, ``ends``
-    and ``happened``. The rest has one column a lane.
+    Its rows are start, end, parameters, directions, sides, coordinates and rates. ``entries`` are the loops over lanes
+    of the stations, ``addresses`` those of the words for which they are called, which are rows of ``words``; their
+    results are in ``y``, ``ends`` and ``happened``. The rest has one column a lane.
     """
 
     gathered: FloatArray
     words: NDArray[np.int64]
+    entries: NDArray[np.int64]
     addresses: NDArray[np.int64]
     turns: NDArray[np.int64]
     y: FloatArray
@@ -155,7 +158,7 @@ class Bench(NamedTuple):
     verdict: FloatArray
 
 
-PLAN = Group((*(INTEGER,) * 3, *(INTEGER_MATRIX,) * 4, INTEGERS), Plan._fields)
+PLAN = Group((*(INTEGER,) * 2, *(INTEGER_MATRIX,) * 4, INTEGERS), Plan._fields)
 FLEET = Group(
     (
         *(VECTOR,) * 4,
@@ -166,7 +169,7 @@ FLEET = Group(
         *(VECTOR,) * 2,
         MATRIX,
         INTEGERS,
-        *(MATRIX,) * 2,
+        *(MATRIX,) * 3,
     ),
     Fleet._fields,
 )
@@ -174,7 +177,7 @@ BENCH = Group(
     (
         MATRIX,
         INTEGER_MATRIX,
-        *(INTEGERS,) * 2,
+        *(INTEGERS,) * 3,
         VECTOR,
         MATRIX,
         VECTOR,

@@ -77,11 +77,12 @@ def _gather(fleet: Fleet, bench: Bench, size: int) -> None:
             gathered[1, place] = fleet.t_eval[following]
         for m in range(p):
             gathered[2 + m, place] = fleet.p[i, m]
+        for m in range(2 * k):
+            gathered[2 + p + m, place] = fleet.directions[i, m]
         for m in range(k):
-            gathered[2 + p + m, place] = fleet.directions[i, 2 * m]
-            gathered[2 + p + k + m, place] = fleet.sides[i, m]
+            gathered[2 + p + 2 * k + m, place] = fleet.sides[i, m]
         for m in range(n):
-            gathered[2 + p + 2 * k + m, place] = fleet.x[i, m]
+            gathered[2 + p + 3 * k + m, place] = fleet.x[i, m]
 
 
 @bare
@@ -92,7 +93,7 @@ def _run(plan: Plan, bench: Bench, station: int, size: int) -> None:
         bench.happened[3 * e + 1] = bench.happened[3 * e + 2] = math.nan
     bench.turns[station] = 0
     bench.words[station, plan.count_at] = size
-    call_test(plan.entry, bench.addresses[station], 0, 0, 0, 0)
+    call_test(bench.entries[station], bench.addresses[station], 0, 0, 0, 0)
 
 
 @bare
@@ -224,6 +225,24 @@ def _decide(plan: Plan, fleet: Fleet, bench: Bench, first: int, pending: int) ->
             fleet.whole[CAUSE, i], fleet.whole[FIRED, i] = plan.rules[rule, RULE_CAUSE], NOTHING_FIRED
             if fleet.t[i] == fleet.t1[i]:
                 fleet.whole[STATE, i] = _SUCCESS
+            if fleet.log.shape[0] > 0:
+                _log(fleet, i)
+
+
+@bare
+def _log(fleet: Fleet, i: int) -> None:
+    """Take down how the only case begins a phase."""
+    log, whole, line = fleet.log, fleet.whole, fleet.whole[PHASES, i] - 1
+    k, n = fleet.sides.shape[1], fleet.x.shape[1]
+    log[line, 0], log[line, 1] = fleet.t[i], float(whole[MODE, i])
+    log[line, 2], log[line, 3] = float(whole[CAUSE, i]), float(whole[SOON, i])
+    for m in range(k):
+        log[line, 4 + m], log[line, 4 + k + m] = fleet.directions[i, 2 * m], fleet.sides[i, m]
+        log[line, 4 + 2 * k + m] = fleet.speeds[i, m]
+    for m in range(n):
+        log[line, 4 + 3 * k + m] = fleet.x[i, m]
+    if line + 1 == log.shape[0]:
+        whole[STATION, i] = _NOBODY
 
 
 @bare

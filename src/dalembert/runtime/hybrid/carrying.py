@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 from ...codegen.base import CaseRun
 from ...integrators.numba import fleet
 from ...integrators.numba.fleet import Bench, Fleet, Plan
+from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import OPEN, Mode, side_name
 from ...reduction.verdicts import Attempt
 from ..cases import Cases
+from ..events import Event
 from ..sweeping import begin_whole
 from .instants import Instants
-from .running import Modes
+from .modes import Modes
 from .settling import Ruling
 from .stations import Rows, Station, bench, fitting_method
-
-if TYPE_CHECKING:
-    from .sweeping import Campaign
 
 __all__ = ["Carrier"]
 
@@ -43,18 +42,32 @@ class Carrier:
     Parameters
     ----------
     modes : Modes
-    campaign : Campaign
+    layout : Layout
+        Of the scene.
+    options : mapping
+        Method, tolerances, largest step, number of steps and threads.
+    events : sequence of Event
+        What was asked for.
     cases : Fleet
         All of them, with nothing in ``order``.
     table, causes : list
         Modes and causes by number, which grow.
     """
 
-    def __init__(self, modes: Modes, campaign: Campaign, cases: Fleet, table: list[Mode], causes: list[Cause]) -> None:
-        self.modes, self.campaign, self.cases, self.table, self.causes = modes, campaign, cases, table, causes
-        self.rows = Rows.of(campaign.layout, modes.equations.contacts)
-        self.settings = {name: campaign.options[name] for name in ("rtol", "atol", "max_step", "max_steps")}
-        self.asked = [replace(event, name=event.label) for event in campaign.events]
+    def __init__(
+        self,
+        modes: Modes,
+        layout: Layout,
+        options: Mapping[str, Any],
+        events: Sequence[Event],
+        cases: Fleet,
+        table: list[Mode],
+        causes: list[Cause],
+    ) -> None:
+        self.modes, self.options, self.cases, self.table, self.causes = modes, options, cases, table, causes
+        self.parameters, self.rows = layout.parameters, Rows.of(layout, modes.equations.contacts)
+        self.settings = {name: options[name] for name in ("rtol", "atol", "max_step", "max_steps")}
+        self.asked = [replace(event, name=event.label) for event in events]
         self.methods: dict[Mode, str | None] = {}
         self.numbers: dict[Key, int] = {}
         self.stations: list[Station] = []
@@ -94,7 +107,7 @@ class Carrier:
         """Return the method that fits the first, the middle and the last of some cases."""
         some = some[sorted({0, len(some) // 2, len(some) - 1})]
         model, cases = self.modes.model(mode), self.cases
-        names = self.campaign.layout.parameters
+        names = self.parameters
         columns = {name: cases.p[some, i] for i, name in enumerate(names)}
         columns |= self.modes.added(mode, cases.directions.reshape(len(cases.t), -1, 2)[some], cases.sides[some])
         if any(name not in columns for name in model.layout.parameters):
@@ -102,7 +115,7 @@ class Carrier:
         given = {name: columns[name] for name in model.layout.parameters}
         initial = {name: cases.x[some, i] for i, name in enumerate(self.rows.states)}
         ready = Cases(model.stages.program, model._start, (cases.t[some], cases.t1[some]), initial, given)
-        return fitting_method(model, ready, self.settings, self.campaign.options["method"])
+        return fitting_method(model, ready, self.settings, self.options["method"])
 
     # -- carrying --------------------------------------------------------------------------
 
@@ -118,7 +131,7 @@ class Carrier:
         if not len(order) or loop is None:
             return False
         plan, outputs, lanes = self._plan()
-        threads = int(self.campaign.options["threads"])
+        threads = int(self.options["threads"])
         together = min(_MOST_TOGETHER, max(lanes, len(order) // (threads * _BATCHES_PER_THREAD)))
         threads = min(threads, -(-len(order) // together))
         benches: list[tuple[Bench, object]] = []
@@ -128,9 +141,9 @@ class Carrier:
                 self.methods = dict.fromkeys(self.methods)
                 whole[fleet.STATION] = -1
                 return False
-            room, call, held = made
+            room, count_at, held = made
             benches.append((room, held))
-            plan = plan._replace(entry=call.entry, count_at=call.count_at)
+            plan = plan._replace(count_at=count_at)
         turn = np.zeros(1, np.int64)
         cases, numbers = self.cases._replace(order=order, turn=turn), itertools.count()
 
@@ -184,7 +197,7 @@ class Carrier:
                     outputs = max(outputs, len(kernel.outputs))
             number += 1
         terminal = np.array([int(bool(event.terminal)) for event in self.asked], np.int64)
-        return Plan(0, slips, 0, *lines.tables(), terminal=terminal), outputs, lanes
+        return Plan(slips, 0, *lines.tables(), terminal=terminal), outputs, lanes
 
     def _cause(self, cause: Cause) -> int:
         if cause not in self.causes:
@@ -193,7 +206,7 @@ class Carrier:
 
     def _line(self, station: Station, points: Sequence[Watchpoint]) -> list[int]:
         paradox = sum(1 << i for i, point in enumerate(points) if point.kind == "paradox")
-        plain = -1 if self.campaign.t_eval is None else self._station(station.mode, (None, ()))
+        plain = -1 if not len(self.cases.t_eval) else self._station(station.mode, (None, ()))
         expand, _ = station.model._engine.code(self.modes.expansion(station.mode))
         return [station.size, len(station.events), len(station.model.layout.parameters), expand, plain, paradox]
 

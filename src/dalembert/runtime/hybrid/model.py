@@ -30,8 +30,9 @@ from ..reductions import reduction_table
 from ..swept import with_grid
 from .facts import FloatArray
 from .kernels import outputs
+from .modes import Modes
 from .quick import Quick
-from .running import Modes, Request, simulate
+from .running import Request, simulate
 from .settling import Laws
 from .sweeping import Campaign, sweep
 

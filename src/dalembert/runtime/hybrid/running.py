@@ -4,132 +4,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from ...codegen.base import Engine
 from ...errors import InitialStateError, ValueInputError
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
-from ...ir.program import Kernel, Layout
-from ...mechanics.equations import EquationsOfMotion, Watchpoint
-from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
-from ...reduction.watching import expanding
+from ...ir.program import Layout
+from ...mechanics.equations import Watchpoint
+from ...reduction.modes import SLIP, Mode
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
-from ..events import Event, leaving
+from ..events import Event
 from .facts import FloatArray
 from .instants import Instants, Settled
-from .settling import Laws, Ruling
+from .looking import Lookout
+from .modes import Modes
 
 if TYPE_CHECKING:
-    from ..model import CompiledModel
+    pass
 
-__all__ = ["JAMMED", "Modes", "Request", "simulate"]
+__all__ = ["JAMMED", "Request", "simulate"]
 
 JAMMED = 0.05
 """Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Modes:
-    """What a scene with contacts offers its motions: equations, laws, and the model of every mode.
-
-    `engine` evaluates kernels that belong to no mode. `rulings` are the verdicts met so far: by the mode that ended, by
-    what ended it, and by the contacts that slide, as bits; None where there is no verdict.
-    """
-
-    equations: EquationsOfMotion
-    laws: Laws
-    model: Callable[[Mode], CompiledModel]
-    engine: Callable[[], Engine]
-    rulings: dict[tuple[Mode, tuple[Watchpoint, ...]], dict[int, Ruling | None]] = field(
-        default_factory=dict, init=False
-    )
-    _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
-    _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
-
-    def points(self, mode: Mode) -> list[Watchpoint]:
-        """Return what can end a mode; what is constant along its motions cannot."""
-        if mode not in self._points:
-            reduced = self.model(mode).stages.reduced
-            graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
-            found = reduced.equations.watchpoints
-            self._points[mode] = [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
-        return self._points[mode]
-
-    def events(self, mode: Mode, before: Mode | None, fired: Sequence[Watchpoint]) -> list[Event]:
-        """Return what can end a mode as events, for motions that come from the mode `before` because of `fired`."""
-        found = []
-        for point in self.points(mode):
-            event = Event(point.output, terminal=True, direction=-1, name=point.output)
-            kinds = {other.kind for other in fired if other.contact == point.contact}
-            leaves = before is not None and (
-                (point.kind == "meet" and ("lift" in kinds or "meet" in kinds))
-                or (point.kind == "stop" and ("stop" in kinds or before[point.contact] == STICK))
-            )
-            found.append(leaving(event) if leaves else event)
-        return found
-
-    def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
-        """Return coordinates and rates (k, 2 n_q) of states (k, n_y) of a mode at times (k,).
-
-        `columns` are the parameters of the mode's model in their order, (k,) or (1,) each.
-        """
-        p = np.empty((len(t), len(columns)))
-        for i, column in enumerate(columns.values()):
-            p[:, i] = column
-        return self.model(mode)._engine.rows(self.expansion(mode), t, y, p)
-
-    def expansion(self, mode: Mode) -> Kernel:
-        """Return the kernel of coordinates and rates in a mode."""
-        if mode not in self._expansions:
-            self._expansions[mode] = expanding(self.model(mode).stages.reduced)
-        return self._expansions[mode]
-
-    def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
-        """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""
-        values: dict[str, Any] = {}
-        for i, (contact, state) in enumerate(zip(self.equations.contacts, mode, strict=True)):
-            if state == SLIP:
-                names = direction_names(contact)
-                values |= {name: directions[..., i, j] for j, name in enumerate(names)}
-            side = side_name(contact)
-            if side is not None and state in (SLIP, STICK):
-                values[side] = sides[..., i]
-        return values
-
-    def named(self, mode: Mode) -> dict[str, str]:
-        """Return what each contact does in a mode."""
-        return {contact.name: state for contact, state in zip(self.equations.contacts, mode, strict=True)}
-
-    def violation(self, mode: Mode) -> Violation:
-        """Return what tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode."""
-        opened = {c.constraint: c.name for c, s in zip(self.equations.contacts, mode, strict=True) if s == OPEN}
-        return Violation(tuple(opened.get(i) for i in range(len(self.equations.constraints))))
-
-
-@final
-@dataclass(frozen=True)
-class Violation:
-    """Tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode; it can be pickled.
-
-    `opened` has for each constraint the name of the contact that is open instead, or None.
-    """
-
-    opened: tuple[str | None, ...]
-
-    def __call__(self, motion: Trajectory) -> FloatArray:
-        found = iter(motion.constraint_violation.T)
-        columns = [
-            next(found) if contact is None else np.minimum(motion[f"gap of {contact}"], 0.0) for contact in self.opened
-        ]
-        return np.array(columns).T.reshape(len(motion.t), len(columns))
 
 
 @final
@@ -194,6 +96,9 @@ class _Run:
         self.compile_seconds = 0.0
         self.method = str(request.options["method"])
         self.note = ""
+        span, about = (request.t0, request.t1), (modes, request.layout, request.options)
+        plain = all(not event.terminal and event.apply is None for event in request.events)
+        self.lookout = Lookout(*about, span, self.now) if plain else None
 
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
@@ -201,7 +106,9 @@ class _Run:
         if status is not None and not self.parts:
             self._stay(status)
         while status is None:
-            status = self._phase()
+            status = self._carried()
+            if status is None:
+                status = self._phase()
         return self._joined(status)
 
     # -- between phases --------------------------------------------------------------------
@@ -266,17 +173,17 @@ class _Run:
 
     # -- phases ----------------------------------------------------------------------------
 
-    def _events(self, mode: Mode) -> list[Event]:
-        """Return the events of a phase: those that were asked for, and what ends the mode."""
+    def _events(self) -> list[Event]:
+        """Return the events that were asked for, as a phase watches for them."""
         events = []
         for event in self.request.events:
             last = int(event.terminal) - self.counts[event.label] if event.terminal else 0
             last = 1 if event.apply is not None else last
             events.append(replace(event, name=event.label, apply=None, terminal=last))
-        return events + self.modes.events(mode, *self.cause)
+        return events
 
-    def _run(self, mode: Mode) -> Trajectory:
-        """Run the model of a mode from where the motion is, up to what ends it."""
+    def _run(self, mode: Mode, t1: float, events: Sequence[Event]) -> Trajectory:
+        """Run the model of a mode from where the motion is, up to a time or what ends it."""
         request, equations = self.request, self.modes.equations
         names = (*equations.symbols.coordinates, *equations.symbols.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
@@ -290,31 +197,68 @@ class _Run:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        return model.simulate((self.t, request.t1), initial, parameters, events=self._events(mode), **options)
+        return model.simulate((self.t, t1), initial, parameters, events=events, **options)
+
+    def _carried(self) -> Status | None:
+        """Go through the phases that compiled code sees ahead; return a status where the motion ends."""
+        while self.lookout is not None and self.mode is not None:
+            seen = self.lookout.look(self.now, self.mode, self.cause, self.soon)
+            if seen is None:
+                return None
+            for stop in seen.stops:
+                status = self._up_to(float(stop.now.t[0]))
+                if status is not Status.SUCCESS:
+                    return status
+                self.now, self.mode, self.cause, self.soon = stop.now, stop.mode, stop.cause, stop.soon
+            if seen.done:
+                return self._up_to(self.request.t1)
+            if seen.fired is None and not seen.stops:
+                return None
+            if seen.fired is not None:
+                status = self._up_to(float(seen.now.t[0]))
+                if status is not Status.SUCCESS:
+                    return status
+                before, self.now = self.now.t[0], seen.now
+                ends = self._too_soon(abs(self.t - before)) or self._settle(seen.fired)
+                if ends is not None:
+                    return ends
+        return None
+
+    def _up_to(self, t1: float) -> Status:
+        """Run one phase that ends at a time; return its status."""
+        mode = self.mode
+        assert mode is not None
+        run = self._run(mode, t1, self._events())
+        self._add(run, mode, float(run.t[-1]))
+        return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
+
+    def _add(self, run: Trajectory, mode: Mode, end: float) -> None:
+        """Take down a phase that ended at a time."""
+        stats = run.stats
+        self.steps, self.rejected = self.steps + stats.steps, self.rejected + stats.rejected
+        self.evaluations += stats.evaluations
+        self.method = stats.method
+        part = Part(Phase(self.t, end, self.modes.named(mode)), run, self.modes.violation(mode))
+        self.t = end
+        self.parts.append(part)
+        self.records.append((part, run.events))
+        for event in self.request.events:
+            self.counts[event.label] += len(run.events[event.label])
 
     def _phase(self) -> Status | None:
         """Run one phase and settle what comes after; return a status where the motion ends."""
         mode = self.mode
         assert mode is not None
-        run = self._run(mode)
-        stats = run.stats
-        self.steps, self.rejected = self.steps + stats.steps, self.rejected + stats.rejected
-        self.evaluations += stats.evaluations
-        self.method = stats.method
+        run = self._run(mode, self.request.t1, self._events() + self.modes.events(mode, *self.cause))
         ended = run.status is Status.EVENT
         end = (
             max((r.t[-1] for r in run.events.values() if len(r)), key=lambda t: t * self.forward)
             if ended
             else run.t[-1]
         )
-        before, self.t = self.t, float(end)
-        part = Part(Phase(before, self.t, self.modes.named(mode)), run, self.modes.violation(mode))
-        self.parts.append(part)
-        labels = [event.label for event in self.request.events]
-        self.records.append((part, run.events))
+        before = self.t
+        self._add(run, mode, float(end))
         happened = [name for name, record in run.events.items() if len(record) and record.t[-1] == end] if ended else []
-        for label in labels:
-            self.counts[label] += len(run.events[label])
         if not ended:
             return self._failed(run, mode)
         last = run.events[happened[0]].after

@@ -39,7 +39,7 @@ class Rows:
     def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> Rows:
         """Return the rows of a scene, start and end being the first two."""
         names = list(layout.parameters)
-        names += [direction_names(contact)[0] if contact.tangential else "" for contact in contacts]
+        names += [name for contact in contacts for name in (*direction_names(contact), "", "")[:2]]
         names += [side_name(contact) or "" for contact in contacts]
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
@@ -109,8 +109,10 @@ class _Room:
 
 def bench(
     stations: Sequence[Station], rows: Rows, together: int, lanes: int, outputs: int, contacts: int
-) -> tuple[Bench, LoopCall, object] | None:
-    """Return room for one thread, the call of a station, and what must stay alive; None where a station has no call.
+) -> tuple[Bench, int, object] | None:
+    """Return room for one thread, the place of the number of cases among words, and what must stay alive.
+
+    None where a station has no call.
 
     Parameters
     ----------
@@ -142,10 +144,11 @@ def bench(
         words[i, call.turn_at] = turns.__array_interface__["data"][0] + i * turns.itemsize
     first = words.__array_interface__["data"][0]
     addresses = first + words.strides[0] * np.arange(len(stations), dtype=np.int64)
-    n_q2, parameters = len(rows.states), rows.count - 2 - len(rows.states) - 2 * contacts
+    n_q2, parameters = len(rows.states), rows.count - 2 - len(rows.states) - 3 * contacts
     made = Bench(
         room.gathered,
         words,
+        np.array([call.entry for call in calls], np.int64),
         addresses,
         turns,
         room.y,
@@ -155,10 +158,10 @@ def bench(
         np.zeros(lanes, np.int64),
         aligned(1, lanes),
         aligned(size, lanes),
-        np.ones((max(parameters + 2 * contacts, 1), lanes)),
+        np.ones((max(parameters + 3 * contacts, 1), lanes)),
         aligned(parameters, lanes),
         aligned(n_q2 + 2 * contacts, lanes),
         aligned(max(contacts, 1), lanes),
         aligned(max(outputs, 2), lanes),
     )
-    return made, calls[0], calls
+    return made, calls[0].count_at, calls

@@ -27,7 +27,8 @@ from ..sweeping import meter
 from .carrying import Carrier
 from .facts import FloatArray
 from .instants import Instants, placed
-from .running import JAMMED, Modes
+from .modes import Modes
+from .running import JAMMED
 
 __all__ = ["Campaign", "sweep"]
 
@@ -112,7 +113,8 @@ class _Sweep:
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[tuple[Mode, int], tuple[Event, ...]] = {}
-        self.carrier = None if campaign.reductions else Carrier(modes, campaign, self._fleet(), self.table, self.causes)
+        known = modes, campaign.layout, campaign.options, campaign.events, self._fleet(), self.table, self.causes
+        self.carrier = None if campaign.reductions else Carrier(*known)
 
     def _fleet(self) -> Fleet:
         """Return all cases as compiled code sees them: the very same arrays."""
@@ -138,6 +140,7 @@ class _Sweep:
             samples.mode,
             samples.directions.reshape(len(samples.t), 2 * k),
             samples.sides,
+            np.empty((0, 0)),
         )
 
     def results(self) -> HybridSweep:
