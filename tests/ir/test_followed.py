@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from dalembert.integrators.crossings import chebyshev_of_powers
 from dalembert.ir.branches import unforeseen
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
@@ -69,13 +68,6 @@ def test_the_state_moves_as_without():
     together, other, _ = stepped(joint(lambda g, x, v, t: v - v), 1)
     assert size == other
     np.testing.assert_array_equal(alone, together)
-
-
-def test_chebyshev_coefficients_of_powers():
-    rng = np.random.default_rng(3)
-    powers, x = rng.normal(size=9), np.linspace(0, 1, 7)
-    found = np.polynomial.chebyshev.chebval(2 * x - 1, chebyshev_of_powers(9) @ powers)
-    np.testing.assert_allclose(found, np.polynomial.polynomial.polyval(x, powers), atol=1e-13)
 
 
 def test_the_sign_over_a_step_is_never_wrong():

@@ -26,7 +26,6 @@ __all__ = [
     "Crossing",
     "Pieces",
     "changes",
-    "chebyshev_of_powers",
     "located",
     "pieces",
 ]
@@ -49,14 +48,6 @@ COEFFICIENTS: FloatArray = (
 
 SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T @ COEFFICIENTS
 """From values at the points to the Chebyshev coefficients of the derivative, over half the length of the interval."""
-
-
-def chebyshev_of_powers(count: int) -> FloatArray:
-    """Return what leads from coefficients of so many powers to Chebyshev coefficients, on the interval of length 1."""
-    half = np.polynomial.Polynomial([0.5, 0.5])
-    columns = [np.polynomial.chebyshev.poly2cheb((half**k).coef) for k in range(count)]
-    return np.array([np.pad(column, (0, count - len(column))) for column in columns]).T
-
 
 _REST = POINTS[1:]
 _TOWARDS: FloatArray = np.array([np.prod([other / (other - x) for other in _REST if other != x]) for x in _REST])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from ..integrators.crossings import COEFFICIENTS, POINTS, SLOPE_TAIL, SLOPES, TAIL, chebyshev_of_powers
+from ..integrators.crossings import COEFFICIENTS, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..integrators.problem import FloatArray
 from ..integrators.reductions import INTEGRAL, NEGLIGIBLE, SMOOTH
 from .lines import Lines
@@ -48,6 +48,9 @@ def quiet_kernel(values: Kernel, shape: StepShape) -> Kernel:
 def followed_kernel(count: int, size: int, degree: int) -> Kernel:
     """Return the kernel of a step's outputs that `quiet_kernel` would be, from series.
 
+    The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
+    fractions lie between 0 and 1.
+
     Parameters
     ----------
     count : int
@@ -66,12 +69,18 @@ def followed_kernel(count: int, size: int, degree: int) -> Kernel:
     for k in range(degree):
         scales.append(lines.mul(power, float(k + 1)))
         power = lines.mul(power, h)
-    outputs = []
+    outputs: list[Operand] = []
     for e in range(count):
         names = [f"a_{e}_{k}_" for k in range(1, degree + 1)]
         loads += [Load(name, "y", first + e * (degree + 1) + k) for k, name in enumerate(names, 1)]
+        sign = lines.op("select", lines.op("less", 0.0, names[0]), 1.0, -1.0)
         terms = [lines.mul(name, scale) for name, scale in zip(names, scales, strict=True)]
-        outputs.append(_sign(lines, _series(lines, chebyshev_of_powers(degree), terms)))
+        least = lines.op("abs", terms[0])
+        for term in terms[1:]:
+            least = lines.add(least, lines.op("min", lines.mul(term, sign), 0.0))
+        tail = lines.add(lines.op("abs", terms[-1]), lines.op("abs", terms[-2]))
+        least = lines.fma(tail, -TAIL, least)
+        outputs.append(lines.op("select", lines.op("less", 0.0, least), sign, 0.0))
     kernel = Kernel("followed", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
     return run(kernel, [eliminate_dead_code])
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
-from ..crossings import POINTS
+from ..crossings import FLAT, POINTS, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
 from .code import bare, call_code, row
 from .workspace import Scratch, Watch
 
-__all__ = ["alone", "follow", "sample_curves", "value_at", "zero_of_curve"]
+__all__ = ["alone", "follow", "plain", "sample_curves", "value_at", "zero_of_curve"]
 
 _POINTS = POINTS.copy()
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
@@ -46,6 +46,48 @@ def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -
         if room.open[0, e] != 0.0:
             for k in range(terms):
                 room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
+
+
+@bare
+def plain(room: Scratch, lane: int, fresh: bool) -> bool:
+    """Return whether the series bound everything that may change its sign in a step: it keeps it, or is monotone.
+
+    The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
+    fractions lie between 0 and 1. Then ``values`` get what there is at the ends of the step. What is zero where the
+    motion begins is divided by the fraction, or where it leaves zero flatly by its square. See `scan.scan`.
+    """
+    count, terms = room.curves.shape
+    for e in range(count):
+        if room.open[0, e] == 0.0:
+            continue
+        curve = room.curves[e]
+        begin, slope, bend = curve[0], curve[1], curve[2]
+        tail = abs(curve[terms - 1]) + abs(curve[terms - 2])
+        here = 1.0 if begin > 0.0 else -1.0
+        way = 1.0 if slope > 0.0 else -1.0
+        turn = 1.0 if bend > 0.0 else -1.0
+        end = begin + slope + bend
+        above = abs(begin) + min(0.0, here * slope) + min(0.0, here * bend) - TAIL * tail
+        leaving = abs(slope) + min(0.0, way * bend) - TAIL * tail
+        steep = abs(slope) + 2.0 * min(0.0, way * bend) - SLOPE_TAIL * tail
+        bent = abs(bend) - TAIL * tail
+        for k in range(3, terms):
+            term = curve[k]
+            end += term
+            above += min(0.0, here * term)
+            leaving += min(0.0, way * term)
+            steep += float(k) * min(0.0, way * term)
+            bent += min(0.0, turn * term)
+        room.values[e, 0], room.values[e, 7] = begin, end
+        if not math.isfinite(end):
+            return False
+        if above > 0.0 or steep > 0.0:
+            continue
+        if not (fresh and room.zero[lane, e] != 0.0):
+            return False
+        if not (leaving > 0.0 or (bent > 0.0 and abs(slope) <= FLAT * bent)):
+            return False
+    return True
 
 
 @bare

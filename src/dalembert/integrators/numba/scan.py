@@ -13,7 +13,7 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import bare, call_code, row
-from .following import alone, sample_curves, value_at, zero_of_curve
+from .following import alone, plain, sample_curves, value_at, zero_of_curve
 from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .pieces import sample, simple_piece
 from .workspace import Scratch, Watch
@@ -219,12 +219,14 @@ def scan(
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
-        if watch.followed > 0:
-            sample_curves(room, low, high - low)
-        else:
-            sample(watch.values, watch.used, room, many, t, h, low, high - low)
+        simple = finite = watch.followed > 0 and depth == 0.0 and plain(room, lane, fresh)
+        if not simple:
+            if watch.followed > 0:
+                sample_curves(room, low, high - low)
+            else:
+                sample(watch.values, watch.used, room, many, t, h, low, high - low)
+            simple, finite = simple_piece(room, count, lane, fresh and low == 0.0, high)
         budget -= 1
-        simple, finite = simple_piece(room, count, lane, fresh and low == 0.0, high)
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
             middle = 0.5 * (low + high)
             room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
