@@ -179,6 +179,9 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             while left != 0:
                 lane = lowest(left)
                 left &= left - 1
+                if watched and wanted == 0 and status[lane] == RUNNING:
+                    reach[lane] = min(largest, abs(end_of[lane] - time[lane]))
+                    continue
                 while True:
                     if case[lane] >= 0:
                         i = case[lane]
