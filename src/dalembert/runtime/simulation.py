@@ -329,6 +329,27 @@ class Simulated(Held):
         run.with_monitors(self._monitors).with_near(solution.near).of_scene(self.stages.scene)
         return run if watch is None else run.with_events(watch.labels, occurrences)
 
+    def _from_state(
+        self, t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: Mapping[str, Any]
+    ) -> Trajectory:
+        """Simulate from a state (n_y,) with constants (n_c,), known to be right as the options of `simulate` are."""
+        begin = time.perf_counter()
+        tolerances = options["rtol"], options["atol"]
+        problem = IntegrationProblem(
+            t0=t_span[0],
+            t1=t_span[1],
+            y0=y,
+            constants=c,
+            rtol=tolerances[0],
+            atol=tolerances[1],
+            first_step=options["first_step"],
+            max_step=options["max_step"],
+            max_steps=options["max_steps"],
+            dense=options["dense"],
+        )
+        chosen = self._method(options["method"], *tolerances)
+        return self._run(problem, chosen, begin, automatic=options["method"] == "auto")
+
     def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
         """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
         record, where = Record(self._program, problem), ""

@@ -75,6 +75,7 @@ class NumbaEngine(Engine):
         self._rendered, self._path = rendered, path
         self.steps = StepLibrary(program, None if path is None else path.parent)
         self._further: dict[int, tuple[Kernel, int]] = {}
+        self._marches: dict[int, StepCode] = {}
         self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], Watch] = {}
 
     @property
@@ -346,9 +347,11 @@ class NumbaEngine(Engine):
         from ...integrators.numba.series import StepCode
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
-        position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        step = self.steps.taylor(order, 1, dense=True)
-        return StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
+        if order not in self._marches:
+            position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
+            step = self.steps.taylor(order, 1, dense=True)
+            self._marches[order] = StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
+        return self._marches[order]
 
 
 def _pair(name: str) -> Tableau:

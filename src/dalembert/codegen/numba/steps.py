@@ -57,6 +57,7 @@ class StepLibrary:
     def __init__(self, program: Program, folder: Path | None) -> None:
         self._program, self._folder = program, folder
         self._recurrences: Recurrences | None = None
+        self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Compiled] = {}
         self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
         self._lock = _LOCK
@@ -68,7 +69,9 @@ class StepLibrary:
 
     def series_lines(self, order: int) -> int:
         """Return the lines of the recurrences of a Taylor step, unrolled."""
-        return self._known_recurrences().unrolled_lines(order)
+        if order not in self._lines:
+            self._lines[order] = self._known_recurrences().unrolled_lines(order)
+        return self._lines[order]
 
     def following(self, joint: Kernel, followed: int, order: int, lanes: int) -> int:
         """Return the address of a Taylor step that writes its series and those of what is followed along it.

@@ -19,6 +19,7 @@ from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
+from .. import inputs
 from ..events import Event
 from .facts import FloatArray
 from .instants import Instants, Settled
@@ -74,6 +75,15 @@ class Request:
 def simulate(modes: Modes, request: Request) -> HybridTrajectory:
     """Return the motion that was asked for."""
     return _Run(modes, request).trajectory()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """State (n_y,) and constants (n_c,) from which a phase begins."""
+
+    y: FloatArray
+    c: FloatArray
 
 
 @final
@@ -184,20 +194,27 @@ class _Run:
 
     def _run(self, mode: Mode, t1: float, events: Sequence[Event]) -> Trajectory:
         """Run the model of a mode from where the motion is, up to a time or what ends it."""
-        request, equations = self.request, self.modes.equations
+        equations = self.modes.equations
         names = (*equations.symbols.coordinates, *equations.symbols.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
-        added = self.modes.added(mode, self.now.directions[0], self.now.sides[0])
-        parameters = {**request.parameters, **{name: float(value) for name, value in added.items()}}
-        options = dict(request.options)
-        options["max_steps"] = max(1, options["max_steps"] - self.steps - self.rejected)
-        options["dense"] = options["dense"] or request.t_eval is not None
-        if self.parts:
-            options["first_step"] = None
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        return model.simulate((self.t, t1), initial, parameters, events=events, **options)
+        return model.simulate((self.t, t1), initial, self._parameters(self.now, mode), events=events, **self._options())
+
+    def _parameters(self, now: Instants, mode: Mode) -> dict[str, float]:
+        """Return the parameters of a mode."""
+        added = self.modes.added(mode, now.directions[0], now.sides[0])
+        return {**self.request.parameters, **{name: float(value) for name, value in added.items()}}
+
+    def _options(self) -> dict[str, Any]:
+        """Return the options of the next phase."""
+        options = dict(self.request.options)
+        options["max_steps"] = max(1, options["max_steps"] - self.steps - self.rejected)
+        options["dense"] = options["dense"] or self.request.t_eval is not None
+        if self.parts:
+            options["first_step"] = None
+        return options
 
     def _carried(self) -> Status | None:
         """Go through the phases that compiled code sees ahead; return a status where the motion ends."""
@@ -205,17 +222,19 @@ class _Run:
             seen = self.lookout.look(self.now, self.mode, self.cause, self.soon)
             if seen is None:
                 return None
+            legs = [(self.now, self.mode), *((stop.now, stop.mode) for stop in seen.stops)]
+            begun = iter(self._begun(legs))
             for stop in seen.stops:
-                status = self._up_to(float(stop.now.t[0]))
+                status = self._up_to(float(stop.now.t[0]), next(begun))
                 if status is not Status.SUCCESS:
                     return status
                 self.now, self.mode, self.cause, self.soon = stop.now, stop.mode, stop.cause, stop.soon
             if seen.done:
-                return self._up_to(self.request.t1)
+                return self._up_to(self.request.t1, next(begun))
             if seen.fired is None and not seen.stops:
                 return None
             if seen.fired is not None:
-                status = self._up_to(float(seen.now.t[0]))
+                status = self._up_to(float(seen.now.t[0]), next(begun))
                 if status is not Status.SUCCESS:
                     return status
                 before, self.now = self.now.t[0], seen.now
@@ -224,11 +243,25 @@ class _Run:
                     return ends
         return None
 
-    def _up_to(self, t1: float) -> Status:
+    def _begun(self, legs: Sequence[tuple[Instants, Mode]]) -> list[_Begun]:
+        """Return states (n_y,) and constants (n_c,) from which phases begin, each a case in its mode."""
+        begun = [_Begun(np.empty(0), np.empty(0)) for _ in legs]
+        for mode in dict.fromkeys(mode for _, mode in legs):
+            some = [i for i, leg in enumerate(legs) if leg[1] == mode]
+            own = [self._parameters(legs[i][0], mode) for i in some]
+            program = self.modes.model(mode).stages.program
+            c = inputs.prepare_rows(program, np.array([[p[name] for name in program.layout.parameters] for p in own]))
+            t, x = (np.concatenate([getattr(legs[i][0], name) for i in some]) for name in ("t", "x"))
+            y = self.modes.states(mode, t, x, c)
+            for place, i in enumerate(some):
+                begun[i] = _Begun(y[place], c[place])
+        return begun
+
+    def _up_to(self, t1: float, begun: _Begun) -> Status:
         """Run one phase that ends at a time; return its status."""
         mode = self.mode
         assert mode is not None
-        run = self._run(mode, t1, ())
+        run = self.modes.model(mode)._from_state((self.t, t1), begun.y, begun.c, self._options())
         self._add(run, mode, float(run.t[-1]))
         return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
 
