@@ -124,11 +124,12 @@ class Carrier:
 
         Raises KeyboardInterrupt where Ctrl-C stopped it.
         """
-        whole = self.cases.whole
+        whole, loop = self.cases.whole, self.modes.engine().phases
+        if loop is None:
+            return False
         self._place(some[whole[fleet.STATION, some] < 0])
         order = np.ascontiguousarray(some[whole[fleet.STATION, some] >= 0])
-        loop = self.modes.engine().phases
-        if not len(order) or loop is None:
+        if not len(order):
             return False
         plan, outputs, lanes = self._plan()
         threads = int(self.options["threads"])
@@ -181,12 +182,12 @@ class Carrier:
             points = self.modes.points(station.mode)
             lines.stations.append(self._line(station, points))
             lines.columns.append([self.rows.parameters[name] for name in station.model.layout.parameters])
-            for (mode, fired), rulings in self.modes.rulings.items():
+            for (mode, fired), rulings in list(self.modes.rulings.items()):
                 if mode != station.mode or any(point not in points for point in fired):
                     continue
                 cause = self._cause((mode, fired))
                 bits = sum(1 << points.index(point) for point in fired)
-                for sliding, ruling in rulings.items():
+                for sliding, ruling in list(rulings.items()):
                     if ruling is None:
                         continue
                     kernel, attempts = ruling.verdict.kernel, ruling.verdict.attempts

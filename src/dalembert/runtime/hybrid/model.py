@@ -28,13 +28,14 @@ from ..events import Event, compiled_events, event_list
 from ..held import span_of
 from ..reductions import reduction_table
 from ..swept import with_grid
+from .campaign import Campaign
 from .facts import FloatArray
 from .kernels import outputs
 from .modes import Modes
 from .quick import Quick
 from .running import Request, simulate
 from .settling import Laws
-from .sweeping import Campaign, sweep
+from .sweeping import sweep
 
 if TYPE_CHECKING:
     from ..model import CompiledModel

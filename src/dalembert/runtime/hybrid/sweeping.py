@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, final
+from dataclasses import replace
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +13,20 @@ from numpy.typing import NDArray
 from ...integrators.numba.fleet import NOTHING_FIRED, WHOLE, Fleet
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
-from ...ir.interpret import interpret_rows
-from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
-from ...results.motion import ENERGIES
 from ...results.sweep import Sweep, SweepStatistics
-from .. import inputs
 from ..events import Event
-from ..reductions import Reduction
 from ..sweeping import meter
+from .campaign import Campaign, Value
 from .carrying import Carrier
 from .facts import FloatArray
 from .instants import Instants, placed
 from .modes import Modes
 from .running import JAMMED
 
-__all__ = ["Campaign", "sweep"]
+__all__ = ["sweep"]
 
 _RUNNING = -1
 _BETWEEN_FITS = 16
@@ -38,48 +34,6 @@ _BETWEEN_FITS = 16
 _BETWEEN_LOOKS = 1024
 """Cases after which a bar shows how far they are."""
 _BROKEN = (int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE), int(Status.MAX_STEPS))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Campaign:
-    """What a sweep was asked for.
-
-    Attributes
-    ----------
-    t, t1 : ndarray (k,)
-        Spans [s].
-    x : ndarray (k, 2 n_q)
-        Consistent coordinates and rates to start from.
-    p : ndarray (k, n_p)
-        Parameters in the order of the scene.
-    status : ndarray (k,) of int
-        Of cases that cannot start; -1 for the others.
-    t_eval : ndarray or None
-    events : tuple of Event
-    reductions : mapping of str to Reduction
-    options : mapping
-        Further arguments of `sweep`.
-    progress : bool
-    layout : Layout
-        Of the scene.
-    varied, axes
-        What was varied, for the results.
-    """
-
-    t: FloatArray
-    t1: FloatArray
-    x: FloatArray
-    p: FloatArray
-    status: NDArray[np.int64]
-    t_eval: FloatArray | None
-    events: tuple[Event, ...]
-    reductions: Mapping[str, Reduction]
-    options: Mapping[str, Any]
-    progress: bool
-    layout: Layout
-    varied: tuple[dict[str, FloatArray], dict[str, FloatArray]]
-    axes: Mapping[str, FloatArray]
 
 
 def sweep(modes: Modes, campaign: Campaign) -> HybridSweep:
@@ -102,6 +56,7 @@ class _Sweep:
         self.soon, self.next = others
         self.status[:], self.mode[:], self.station[:], self.fired[:] = campaign.status, -1, -1, NOTHING_FIRED
         self.table: list[Mode] = []
+        self.value = Value(modes, campaign.layout, campaign.p, self.table)
         self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
         self.span = campaign.t1 - campaign.t
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
@@ -178,7 +133,7 @@ class _Sweep:
         for number in np.unique(self.mode[broken]):
             here, mode = broken[self.mode[broken] == number], self.table[number]
             if SLIP in mode:
-                regular = self._value("uniqueness of reactions", self._states(here)) > JAMMED
+                regular = self.value("uniqueness of reactions", self._states(here)) > JAMMED
                 self.status[here[~regular]] = int(Status.CONTACT_IMPOSSIBLE)
         waiting = going[(status == _RUNNING) & (self.fired[going] != NOTHING_FIRED)]
         alike = self.mode[waiting] + len(self.table) * self.fired[waiting]
@@ -247,13 +202,6 @@ class _Sweep:
         columns = {name: values if len(values) == 1 else values[place] for name, values in own.items()}
         columns |= self.modes.added(mode, self.now.directions[place], self.now.sides[place])
         return {name: columns[name] for name in layout.parameters}
-
-    def _rows(self, mode: Mode, states: States) -> FloatArray:
-        """Return the parameters (k, n_p) of a mode's model at some states."""
-        layout = self.modes.model(mode).layout
-        own = {name: self.campaign.p[states.case, i] for i, name in enumerate(self.campaign.layout.parameters)}
-        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
-        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
@@ -374,7 +322,7 @@ class _Sweep:
             some, settled = some[good], settled.part(good)
         for name in ("x", "directions", "sides", "speeds"):
             getattr(self.now, name)[placed(some)] = getattr(settled, name)
-        self.table += [found for found in settled.table if found not in self.table]
+        self.table.extend(found for found in settled.table if found not in self.table)
         numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
         self.mode[some], self.station[some] = numbers[settled.mode], -1
         self.status[some[self.now.t[some] == self.campaign.t1[some]]] = int(Status.SUCCESS)
@@ -408,7 +356,7 @@ class _Sweep:
             (last, None if campaign.t_eval is None else self.samples),
             self.phases + started,
             modes,
-            self._value,
+            self.value,
         )
         failed = ~run.success
         for values in self.kept.values():
@@ -416,26 +364,3 @@ class _Sweep:
         reduced = np.array(list(self.kept.values())).T.reshape(count, len(self.kept))
         labels = [event.label for event in campaign.events]
         return run.with_events(labels, self.occurred, list(self.kept), reduced)
-
-    def _value(self, key: str, states: States) -> FloatArray:
-        """Return something by name at states (k,)."""
-        layout = self.campaign.layout
-        name = layout.aliases.get(key, key)
-        if name in self.names:
-            return states.x[:, self.names.index(name)]
-        values = np.full(len(states.t), np.nan)
-        for number, mode in enumerate(self.table):
-            here = np.flatnonzero(states.mode == number)
-            if not len(here):
-                continue
-            program, part = self.modes.model(mode).stages.program, states.part(here)
-            c = inputs.prepare_rows(program, self._rows(mode, part))
-            if name in ENERGIES:
-                kinetic, potential = interpret_rows(program.kernel("energy"), part.t, part.x, c).T
-                values[here] = dict(zip(ENERGIES, (kinetic + potential, kinetic, potential), strict=True))[name]
-                continue
-            outputs = program.layout.outputs
-            y = interpret_rows(program.kernel("initial"), part.t, part.x, c)
-            column = outputs.index(key if key in outputs else name)
-            values[here] = interpret_rows(program.kernel("outputs"), part.t, y, c)[:, column]
-        return values
