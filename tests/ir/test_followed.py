@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from dalembert.integrators.numba.following import plain
+from dalembert.integrators.numba.workspace import scratch, unwatched
 from dalembert.ir.branches import unforeseen
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
@@ -91,3 +93,25 @@ def test_what_no_series_shows_is_not_followed():
     assert not unforeseen(joint(pull))
     assert unforeseen(joint(lambda g, x, v, t: g.call("abs", v)))
     assert unforeseen(joint(lambda g, x, v, t: g.call("tanh", v)))
+
+
+def test_a_plain_step_has_what_its_ends_say():
+    """Random series, some of which leave zero, some of these flatly: no zero inside but the one between other signs."""
+    rng, theta, found = np.random.default_rng(5), np.linspace(0, 1, 400)[1:], {True: 0, False: 0}
+    room = scratch(unwatched()._replace(followed=1, directions=np.ones(1, np.int64)), 1, ORDER, 1, 2, 1)
+    for i in range(600):
+        terms = rng.normal(size=ORDER) * 0.3 ** np.arange(ORDER)
+        fresh = bool(i % 2)
+        if fresh:
+            terms[: 1 + i % 3 // 2] = 0.0
+        room.curves[0], room.zero[0, 0], room.open[0, 0] = terms, float(fresh), 1.0
+        if not plain(room, 0, fresh):
+            continue
+        values = np.polynomial.polynomial.polyval(theta, terms)
+        signs = np.sign(values[np.abs(values) > 1e-14])
+        first, last = room.values[0, 0], room.values[0, 7]
+        assert last == pytest.approx(values[-1], abs=1e-14)
+        changes = np.count_nonzero(np.diff(signs))
+        assert changes == (0 if fresh else int(first * last < 0.0))
+        found[fresh] += 1
+    assert min(found.values()) > 100

@@ -232,7 +232,8 @@ class NumbaEngine(Engine):
         codes, memory, degree, settings = self._stepping(
             method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
         )
-        paced = pace(lanes) if watched is None and not (position or velocity) else 0
+        calm = watched is None or (followed > 0 and not wanted and not watched.kinds)
+        paced = pace(lanes) if calm and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(

@@ -13,9 +13,12 @@ from ..problem import FloatArray
 from .code import bare, call_code, row
 from .workspace import Scratch, Watch
 
-__all__ = ["alone", "follow", "plain", "sample_curves", "value_at", "zero_of_curve"]
+__all__ = ["NOISE", "alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
 
 _POINTS = POINTS.copy()
+NOISE = 4.0 * 2.220446049250313e-16
+"""Share of a time that counts as none."""
+
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 
 
@@ -46,6 +49,15 @@ def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -
         if room.open[0, e] != 0.0:
             for k in range(terms):
                 room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
+
+
+@bare
+def keeps_signs(room: Scratch, lane: int) -> bool:
+    """Return whether all that is followed keeps the sign that it has, as ``over`` says."""
+    keeps = True
+    for e in range(room.over.shape[0]):
+        keeps = keeps and room.over[e, lane] * room.signs[lane, e] > 0.0
+    return keeps
 
 
 @bare
@@ -87,6 +99,27 @@ def plain(room: Scratch, lane: int, fresh: bool) -> bool:
             return False
         if not (leaving > 0.0 or (bent > 0.0 and abs(slope) <= FLAT * bent)):
             return False
+    return True
+
+
+@bare
+def calm(room: Scratch, lane: int, t: float, h: float, fresh: bool) -> bool:
+    """Return whether the step is `plain` and nothing ends it with another sign than it had; the signs are seen then."""
+    if not plain(room, lane, fresh):
+        return False
+    for e in range(room.curves.shape[0]):
+        if room.open[0, e] == 0.0:
+            continue
+        noise = room.level[lane, e] + NOISE * abs(t * room.curves[e, 1] / h)
+        first, last, sign = room.values[e, 0], room.values[e, 7], room.signs[lane, e]
+        if fresh and room.zero[lane, e] != 0.0:
+            first = 0.0
+        if not (last * sign > 0.0 and abs(last) > noise) or (first * sign < 0.0 and abs(first) > noise):
+            return False
+    for e in range(room.curves.shape[0]):
+        if room.open[0, e] != 0.0:
+            room.signs[lane, e] = 1.0 if room.values[e, 7] > 0.0 else -1.0
+            room.seen[lane, e] = 1.0
     return True
 
 

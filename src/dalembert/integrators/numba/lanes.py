@@ -22,7 +22,7 @@ from ..status import Status
 from .code import bare, call_code, call_test, lowest, row, take
 from .correcting import FAILED, NONE, WANTED, correct
 from .entering import enter, stage
-from .following import follow
+from .following import calm, follow, keeps_signs
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
 from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
@@ -245,8 +245,15 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             call_code(step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new))
             look = every
             if pace != 0:
+                if watched:
+                    at, rest_of_it, setting = row(clock, 0), row(constants, 0), row(settings, 0)
+                    call_code(watch.quiet, at, row(states, new), rest_of_it, setting, row(spare.over, 0))
+                    for lane in range(lanes):
+                        mark[lane], upcoming[lane] = NONE, end_of[lane]
+                        if fresh_of[lane] != 0 or not keeps_signs(spare, lane):
+                            upcoming[lane] = time[lane]  # so that it is looked at
                 look = call_test(
-                    pace, row(clock, 0), row(states, new + n), row(tally, 0), row(settings, 0), row(limits, 0)
+                    pace, row(clock, 0), row(states, new + size_at), row(tally, 0), row(settings, 0), row(limits, 0)
                 )
                 if look == 0:
                     old, new = new, old
@@ -324,7 +331,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             for lane in range(lanes):
                 spare.earlier[0, lane] = before_of[lane]
             at, rest_of_it, setting = row(spare.earlier, 0), row(constants, 0), row(settings, 0)
-            if spare.over.shape[0] > 0:
+            if spare.over.shape[0] > 0 and pace == 0:
                 call_code(watch.quiet, at, row(states, old), rest_of_it, setting, row(spare.over, 0))
             if spare.quick.shape[0] > 0:
                 call_code(watch.quick, at, row(states, old), rest_of_it, setting, row(spare.quick, 0))
@@ -341,19 +348,20 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     quiet = quiet and keeps
                     spare.seen[lane, e] = 1.0 if quiet or (followed > 0 and keeps) else spare.seen[lane, e]
                     spare.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
+                if not quiet and followed > 0:
+                    follow(spare, lane, states, old + held + n * (degree + 1), h)
+                    quiet = calm(spare, lane, now, h, fresh)
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
-                    if watch.followed > 0:
-                        follow(spare, lane, states, old + held + n * (degree + 1), h)
                     found, theta = scan(watch, spare, lane, many, one, now, h, fresh, happened, i)
                 fresh_of[lane] = 0
-                followed = not quiet
+                ready = not quiet
                 for e in range(watch.kinds.size):
                     decided, total = advance(watch.kinds[e], totals[i, e], spare.quick, e, lane, h)
                     if found != NOTHING or not decided:
-                        if not followed:
+                        if not ready:
                             _follow(spare.series, lane, states, old + held, scale, old)
-                        followed = True
+                        ready = True
                         total = accumulate(watch, spare, many, one, now, h, theta, e, watch.kinds[e], totals[i, e])
                     totals[i, e] = total
                 if quiet:

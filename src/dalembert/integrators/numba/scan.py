@@ -13,7 +13,7 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import bare, call_code, row
-from .following import alone, plain, sample_curves, value_at, zero_of_curve
+from .following import NOISE, alone, plain, sample_curves, value_at, zero_of_curve
 from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .pieces import sample, simple_piece
 from .workspace import Scratch, Watch
@@ -185,7 +185,7 @@ def _begin_step(watch: Watch, room: Scratch, lane: int, one: int, t: float, h: f
             rate = room.curves[e, 1] / h
         else:
             rate, noise = room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
-        noise += 4.0 * _ULP * abs(t) * abs(rate)
+        noise += NOISE * abs(t) * abs(rate)
         room.rates[0, e], room.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
 
 
