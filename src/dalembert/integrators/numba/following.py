@@ -97,16 +97,15 @@ def plain(room: Scratch, lane: int, fresh: bool) -> bool:
             continue
         if not (fresh and room.zero[lane, e] != 0.0):
             return False
-        if not (leaving > 0.0 or (bent > 0.0 and abs(slope) <= FLAT * bent)):
+        flat = slope * bend >= 0.0 or abs(slope) <= FLAT * bent
+        if not (leaving > 0.0 or (bent > 0.0 and flat)):
             return False
     return True
 
 
 @bare
 def calm(room: Scratch, lane: int, t: float, h: float, fresh: bool) -> bool:
-    """Return whether the step is `plain` and nothing ends it with another sign than it had; the signs are seen then."""
-    if not plain(room, lane, fresh):
-        return False
+    """Return whether nothing ends a `plain` step with another sign than it had; the signs are seen then."""
     for e in range(room.curves.shape[0]):
         if room.open[0, e] == 0.0:
             continue
@@ -164,6 +163,14 @@ def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
 
 
 @bare
+def _guessed(first: float, slope: float, last: float, otherwise: float) -> float:
+    """Return the zero of the parabola with these values at 0 and 1 and this slope at 0, if it lies between them."""
+    root = math.sqrt(max(slope * slope - 4.0 * (last - first - slope) * first, 0.0))
+    theta = 2.0 * first / (root - slope if first > 0.0 else -root - slope)
+    return theta if theta > 0.0 and theta < 1.0 else otherwise
+
+
+@bare
 def zero_of_curve(
     watch: Watch,
     room: Scratch,
@@ -182,6 +189,8 @@ def zero_of_curve(
     """
     a, b = low, high
     theta = low + (high - low) * (first / (first - last))
+    if low == 0.0 and high == 1.0:
+        theta = _guessed(first, room.curves[event, 1], last, theta)
     value, slope = _on_curve(room, event, theta)
     for _ in range(_NEWTON):
         if (value > 0.0) == (first > 0.0):

@@ -22,7 +22,7 @@ from ..status import Status
 from .code import bare, call_code, call_test, lowest, row, take
 from .correcting import FAILED, NONE, WANTED, correct
 from .entering import enter, stage
-from .following import calm, follow, keeps_signs
+from .following import calm, follow, keeps_signs, plain
 from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .running import accumulate, advance
 from .scan import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
@@ -310,7 +310,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             old, new = new, old
             if not projected and not watched:
                 continue
-            if projected:
+            if projected and (position != 0 or velocity != 0):
                 correct(position, velocity, clock, states, old, constants, room.delta, whole, MARK)
                 for lane in range(lanes):
                     if mark[lane] != FAILED:
@@ -341,7 +341,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 i, now, fresh = case[lane], before_of[lane], fresh_of[lane] != 0
                 one, many = row(spare.own, lane), row(spare.constants, lane * constants.shape[0])
                 h, scale = time[lane] - now, 1.0 if memory > 0 else time[lane] - now
-                quiet, found, theta = True, NOTHING, 1.0
+                quiet, plainly, found, theta = True, False, NOTHING, 1.0
                 for e in range(spare.over.shape[0]):
                     keeps = spare.over[e, lane] * spare.signs[lane, e] > 0.0
                     keeps = keeps and not (fresh and spare.zero[lane, e] != 0.0)
@@ -350,10 +350,11 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     spare.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
                 if not quiet and followed > 0:
                     follow(spare, lane, states, old + held + n * (degree + 1), h)
-                    quiet = calm(spare, lane, now, h, fresh)
+                    plainly = plain(spare, lane, fresh)
+                    quiet = plainly and calm(spare, lane, now, h, fresh)
                 if not quiet:
                     _follow(spare.series, lane, states, old + held, scale, old)
-                    found, theta = scan(watch, spare, lane, many, one, now, h, fresh, happened, i)
+                    found, theta = scan(watch, spare, lane, many, one, now, h, fresh, plainly, happened, i)
                 fresh_of[lane] = 0
                 ready = not quiet
                 for e in range(watch.kinds.size):

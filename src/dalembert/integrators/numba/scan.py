@@ -13,7 +13,7 @@ from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
 from .code import bare, call_code, row
-from .following import NOISE, alone, plain, sample_curves, value_at, zero_of_curve
+from .following import NOISE, alone, sample_curves, value_at, zero_of_curve
 from .kinds import INTEGER, INTEGERS, MATRIX, Group
 from .pieces import sample, simple_piece
 from .workspace import Scratch, Watch
@@ -199,13 +199,15 @@ def scan(
     t: float,
     h: float,
     fresh: bool,
+    plainly: bool,
     happened: FloatArray,
     case: int,
 ) -> tuple[int, float]:
     """Look for events in a step whose series are in place; return what became of the motion, and the fraction where.
 
     ``many`` and ``one`` are the addresses of the constants for eight points and for one. ``fresh`` says that the lane
-    starts with this step. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
+    starts with this step, ``plainly`` that all is known to be plain in it, ``values`` holding what is at its ends. What
+    stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
     count = watch.directions.size
     _begin_step(watch, room, lane, one, t, h)
@@ -219,7 +221,7 @@ def scan(
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
-        simple = finite = watch.followed > 0 and depth == 0.0 and plain(room, lane, fresh)
+        simple = finite = plainly and depth == 0.0
         if not simple:
             if watch.followed > 0:
                 sample_curves(room, low, high - low)
