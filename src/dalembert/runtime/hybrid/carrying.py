@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...codegen.base import CaseRun
+from ...errors import ValueInputError
 from ...integrators.numba import fleet
 from ...integrators.numba.fleet import Bench, Fleet, Plan
 from ...ir.program import Layout
@@ -114,7 +115,10 @@ class Carrier:
             return None
         given = {name: columns[name] for name in model.layout.parameters}
         initial = {name: cases.x[some, i] for i, name in enumerate(self.rows.states)}
-        ready = Cases(model.stages.program, model._start, (cases.t[some], cases.t1[some]), initial, given)
+        try:
+            ready = Cases(model.stages.program, model._start, (cases.t[some], cases.t1[some]), initial, given)
+        except ValueInputError:  # a value that its symbol excludes, which is told where the phase is run
+            return None
         return fitting_method(model, ready, self.settings, self.options["method"])
 
     # -- carrying --------------------------------------------------------------------------

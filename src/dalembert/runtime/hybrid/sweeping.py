@@ -17,6 +17,7 @@ from ...mechanics.equations import Watchpoint
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
+from ..assumed import warn_of_motion
 from ..events import Event
 from ..sweeping import meter
 from .campaign import Campaign, Value
@@ -358,6 +359,7 @@ class _Sweep:
             modes,
             self.value,
         )
+        warn_of_motion(campaign.layout.assumptions, campaign.layout.coordinates, run.t, run._final)
         failed = ~run.success
         for values in self.kept.values():
             values[failed] = np.nan
