@@ -108,7 +108,7 @@ def whole(name: str, value: Any) -> int:
 
 
 def times_of(name: str, value: Any) -> FloatArray:
-    """Return times as an array, a single one as an array of length 1.
+    """Return times as an array of its own, a single one as an array of length 1.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def times_of(name: str, value: Any) -> FloatArray:
         For what are no numbers, or a table of them.
     """
     try:
-        times = np.atleast_1d(array_of(value))
+        times = np.array(array_of(value), ndmin=1)
     except ValueError as reason:
         raise ValueInputError(f"{name} = {value!r} {reason}; give times in seconds") from None
     if times.ndim > 1:

@@ -192,6 +192,26 @@ def test_columns_of_any_layout(model):
     assert np.array_equal(sweeps[0].t, ends)
 
 
+def test_results_are_their_own(model):
+    """Neither what was given nor what was handed out is what results are evaluated from."""
+    lengths, positions, times = np.array([0.1, 0.3]), np.zeros(2), np.array([0.0, 1.0])
+    options = {"t_eval": times}
+    sweep = model.sweep((0, 1), {**START, "x": positions}, {**PARAMETERS, "b": lengths}, **options)
+    single = model.simulate((0, 1), START, PARAMETERS, **options)
+    axes, evaluated = da.grid(b=lengths), single(times)
+    for given in (lengths, positions, times):
+        given[:] = 0.7
+    for run in (sweep, single):
+        for name in ("theta", "v_S_x", "X"):
+            run[name][...] = 0.7
+    np.testing.assert_array_equal(sweep.parameters["b"], axes.axes["b"])
+    np.testing.assert_array_equal(sweep.parameters["b"], [0.1, 0.3])
+    np.testing.assert_array_equal(sweep.t_eval, [0.0, 1.0])
+    np.testing.assert_array_equal(evaluated.t, single.t)
+    for name in ("theta", "v_S_x", "X", "energy"):
+        np.testing.assert_allclose(sweep[name][1], single[name], rtol=1e-12)
+
+
 def test_cases_that_cannot_start(model):
     speeds = np.array([0.0, 0.5, np.nan, 0.0])  # a slip of the blade, and a number that is none
     sweep = model.sweep((0.5, 3.0), {**START, "theta": 0.0, "y_dot": speeds}, PARAMETERS)

@@ -57,7 +57,7 @@ def grid(**axes: Any) -> Grid:
     values, strange = {}, []
     for name, axis in axes.items():
         try:
-            values[name] = np.atleast_1d(array_of(axis))
+            values[name] = np.array(array_of(axis), ndmin=1)
         except ValueError as reason:
             strange.append(f"{name} = {axis!r} {reason}")
     if strange:

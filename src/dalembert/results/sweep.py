@@ -167,7 +167,7 @@ class CaseResults(ABC):
             data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
         for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
             data[name] = (dims, counts.reshape(shape))
-        taken = {*data, *coords}
+        taken = {*data, *coords, *dims}
         for name, values in self.reduced.items():
             data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
         for name, happened in self.events.items():
@@ -258,7 +258,7 @@ class Sweep(CaseResults):
         layout = self._program.layout
         name = layout.aliases.get(str(key), str(key))
         if name in layout.state:
-            return y[:, :, layout.state.index(name)]
+            return y[:, :, layout.state.index(name)].copy()
         kernel, column = self._source(name, str(key))
         values = np.empty(y.shape[:2])
         width = max(1, y.shape[1])

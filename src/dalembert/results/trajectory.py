@@ -169,10 +169,10 @@ class Trajectory(Motion):
             (layout.state, self.y),
         ):
             if name in names:
-                return values[:, names.index(name)]
+                return values[:, names.index(name)].copy()
         for output in (name, str(key)):
             if output in layout.outputs:
-                return self._outputs[:, layout.outputs.index(output)]
+                return self._outputs[:, layout.outputs.index(output)].copy()
         if name in ENERGIES:
             kinetic, potential = self._energies.T
             energies: dict[str, FloatArray] = {

@@ -73,7 +73,7 @@ class Cases:
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
             )
         try:
-            first, last = (np.ascontiguousarray(np.atleast_1d(array_of(t))) for t in t_span)
+            first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
         except (TypeError, ValueError):
             raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
         self.span = {"start": first, "end": last}
@@ -220,7 +220,10 @@ def agreed(
 def _columns(
     kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
 ) -> dict[str, FloatArray]:
-    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case."""
+    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
+
+    They are copies: results are evaluated from them when they are asked for, whatever became of what was given.
+    """
     if not isinstance(given, Mapping):
         raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
     columns: dict[str, FloatArray] = {}
@@ -233,7 +236,7 @@ def _columns(
         if name in columns:
             unknown.append(f"{kind} {name!r} is given twice")
         try:
-            columns[name] = np.ascontiguousarray(np.atleast_1d(array_of(value)))
+            columns[name] = np.array(array_of(value), ndmin=1, order="C")
         except ValueError as reason:
             wrong.append(f"{name} = {value!r} {reason}")
             continue

@@ -160,8 +160,8 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
     if not np.all(np.isfinite(c)):
         raise ValueInputError(
-            f"an expression of the parameters is not finite at {_told(program, p)}: a mass, a length or a moment of"
-            " inertia that the scene divides by is zero"
+            f"an expression of the parameters is not finite at {_told(program, p)}: a mass, a length, a moment of"
+            " inertia or the coefficient in a constraint that the equations divide by is zero"
         )
     return c
 
