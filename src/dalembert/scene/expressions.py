@@ -188,8 +188,8 @@ class ExpressionReader:
         if kind is sp.ceiling:
             return -g.call("floor", -self._read(e.args[0]))
         if kind is sp.Mod:
-            top, bottom = (self._read(arg) for arg in e.args)
-            return top - bottom * g.call("floor", self._divide(top, bottom, e))
+            number, period = (self._read(arg) for arg in e.args)
+            return number - period * g.call("floor", self._divide(number, period, e))
         if kind is sp.Heaviside:
             x, there = self._read(e.args[0]), self._read(e.args[1])
             return g.call(
