@@ -344,3 +344,35 @@ def test_a_reaction_must_be_an_output():
     start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
     with pytest.raises(UnknownNameError, match="outputs="):
         sleigh.simulate((0, 1), start, {"m": 1, "b": 0.3, "I_C": 0.5}, events=["X"])
+
+
+# -- motions that constraints prescribe -----------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", ["numba", "numpy"])
+def test_motion_without_a_state_is_watched_to_its_end(backend):
+    """x = sin t whatever happens, so that no step is taken: events, means and extrema are found all the same."""
+    x, N, O = dynamicsymbols("x"), ReferenceFrame("N"), Point("O")
+    scene, P = da.Scene("driven", frame=N, origin=O, coordinates=[x]), O.locatenew("P", x * N.x)
+    scene.add_bodies(Particle("bead", P, m))
+    scene.add_holonomic_constraints(x - sp.sin(time))
+    driven = da.compile_model(scene, backend=backend)
+    assert driven.layout.state == ()
+    half = da.Event(x - sp.Rational(1, 2), name="half")
+    run = driven.simulate((0, 20), {}, {m: 1}, events=[half])
+    turns = 2 * np.pi * np.arange(4)
+    expected = np.sort([*np.pi / 6 + turns, *5 * np.pi / 6 + turns])
+    expected = expected[expected < 20]
+    np.testing.assert_allclose(run.events["half"].t, expected, rtol=1e-13)
+    assert run.t[-1] == 20 and run["x"][-1] == np.sin(20.0)
+    kept = {"mean": da.mean(x), "top": da.maximum(x), "first": da.first_crossing(x + sp.Rational(1, 2))}
+    sweep = driven.sweep((0, [2.0, 20.0]), {}, {m: 1}, events=[half], reduce=kept)
+    np.testing.assert_array_equal(sweep.t, [2.0, 20.0])
+    np.testing.assert_array_equal(sweep.events["half"].count, [1, len(expected)])
+    np.testing.assert_allclose(sweep["x"], np.sin([2.0, 20.0]), rtol=1e-15)
+    np.testing.assert_allclose(sweep.reduced["mean"], (1 - np.cos([2.0, 20.0])) / [2.0, 20.0], rtol=1e-11)
+    np.testing.assert_allclose(sweep.reduced["top"], 1.0, rtol=1e-13)
+    np.testing.assert_allclose(sweep.reduced["first"], [np.nan, 7 * np.pi / 6], rtol=1e-13)
+    stopped = driven.simulate((0, 20), {}, {m: 1}, events=[da.Event(x + sp.Rational(1, 2), terminal=True)])
+    assert stopped.status is Status.EVENT and stopped.t[-1] == pytest.approx(7 * np.pi / 6, rel=1e-13)
+    assert driven.prepare((0, 1))(driven.state({}, {m: 1}), driven.parameter_vector({m: 1})).shape == (0,)

@@ -212,7 +212,7 @@ class _Run:
             self.steps += stretch.steps
             self.rejected += stretch.rejected
             self.evaluations += stretch.evaluations
-            if stretch.steps:
+            if len(stretch.t) > 1 and stretch.t[-1] != stretch.t[0]:  # also of a motion that takes no steps
                 ended, outcome = self._scan(stretch)
                 if ended:
                     return outcome

@@ -479,5 +479,7 @@ class Simulated(Held):
             max_step=option("max_step", max_step),
             max_steps=whole("max_steps", max_steps),
         )
+        if not self.layout.state:  # the constraints prescribe the motion
+            return PreparedRun(lambda state, p: (np.zeros(0), Status.SUCCESS), chosen, self.layout, again)
         run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
         return PreparedRun(run, chosen, self.layout, again)
