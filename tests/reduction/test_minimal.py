@@ -272,6 +272,16 @@ def test_scene_that_its_constraints_hold_still_has_no_speeds(backend):
     trajectory = model.simulate((0, 1), {}, {"m": 1, "h": 0.5}, t_eval=[0, 0.4, 1])
     assert trajectory.success
     np.testing.assert_allclose(trajectory["x"], 0.5 * np.sin([0, 0.8, 2]), rtol=1e-14)
+    assert model.layout.constraints == ("holonomic constraint 1, -h*sin(2*t) + x = 0",)
+
+
+def test_labels_of_constraints_leave_out_the_time_of_coordinates_alone():
+    x = dynamicsymbols("x")
+    scene, N, O = start("held", [x])
+    scene.add_bodies(Particle("block", O.locatenew("P", x * N.x), m))
+    scene.add_holonomic_constraints(x - h * sin(t))
+    model = da.compile_model(scene, backend="numpy", cache=False)
+    assert model.layout.constraints == ("holonomic constraint 1, -h*sin(t) + x = 0",)
 
 
 def test_a_unit_quaternion_has_the_angular_velocity_for_speeds():

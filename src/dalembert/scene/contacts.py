@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 
 from ..errors import list_names
+from .expressions import short
 from .identity import vanishes
 from .model import ConstraintModel, ContactModel
 
@@ -191,7 +192,7 @@ class _Reading:
             for sense in (1, -1):
                 if vanishes(contact.gap - sense * constraint):
                     return {"gap": node, "constraint": i, "sense": sense}
-        more.append(ConstraintModel(f"contact {contact.label!r}, {contact.gap} = 0".replace("(t)", ""), node))
+        more.append(ConstraintModel(f"contact {contact.label!r}, {short(contact.gap, 400)} = 0", node))
         return {"gap": node, "constraint": len(self.scene.holonomic_constraints) + len(more) - 1}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
@@ -14,7 +15,7 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from ..errors import list_names
 from ..ir.graph import Graph, Node
 
-__all__ = ["ExpressionReader"]
+__all__ = ["ExpressionReader", "short"]
 
 _FUNCTIONS: dict[Any, str] = {
     sp.sin: "sin",
@@ -34,9 +35,17 @@ _FUNCTIONS: dict[Any, str] = {
     sp.floor: "floor",
 }
 _FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
+_SUPPORTED = tuple(sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER))
+"""Names of the functions that can be compiled."""
 _ONCE = "(SymPy tells symbols with other assumptions apart); create it once and use that one everywhere"
 _OTHER = f"is not the coordinate of that name {_ONCE}"
 _RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
+
+
+def short(expression: Any, width: int = 80) -> str:
+    """Return an expression as one short line, coordinates without their time."""
+    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in _SUPPORTED else found[1], str(expression))
+    return text if len(text) <= width else text[: width - 3] + "..."
 
 
 @final
@@ -204,8 +213,7 @@ class ExpressionReader:
         done = e.doit() if kind in (sp.Sum, sp.Product, sp.Integral) else e
         if done != e:
             return self._read(done)
-        supported = sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER)
-        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported)}")
+        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(_SUPPORTED)}")
 
     def _piecewise(self, e: Any) -> Node:
         *some, (last, _) = e.args

@@ -11,18 +11,13 @@ from ..ir.graph import Node
 from ..ir.quaternions import rotation_entries
 from . import changes
 from .angles import Angles
+from .expressions import short
 from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene, Unknown
 from .symbols import SymbolReader
 from .tree import Tree
 
-__all__ = ["GeometryReader", "short"]
-
-
-def short(expression: Any, width: int = 80) -> str:
-    """Return an expression as one short line."""
-    text = str(expression).replace("(t)", "")
-    return text if len(text) <= width else text[: width - 3] + "..."
+__all__ = ["GeometryReader"]
 
 
 class GeometryReader(SymbolReader):

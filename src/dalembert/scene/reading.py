@@ -15,7 +15,8 @@ from ..naming import rate_name
 from .belonging import foreign_points
 from .contacts import read_contacts
 from .dyadics import matrix_of
-from .geometry import GeometryReader, short
+from .expressions import short
+from .geometry import GeometryReader
 from .given import located, read_given
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
 from .said import contradictions
