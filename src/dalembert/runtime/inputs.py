@@ -161,7 +161,7 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     if not np.all(np.isfinite(c)):
         raise ValueInputError(
             f"an expression of the parameters is not finite at {_told(program, p)}: a mass, a length, a moment of"
-            " inertia or the coefficient in a constraint that the equations divide by is zero"
+            " inertia or the coefficient in a constraint that the scene divides by is zero"
         )
     return c
 
