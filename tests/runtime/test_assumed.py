@@ -54,6 +54,16 @@ def test_zero_is_the_limit_of_what_is_positive():
     assert model().simulate((0, 1), START, {"m": 1.0, "k": 0.0})["x"][-1] == 1.0
 
 
+def test_what_rounding_leaves_of_zero_starts_a_motion_but_is_no_parameter():
+    made, p = da.compile_model(spring(dynamicsymbols("x", positive=True)), backend="numpy"), {"m": 1.0, "k": 1.0}
+    start = {"x": -1e-17, "x_dot": 1.0}
+    np.testing.assert_allclose(made.simulate((0, 1), start, p)["x"][-1], np.sin(1.0), rtol=1e-7)
+    assert made.sweep((0, np.array([0.5, 1.0])), start, p).success.all()
+    np.testing.assert_allclose(made.forcing(0.0, [-1e-17], [1.0], p), 0.0, atol=1e-16)
+    with pytest.raises(ValueInputError, match="k = -1e-17 contradicts"):
+        made.parameter_vector({"m": 1.0, "k": -1e-17})
+
+
 def test_remedy_helps():
     plain = da.compile_model(spring(stiffness=sp.Symbol("k", real=True)), backend="numpy")
     end = plain.simulate((0, 1), START, {"m": 1.0, "k": -2.0})["x"][-1]

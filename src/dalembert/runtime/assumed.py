@@ -2,7 +2,8 @@
 
 SymPy simplifies with what it is told: sqrt(k**2) is k for a positive k before a scene is read. The equations are
 therefore wrong for numbers that the declarations exclude. Zero passes for what is positive or negative: it stands for
-the limit from the side that was declared.
+the limit from the side that was declared. So does, for a state, what rounding leaves of zero: the end of one motion is
+the start of another.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 from ..codegen.base import FloatArray
 from ..errors import AssumptionWarning, ValueInputError
 
-__all__ = ["contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]
+__all__ = ["ROUNDING", "contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]
 
 _SIGNED = ("positive", "nonnegative", "negative", "nonpositive")
 _SLACK = 1e-6
+ROUNDING = 1e-9
+"""Size of values of a state whose sign says nothing."""
 
 _Test = Callable[[FloatArray], NDArray[np.bool_]]
 
@@ -41,17 +44,23 @@ _BROKEN: dict[str, tuple[str, _Test]] = {
 """Declaration -> what a number is that it excludes, and which numbers (k,) are."""
 
 
-def contradicts(declared: Sequence[str], values: FloatArray) -> NDArray[np.bool_]:
-    """Return which numbers (k,) contradict what their symbol was declared to be; what is not finite does not."""
+def contradicts(declared: Sequence[str], values: FloatArray, rounding: float = 0.0) -> NDArray[np.bool_]:
+    """Return which numbers (k,) contradict what their symbol was declared to be; what is not finite does not.
+
+    Signs of numbers of at most the size `rounding` are let pass.
+    """
     broken = np.zeros(values.shape, bool)
     with np.errstate(invalid="ignore"):
         for name in declared:
-            broken |= _BROKEN[name][1](values)
+            wrong = _BROKEN[name][1](values)
+            broken |= wrong & (np.abs(values) > rounding) if name in _SIGNED else wrong
     return broken & np.isfinite(values)
 
 
-def refuse_contradictions(assumptions: Mapping[str, Sequence[str]], values: Mapping[str, float]) -> None:
-    """Refuse numbers that their symbols exclude.
+def refuse_contradictions(
+    assumptions: Mapping[str, Sequence[str]], values: Mapping[str, float], rounding: float = 0.0
+) -> None:
+    """Refuse numbers that their symbols exclude; `rounding` as for `contradicts`.
 
     Raises
     ------
@@ -60,7 +69,7 @@ def refuse_contradictions(assumptions: Mapping[str, Sequence[str]], values: Mapp
     """
     wrong = []
     for name, value in values.items():
-        if name in assumptions and contradicts(assumptions[name], np.array(value)):
+        if name in assumptions and contradicts(assumptions[name], np.array(value), rounding):
             declared = ", ".join(f"{what}=True" for what in assumptions[name])
             wrong.append(f"{name} = {value:g} contradicts {declared}, with which the symbol {name!r} was declared")
     if wrong:
@@ -72,13 +81,16 @@ def refuse_contradictions(assumptions: Mapping[str, Sequence[str]], values: Mapp
 
 
 def rows_that_contradict(
-    assumptions: Mapping[str, Sequence[str]], names: Sequence[str], rows: FloatArray
+    assumptions: Mapping[str, Sequence[str]], names: Sequence[str], rows: FloatArray, rounding: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Return which of the rows (k, n), one column a name, hold numbers that their symbols exclude."""
+    """Return which of the rows (k, n), one column a name, hold numbers that their symbols exclude.
+
+    `rounding` as for `contradicts`.
+    """
     broken = np.zeros(len(rows), bool)
     for place, name in enumerate(names):
         if name in assumptions:
-            broken |= contradicts(assumptions[name], rows[:, place])
+            broken |= contradicts(assumptions[name], rows[:, place], rounding)
     return broken
 
 

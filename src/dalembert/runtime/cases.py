@@ -19,7 +19,7 @@ from ..ir.program import Program
 from ..reduction.starting import Start
 from ..values import array_of, times_of, whole
 from . import inputs
-from .assumed import contradicts, refuse_contradictions
+from .assumed import ROUNDING, contradicts, refuse_contradictions
 from .events import EventCode
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem"]
@@ -100,12 +100,12 @@ class Cases:
         What is given for all cases is refused at once.
         """
         layout, whole = self.program.layout, np.zeros(self.count, bool)
-        for table in (self.parameters, self.initial):
+        for table, rounding in ((self.parameters, 0.0), (self.initial, ROUNDING)):
             one = {name: float(values[0]) for name, values in table.items() if len(values) == 1}
-            refuse_contradictions(layout.assumptions, one)
+            refuse_contradictions(layout.assumptions, one, rounding)
             for name, values in table.items():
                 if name in layout.assumptions:
-                    whole |= contradicts(layout.assumptions[name], values)
+                    whole |= contradicts(layout.assumptions[name], values, rounding)
         return whole if np.any(whole) else None
 
     def constants(self, block: slice) -> FloatArray:

@@ -13,7 +13,7 @@ from ..errors import ValueInputError
 from ..ir.program import Layout
 from ..values import array_of, times_of
 from . import inputs
-from .assumed import refuse_contradictions, rows_that_contradict
+from .assumed import ROUNDING, refuse_contradictions, rows_that_contradict
 
 __all__ = ["Evaluated", "rows_of"]
 
@@ -98,9 +98,9 @@ class Evaluated(ABC):
     def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:
         """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
         layout = self.layout
-        for names, table in ((layout.coordinates, q), (layout.parameters, p[np.newaxis])):
-            for row in table[rows_that_contradict(layout.assumptions, names, table)]:
-                refuse_contradictions(layout.assumptions, dict(zip(names, row.tolist(), strict=True)))
+        for names, table, rounding in ((layout.coordinates, q, ROUNDING), (layout.parameters, p[np.newaxis], 0.0)):
+            for row in table[rows_that_contradict(layout.assumptions, names, table, rounding)]:
+                refuse_contradictions(layout.assumptions, dict(zip(names, row.tolist(), strict=True)), rounding)
 
 
 def rows_of(name: str, values: Any, size: int) -> FloatArray:

@@ -16,7 +16,7 @@ from ..ir.program import Layout, Program
 from ..reduction.starting import Start
 from ..values import number
 from .assembly import nearest
-from .assumed import refuse_contradictions
+from .assumed import ROUNDING, refuse_contradictions
 
 __all__ = [
     "FLOOR",
@@ -237,5 +237,5 @@ def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = Fa
     """
     known = (*layout.coordinates, *layout.rates) if plain else layout.initial
     values = resolve("initial value", initial, known, layout.aliases)
-    refuse_contradictions(layout.assumptions, values)
+    refuse_contradictions(layout.assumptions, values, ROUNDING)
     return values
