@@ -117,7 +117,8 @@ class Simulated(Held):
         Parameters
         ----------
         t_span : (float, float)
-            Start and end [s]; the end may lie before the start.
+            Start and end [s]; the end may lie before the start. Let time begin near zero: ends of steps are rounded as
+            times are, 2e-7 s where seconds are counted from 1970.
         initial : mapping of symbols or names to numbers
             Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
             be left out.

@@ -59,7 +59,7 @@ class Swept(Simulated):
         Parameters
         ----------
         t_span : (float or array_like (n_case,), float or array_like (n_case,))
-            Start and end [s], for all cases or one each.
+            Start and end [s], for all cases or one each. Let time begin near zero, as for `simulate`.
         initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
             Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
             status of its case, not an error.
