@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, final
 
 import jax
@@ -68,8 +68,8 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
     in_turn: InTurn | None = None
     if len(rhs.body) > _SHORT and not moved and not only_in_branches(rhs):
-        pull = cotangents_of(rhs, len(program.layout.state), program.layout.constants or len(program.layout.parameters))
-        in_turn = InTurn(tableau, looped(rhs), pull)
+        sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
+        in_turn = InTurn(tableau, looped(rhs), cache(partial(cotangents_of, rhs, *sizes)))
     return Pieces(one, whole, many, on_rows, _PairSteps(blocked(rhs), tableau, projections, in_turn))
 
 

@@ -45,13 +45,15 @@ class InTurn:
     ----------
     tableau
         The pair.
-    rates, pull
-        The right-hand side (t, y, c) -> rates of one case, on arrays, and its cotangents.
+    rates
+        The right-hand side (t, y, c) -> rates of one case, on arrays.
+    pulling
+        What makes its cotangents, when a gradient is first asked for.
     """
 
     tableau: Tableau
     rates: Callable[[Any, Any, Any], Any]
-    pull: Pull
+    pulling: Callable[[], Pull]
 
     def __call__(self, record: Record, c: Any, given: tuple[Any, ...], end: Any) -> tuple[Any, Any]:
         """Return the cotangents of the first state (n_y,) and of the constants (n_c,).
@@ -65,7 +67,7 @@ class InTurn:
         end
             Cotangent of the last state (n_y,).
         """
-        chunks = -(-record.count // _CHUNK)
+        pull, chunks = self.pulling(), -(-record.count // _CHUNK)
 
         def chunk(number: Any, carry: Any) -> Any:
             ahead, memory = carry
@@ -73,8 +75,8 @@ class InTurn:
             count = jnp.minimum(record.count - first, _CHUNK)
             return self._back(record, first, count, given, ahead, memory, self._points(record, first, count, c))
 
-        ahead, memory = lax.fori_loop(0, chunks, chunk, (end, self.pull.begin(c)))
-        return ahead, self.pull.sums(memory)
+        ahead, memory = lax.fori_loop(0, chunks, chunk, (end, pull.begin(c)))
+        return ahead, pull.sums(memory)
 
     def _points(self, record: Record, first: Any, count: Any, c: Any) -> Any:
         """Return the states (attempts * stages, n_y) at which the stages of attempts evaluate the rates."""
@@ -99,7 +101,7 @@ class InTurn:
         self, record: Record, first: Any, count: Any, given: Any, ahead: Any, memory: Any, points: Any
     ) -> tuple[Any, Any]:
         """Return the cotangent of the state where a chunk of attempts starts, and the memory."""
-        stages = self.tableau.end
+        pull, stages = self.pulling(), self.tableau.end
         weights, nodes = jnp.asarray(self.tableau.b[:stages]), jnp.asarray(self.tableau.c[:stages])
         matrix = jnp.asarray(np.ascontiguousarray(self.tableau.A[:stages, :stages].T))
 
@@ -110,7 +112,7 @@ class InTurn:
             t, h, _ = _attempt(record, attempt)
             # What earlier stages had in the attempt before has no weight.
             rates = h * (weights[stage] * end + matrix[stage] @ within)
-            memory, back = self.pull(memory, t + nodes[stage] * h, points[number], rates)
+            memory, back = pull(memory, t + nodes[stage] * h, points[number], rates)
             start = start + back
             within = lax.dynamic_update_index_in_dim(within, back, stage, 0)
             done = stage == 0
