@@ -77,16 +77,38 @@ def _timed(task: Callable[[], Any]) -> tuple[float, Any]:
     return time.perf_counter() - begin, result
 
 
-def gradients(say: Callable[[str], None]) -> dict[str, Any]:
-    """Return seconds of a run, and of the gradient of a final position with respect to all of some 20 parameters."""
+def _chain(rods: int) -> tuple[Any, dict[str, float], dict[str, float]]:
+    """Return a chain of rods with parameters by chance, and where it starts."""
+    model = da.compile_model(planar_chain(rods), backend="jax")
+    names = model.layout.parameters
+    values = np.random.default_rng(3).uniform(0.5, 1.5, len(names))
+    initial = {name: 0.3 for name in model.layout.coordinates} | dict.fromkeys(model.layout.rates, 0.1)
+    return model, initial, dict(zip(names, values, strict=True))
+
+
+def _sleigh() -> tuple[Any, Mapping[str, float], Mapping[str, float]]:
+    problem = PROBLEMS["sleigh"]
+    return da.compile_model(problem.build(), backend="jax"), problem.initial, problem.parameters
+
+
+GRADIENTS = {
+    "planar chain of 4": partial(_chain, 4),
+    "planar chain of 6": partial(_chain, 6),
+    "sleigh": _sleigh,
+}
+
+
+def gradients(say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return a record a scene: seconds of a run, and of the gradient of a final position by all parameters."""
+    return [_gradient(name, *build(), say) for name, build in GRADIENTS.items()]
+
+
+def _gradient(
+    name: str, model: Any, initial: Mapping[str, float], parameters: Mapping[str, float], say: Callable[[str], None]
+) -> dict[str, Any]:
     import jax
 
-    model = da.compile_model(planar_chain(6), backend="jax")
-    names = model.layout.parameters
-    generator = np.random.default_rng(3)
-    p = generator.uniform(0.5, 1.5, len(names))
-    initial = {name: 0.3 for name in model.layout.coordinates} | dict.fromkeys(model.layout.rates, 0.1)
-    y = model.state(initial, dict(zip(names, p, strict=True)))
+    y, p = model.state(initial, parameters), model.parameter_vector(parameters)
     solve = model.solve_fn(method="tsit5", rtol=1e-8, atol=1e-10)
     times = np.array([0.0, 1.0])
 
@@ -99,10 +121,10 @@ def gradients(say: Callable[[str], None]) -> dict[str, Any]:
     timings = interleaved(tasks, rounds=15, seconds_each=1.0)
     ratio = timings["gradient"].median / timings["run"].median
     say(
-        f"  gradient with respect to {len(names)} parameters: {ratio:.1f} times the run of "
+        f"  {name}, gradient by {len(p)} parameters: {ratio:.1f} times the run of "
         f"{1e3 * timings['run'].median:.2f} ms (first calls {firsts['run']:.1f} s and {firsts['gradient']:.1f} s)"
     )
-    return {"parameters": len(names), "run": timings["run"].median, "ratio": ratio, "first": firsts}
+    return {"name": name, "parameters": len(p), "run": timings["run"].median, "ratio": ratio, "first": firsts}
 
 
 def _spent(task: Callable[[], Any]) -> float:
@@ -155,16 +177,17 @@ def measure(quick: bool, say: Callable[[str], None] = print) -> dict[str, Any]:
     with jax.enable_x64(True):
         return {
             "device": jax.devices()[0].platform,
-            "gradient": gradients(say),
+            "gradients": gradients(say),
             "compile": compile_times((4, 10) if quick else (4, 10, 20), say),
         }
 
 
 def text(result: Mapping[str, Any]) -> str:
     """Return a result as lines of Markdown."""
-    lines = []
-    gradient = result["gradient"]
-    lines.append(f"- Gradient for {gradient['parameters']} parameters: {gradient['ratio']:.1f} times the run.")
+    lines = [
+        f"- Gradient of the {row['name']} by {row['parameters']} parameters: {row['ratio']:.1f} times the run."
+        for row in result["gradients"]
+    ]
     lines += ["", "CPU seconds to compile, planar chains by `tsit5`:", "", compile_table(result["compile"])]
     return "\n".join(lines)
 

@@ -11,7 +11,8 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.codegen.jax import pieces  # noqa: E402
+from dalembert.codegen.jax import blocks, pieces  # noqa: E402
+from dalembert.integrators.jax import adjoint  # noqa: E402
 
 T = np.linspace(0.0, 0.5, 3)
 SLEIGH = MOTIONS["chaplygin_sleigh"]
@@ -108,6 +109,61 @@ def test_long_right_hand_sides_go_in_blocks(monkeypatch):
     pieces.pieces_of.cache_clear()
     assert found[0][1] < found[1][1]
     np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("largest", (0, 10**6))
+def test_cotangents_of_evaluations_are_summed_in_one_piece_and_in_blocks(largest, monkeypatch):
+    monkeypatch.setattr(blocks, "LARGEST_WHOLE", largest)
+    parameters, initial, _ = MOTIONS["edge_plate"]
+    model = compiled("edge_plate")
+    kernel = model.stages.program.kernel("rhs")
+    y, p = (jax.numpy.asarray(v) for v in (model.state(initial, parameters), model.parameter_vector(parameters)))
+    kernels = model.solve_fn()._kernels
+    c = kernels.constants(p)
+    pull = blocks.cotangents_of(kernel, len(y), len(c))
+    assert type(pull).__name__ == ("_Whole" if largest else "_InBlocks")
+    memory, sums = pull.begin(c), jax.numpy.zeros_like(c)
+    step = jax.jit(pull)
+    for at in (y, 1.1 * y):
+        rates = jax.numpy.cos(at)
+        memory, found = step(memory, 0.0, at, rates)
+        by_y, by_c = jax.vjp(lambda y, c: kernels["rhs"](0.0, y, c), at, c)[1](rates)
+        np.testing.assert_allclose(found, by_y, rtol=1e-12, atol=1e-13)
+        sums += by_c
+    np.testing.assert_allclose(pull.sums(memory), sums, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "limit", "alone"), [("minimal", 0, True), ("minimal", 50, False), ("projected", 0, False)]
+)
+def test_which_gradients_go_back_one_stage_after_the_other(formulation, limit, alone, monkeypatch):
+    """What makes the gradient of a run cost a few runs: no derivative of a step is ever a whole matrix."""
+    monkeypatch.setattr(pieces, "_SHORT", limit)
+    pieces.pieces_of.cache_clear()
+    solve = compiled("chaplygin_sleigh", formulation).solve_fn(method="tsit5")
+    assert (pieces.pieces_of(solve._program, solve._kernels, "tsit5", 0).steps.in_turn is not None) == alone
+    pieces.pieces_of.cache_clear()
+
+
+@pytest.mark.parametrize("times", ([0.0, 9.0], [0.0, 4.0, 9.0], [0.0, -1.0], [0.0, 0.0]))
+def test_gradients_one_stage_after_the_other(times, monkeypatch):
+    monkeypatch.setattr(pieces, "_SHORT", 0)
+    monkeypatch.setattr(adjoint, "_CHUNK", 8)
+    pieces.pieces_of.cache_clear()
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    at = model.state(initial, parameters), model.parameter_vector(parameters)
+    weights = np.cos(np.arange(len(times) * len(at[0]))).reshape(len(times), -1)
+
+    def value(mode):
+        solve = model.solve_fn(method="tsit5", mode=mode, rtol=1e-6, atol=1e-8)
+        return lambda y, p: (weights * solve(np.array(times), y, p).y).sum()
+
+    found = jax.jit(jax.grad(value("reverse"), argnums=(0, 1)))(*at)
+    directions = tuple(np.sin(1.0 + np.arange(len(part))) for part in at)
+    pushed = jax.jit(lambda *at: jax.jvp(value("forward"), at, directions)[1])(*at)
+    assert sum(a @ b for a, b in zip(found, directions, strict=True)) == pytest.approx(float(pushed), rel=1e-9)
+    pieces.pieces_of.cache_clear()
 
 
 def test_pickled_models_of_other_backends():

@@ -1,11 +1,11 @@
-"""Forward-mode derivatives, operation by operation and on random expressions."""
+"""Derivatives, forward and reverse, operation by operation and on random expressions."""
 
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 
-from dalembert.ir.derivatives import RULES, jacobian, tangents
+from dalembert.ir.derivatives import GUARDED, RULES, cotangents, jacobian, tangents
 from dalembert.ir.graph import Graph
 from dalembert.ir.ops import OPERATIONS
 from ir.trees import EXTENDED, POINT, TREES, OutOfDomain, build, evaluate, extended
@@ -53,6 +53,9 @@ def test_rule_is_the_derivative(name, point):
     if name == "select":
         weights[0] = 0.0
     seeds = {node: graph.const(w) for node, w in zip(inputs, weights, strict=True)}
+    reverse = cotangents(graph, [node], [graph.one], inputs)
+    forward = [tangents(graph, [node], {source: graph.one})[0] for source in inputs]
+    assert evaluate(graph, reverse, named) == pytest.approx(evaluate(graph, forward, named), rel=1e-13, abs=1e-14)
     (directional,) = tangents(graph, [node], seeds)
     expected = difference(EXTENDED[name], point, weights)
     assert evaluate(graph, [directional], named)[0] == pytest.approx(expected, rel=1e-13, abs=1e-14)
@@ -85,6 +88,33 @@ def test_compositions_agree_with_the_complex_step(name):
         ANALYTIC[name](NUMPY, 0.4 + 0j, 1.1 + 1j * h).imag / h,
     ]
     assert actual == pytest.approx(expected, rel=1e-13)
+
+
+def test_reverse_mode_weighs_outputs_and_counts_what_is_used_twice():
+    graph = Graph()
+    x, y, v, w = (graph.input(name) for name in "xyvw")
+    outputs = [x * y + graph.sin(x * y), x, graph.const(3), x]
+    found = cotangents(graph, outputs, [v, w, v, v], [x, y, w])
+    at = {"x": 0.4, "y": 1.1, "v": -0.7, "w": 1.9}
+    slope = -0.7 * (1 + np.cos(0.44))
+    assert evaluate(graph, found, at) == pytest.approx([1.1 * slope + 1.9 - 0.7, 0.4 * slope, 0.0], rel=1e-14)
+
+
+def test_reverse_mode_at_a_root_of_zero_gives_no_nan():
+    graph = Graph()
+    x, v = graph.input("x"), graph.input("v")
+    found = cotangents(graph, [graph.call("sqrt", x * x)], [v], [x], GUARDED)
+    assert evaluate(graph, found, {"x": 0.0, "v": 1.0}) == [0.0]
+
+
+def test_reverse_mode_takes_a_few_times_the_operations_whatever_the_number_of_inputs():
+    graph = Graph()
+    inputs = [graph.input(f"x{i}") for i in range(20)]
+    value = graph.one
+    for source in inputs:
+        value = graph.sin(value * source) + source
+    found = cotangents(graph, [value], [graph.one], inputs)
+    assert len(list(graph.topological(found))) <= 4 * len(list(graph.topological([value])))
 
 
 def test_constants_and_inputs_that_are_not_seeded_have_no_rate():

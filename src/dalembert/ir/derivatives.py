@@ -1,4 +1,4 @@
-"""Forward-mode derivatives on the graph."""
+"""Derivatives on the graph, forward and reverse."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from .graph import Graph, Node
 
-__all__ = ["GUARDED", "RULES", "jacobian", "tangents"]
+__all__ = ["GUARDED", "RULES", "cotangents", "jacobian", "tangents"]
 
 
 class Form(NamedTuple):
@@ -134,6 +134,34 @@ def tangents(
 
     graph.visit(outputs, tangent, differentiate)
     return [tangent[output.index] for output in outputs]
+
+
+def cotangents(
+    graph: Graph,
+    outputs: Sequence[Node],
+    weights: Sequence[Node],
+    inputs: Sequence[Node],
+    rules: Mapping[str, Rule] = RULES,
+) -> list[Node]:
+    """Return the derivatives of the sum of weights * outputs by the inputs, in a few times the operations of `outputs`.
+
+    A rule is linear in its tangents: what an operand gets is the rule's answer where that operand alone has a tangent,
+    the cotangent of the node.
+    """
+    varying = 0
+    for source in inputs:
+        varying |= source.deps
+    forms = [Form(node, node.op, node.args) for node in graph.topological(outputs) if node.deps & varying]
+    found: dict[int, Node] = {}
+    for output, weight in zip(outputs, weights, strict=True):
+        found[output.index] = found.get(output.index, graph.zero) + weight
+    for form in reversed(forms):
+        own = found.get(form.node.index, graph.zero)
+        for place, arg in enumerate(form.args):
+            if arg.deps & varying and not own.is_zero:
+                alone = tuple(own if i == place else graph.zero for i in range(len(form.args)))
+                found[arg.index] = found.get(arg.index, graph.zero) + rules[form.op](graph, form, alone)
+    return [found.get(source.index, graph.zero) for source in inputs]
 
 
 def jacobian(graph: Graph, outputs: Sequence[Node], inputs: Sequence[Node]) -> list[list[Node]]:

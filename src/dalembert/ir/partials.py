@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-from .derivatives import jacobian, tangents
+from .derivatives import GUARDED, cotangents, jacobian, tangents
 from .graph import Graph, Node
 from .lower import lower_kernel
 from .program import Kernel, Operand
 
-__all__ = ["jacobian_kernel", "tangent_kernel"]
+__all__ = ["cotangent_kernel", "jacobian_kernel", "tangent_kernel"]
 
 
 def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
@@ -51,6 +51,19 @@ def tangent_kernel(kernel: Kernel, size: int) -> Kernel:
     parsed = _parse(kernel)
     seeds = {parsed.source("y", i): parsed.source("y", size + i) for i in range(size)}
     return parsed.lower(f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds))
+
+
+def cotangent_kernel(kernel: Kernel, size: int, constants: int) -> Kernel:
+    """Return the kernel of the derivatives of a weighted sum of all outputs by the state and the constants.
+
+    It takes the state and the weights, one behind the other, as ``y`` (size + n_out), and gives the derivatives by
+    the state (size) and by the constants (constants); it costs some three evaluations whatever their number. Where an
+    operation has no derivative, that is zero (see `dalembert.ir.derivatives.GUARDED`).
+    """
+    parsed = _parse(kernel)
+    weights = [parsed.source("y", size + i) for i in range(len(kernel.outputs))]
+    sources = [parsed.source(name, i) for name, count in (("y", size), ("c", constants)) for i in range(count)]
+    return parsed.lower(f"{kernel.name}_pulled", cotangents(parsed.graph, parsed.outputs, weights, sources, GUARDED))
 
 
 @final

@@ -10,20 +10,22 @@ iteration touches less than a kilobyte, and of a switch it counts the largest br
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ...integrators.jax.adjoint import Pull
 from ...ir.branches import only_in_branches
+from ...ir.partials import cotangent_kernel
 from ...ir.program import Assignment, Kernel, Load
 from ..printers import JAX, JAX_STEPS, Printer
-from .kernels import Function, compile_kernel
+from .kernels import Function, compile_kernel, stacked
 
-__all__ = ["BLOCK", "LARGEST_WHOLE", "blocked", "looped"]
+__all__ = ["BLOCK", "LARGEST_WHOLE", "blocked", "cotangents_of", "looped"]
 
 BLOCK = 12
 """Operations of a block: few enough that little is repeated in it (measured on right-hand sides of chains)."""
@@ -64,31 +66,123 @@ def looped(kernel: Kernel, printer: Printer = JAX_STEPS) -> Function:
 
     Blocks are taken in turn by a loop. What is read, and what the blocks hand on, lies in one array.
     """
-    parts = _parts(kernel, _cuts(kernel))
-    width = max((len(part.outputs) for part in parts), default=0)
-    functions = [compile_kernel(part, printer) for part in parts]
+    blocks = _Blocks(kernel, printer)
 
     def run(*arguments: Any) -> Any:
         values = [jnp.ravel(jnp.asarray(argument, dtype=float)) for argument in arguments]
-        starts = dict(zip(kernel.arguments, accumulate(map(len, values), initial=0), strict=False))
-        first = sum(map(len, values))
-        places: dict[Any, int] = {load.target: starts[load.array] + (load.index or 0) for load in kernel.loads}
-        for number, part in enumerate(parts):
-            places |= {output: first + number * width + i for i, output in enumerate(part.outputs)}
+        places = blocks.places(dict(zip(kernel.arguments, map(len, values), strict=True)))
+        memory = blocks.run(places, jnp.concatenate([*values, jnp.zeros(blocks.room)]))
+        return jnp.stack([memory[places[o]] if isinstance(o, str) else jnp.asarray(o, float) for o in kernel.outputs])
+
+    return run
+
+
+def cotangents_of(kernel: Kernel, size: int, constants: int) -> Pull:
+    """Return the cotangents of the right-hand side of one case; `size` and `constants` are its numbers of inputs."""
+    pulled = cotangent_kernel(kernel, size, constants)
+    return (_Whole if len(pulled.body) <= LARGEST_WHOLE else _InBlocks)(pulled, size, constants)
+
+
+@final
+class _Whole:
+    """Cotangents in one piece (see `Pull`); the memory is the constants, and the sums of their cotangents."""
+
+    def __init__(self, pulled: Kernel, size: int, constants: int) -> None:
+        self._pulled, self._size = stacked(compile_kernel(pulled)), size
+
+    def begin(self, c: Any) -> Any:
+        """Return the memory before the first evaluation."""
+        return c, jnp.zeros_like(c)
+
+    def __call__(self, memory: Any, t: Any, y: Any, rates: Any) -> tuple[Any, Any]:
+        """Return the memory, and the cotangent (n_y,) of a state from that of its rates."""
+        c, sums = memory
+        found = self._pulled(t, jnp.concatenate([y, rates]), c)
+        return (c, sums + found[self._size :]), found[: self._size]
+
+    def sums(self, memory: Any) -> Any:
+        """Return the cotangents (n_c,) of the constants."""
+        return memory[1]
+
+
+@final
+class _InBlocks:
+    """Cotangents in blocks in turn (see `Pull`), on a memory that stays from one evaluation to the next.
+
+    It holds the constants, and the sums of their cotangents where the blocks that add to them put them.
+    """
+
+    def __init__(self, pulled: Kernel, size: int, constants: int) -> None:
+        self._back, found = pulled.outputs[:size], pulled.outputs[size:]
+        sums = {i: f"__sum_{i}" for i, value in enumerate(found) if value != 0.0}
+        own = {i: f"__own_{i}" for i in sums}
+        added = tuple(Assignment(sums[i], "add", (own[i], found[i])) for i in sums)
+        outputs = tuple(output for output in (*self._back, *sums.values()) if isinstance(output, str))
+        body = (*pulled.body, *added)
+        self._blocks = _Blocks(Kernel(pulled.name, pulled.arguments, pulled.loads, body, outputs), JAX_STEPS)
+        self._places = self._blocks.places({"t": 1, "y": 2 * size, "c": constants})
+        self._places |= {own[i]: self._places[sums[i]] for i in sums}
+        self._sums = [self._places[sums[i]] if i in sums else None for i in range(constants)]
+        self._first = 1 + 2 * size
+
+    def begin(self, c: Any) -> Any:
+        """Return the memory (room,) before the first evaluation."""
+        return jnp.concatenate([jnp.zeros(self._first), c, jnp.zeros(self._blocks.room)])
+
+    def __call__(self, memory: Any, t: Any, y: Any, rates: Any) -> tuple[Any, Any]:
+        """Return the memory, and the cotangent (n_y,) of a state from that of its rates."""
+        given = jnp.concatenate([jnp.reshape(t, 1), y, rates])
+        memory = self._blocks.run(self._places, lax.dynamic_update_slice(memory, given, (0,)))
+        return memory, _read(memory, [self._places[value] if isinstance(value, str) else value for value in self._back])
+
+    def sums(self, memory: Any) -> Any:
+        """Return the cotangents (n_c,) of the constants."""
+        return _read(memory, [0.0 if place is None else place for place in self._sums])
+
+
+def _read(memory: Any, places: Sequence[int | float]) -> Any:
+    """Return what lies at places, and literals, side by side."""
+    values = [memory[place] if isinstance(place, int) else jnp.asarray(place) for place in places]
+    return jnp.stack(values) if values else jnp.zeros(0)
+
+
+@final
+class _Blocks:
+    """The blocks of a kernel of one case, which a loop takes in turn on one array.
+
+    Attributes
+    ----------
+    room : int
+        How many places the blocks write to.
+    """
+
+    def __init__(self, kernel: Kernel, printer: Printer) -> None:
+        self._kernel, self._parts = kernel, _parts(kernel, _cuts(kernel))
+        self._width = max((len(part.outputs) for part in self._parts), default=0)
+        self._functions = [compile_kernel(part, printer) for part in self._parts]
+        self.room = self._width * len(self._parts)
+
+    def places(self, lengths: Mapping[str, int]) -> dict[str, int]:
+        """Return where values lie: arguments of these lengths first, then what the blocks write."""
+        starts = dict(zip(lengths, accumulate(lengths.values(), initial=0), strict=False))
+        places = {load.target: starts[load.array] + (load.index or 0) for load in self._kernel.loads}
+        first = sum(lengths.values())
+        for number, part in enumerate(self._parts):
+            places |= {str(output): first + number * self._width + i for i, output in enumerate(part.outputs)}
+        return places
+
+    def run(self, places: Mapping[str, int], memory: Any) -> Any:
+        """Return the array after all blocks."""
+        width, first = self._width, len(memory) - self.room
         blocks = [
             _on_memory(function, [places[load.target] for load in part.loads], width)
-            for function, part in zip(functions, parts, strict=True)
+            for function, part in zip(self._functions, self._parts, strict=True)
         ]
 
         def turn(i: Any, memory: Any) -> Any:
             return lax.dynamic_update_slice(memory, lax.switch(i, blocks, memory), (first + i * width,))
 
-        memory = jnp.concatenate([*values, jnp.zeros(width * len(parts))])
-        if parts:
-            memory = lax.fori_loop(0, len(parts), turn, memory)
-        return jnp.stack([memory[places[o]] if isinstance(o, str) else jnp.asarray(o, float) for o in kernel.outputs])
-
-    return run
+        return lax.fori_loop(0, len(blocks), turn, memory) if blocks else memory
 
 
 def _on_memory(function: Function, places: list[int], width: int) -> Function:

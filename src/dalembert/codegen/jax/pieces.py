@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.derivatives import Steps, jacobians
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
@@ -18,11 +19,12 @@ from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
 from ...integrators.jax.solvers import METHODS
 from ...integrators.tableau import Tableau
 from ...integrators.tableaus import TABLEAUS
+from ...ir.branches import only_in_branches
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
-from .blocks import Conditional, blocked, looped
+from .blocks import Conditional, blocked, cotangents_of, looped
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
 
 __all__ = ["PAIRS", "SERVED", "pieces_of"]
@@ -34,9 +36,12 @@ PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
 SERVED = (*METHODS, "taylor")
 """Methods of traced runs."""
 
-_LARGEST_AT_ONCE = 300
+_LARGEST_AT_ONCE = 200
 """Operations up to which a right-hand side of one case runs faster whole than in blocks: of chains of rods, 195 take
-half the time, 413 twice the time, and 1,201 four times (measured on CPU)."""
+two thirds of the time, 288 some 1.7 times, 413 and 1,201 some four times (on CPU, measured in turn)."""
+
+_SHORT = 50
+"""Operations up to which a gradient is faster in chunks of steps than one stage after the other."""
 
 
 @cache
@@ -61,7 +66,11 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
     one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved)
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
-    return Pieces(one, whole, many, on_rows, _PairSteps(blocked(rhs), tableau, projections))
+    in_turn: InTurn | None = None
+    if len(rhs.body) > _SHORT and not moved and not only_in_branches(rhs):
+        sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
+        in_turn = InTurn(tableau, looped(rhs), cache(partial(cotangents_of, rhs, *sizes)))
+    return Pieces(one, whole, many, on_rows, _PairSteps(blocked(rhs), tableau, projections, in_turn))
 
 
 def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
@@ -123,9 +132,18 @@ class _PairSteps:
         The pair.
     projections
         From a condition to what moves the end of a step.
+    in_turn
+        What pulls a run of one case back one stage after the other, where that is faster and possible.
     """
 
-    def __init__(self, rhs: Conditional, tableau: Tableau, projections: Callable[[Any], Projections]) -> None:
+    def __init__(
+        self,
+        rhs: Conditional,
+        tableau: Tableau,
+        projections: Callable[[Any], Projections],
+        in_turn: InTurn | None,
+    ) -> None:
+        self.in_turn = in_turn
         count = tableau.end
         self._rhs, self._tableau, self._projections, self._count = rhs, tableau, projections, count
         self._matrix, self._weights = tableau.A[:count, :count], tableau.b[:count]
@@ -213,6 +231,7 @@ class _SeriesSteps:
     """
 
     def __init__(self, series: Conditional, order: int, projections: Callable[[Any], Projections]) -> None:
+        self.in_turn = None
         self._series, self._order, self._projections = series, order, projections
 
     def __call__(self, steps: Steps) -> Rows:

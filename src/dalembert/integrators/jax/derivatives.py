@@ -1,11 +1,14 @@
 """Derivatives of a recorded run along its steps, at fixed sizes: pushed forward, and pulled back.
 
-Nothing in the derivative of one step waits for another step, so that these are computed for `CHUNK` steps together, on
+A run of one case goes back one stage after the other where that is faster (`dalembert.integrators.jax.adjoint`). Else,
+nothing in the derivative of one step waits for another step, so that these are computed for `CHUNK` steps together, on
 rows; one after the other there are but products of small matrices and vectors.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
 import jax
@@ -22,19 +25,27 @@ CHUNK = 16
 
 @final
 class Record(NamedTuple):
-    """What a run leaves: attempts (), starts of them t (room,), sizes h (room,) and states y (room, n_y); its end.
+    """What a run leaves: the number of attempts (), what they were (room, 2 + n_y), and its end.
 
-    The room is a multiple of `CHUNK`. A rejected attempt, and room that was not used, have size 0 and a state that the
-    run has been in. ``end`` is the last state (n_y,), at the time ``reached``.
+    Of each attempt that is when it started, its size, and the state there. The room is a multiple of `CHUNK`. Rejected
+    attempts have size 0, and so does room that was not used. ``end`` is the last state (n_y,), at the time ``reached``.
     """
 
     count: Any
-    t: Any
-    h: Any
-    y: Any
+    taken: Any
     end: Any
     reached: Any
     status: Any
+
+    @property
+    def t(self) -> Any:
+        """Starts of the attempts (room,)."""
+        return self.taken[:, 0]
+
+    @property
+    def y(self) -> Any:
+        """States at the starts (room, n_y)."""
+        return self.taken[:, 2:]
 
 
 @final
@@ -54,9 +65,17 @@ class Steps(NamedTuple):
 class Linear(Protocol):
     """The derivatives of one method's steps.
 
+    ``in_turn`` pulls a run of one case back one stage after the other, where that is faster and possible: from a
+    `Record`, constants (n_c,), nothing or cotangents (room, n_y) at the starts of attempts, and one of the last state
+    (n_y,), to what `pulled` returns.
+
     ``along`` and ``shifts`` are trees of arrays whose leading axis counts the steps; `push` and `pull` take what they
     hold for one step.
     """
+
+    @property
+    def in_turn(self) -> Callable[..., tuple[Any, Any]] | None:
+        """See the class."""
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """Return the derivatives by the states, and where they were taken, for `shifts` and `share`."""
@@ -124,6 +143,8 @@ def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bo
 def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: Any) -> tuple[Any, Any]:
     """Return the cotangents of the first state (n_y,) and of the constants (n_c,).
 
+    A batch of runs goes back in chunks of steps, and so does a run that does not go back one stage after the other.
+
     Parameters
     ----------
     linear
@@ -135,21 +156,37 @@ def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: An
     end
         Cotangent of the last state (n_y,).
     """
-    given = jnp.zeros_like(record.y).at[at].add(starts) if len(at) else None
+    given = (jnp.zeros_like(record.y).at[at].add(starts),) if len(at) else ()
+    in_chunks = partial(_pulled_in_chunks, linear)
+    if linear.in_turn is None or jax.default_backend() != "cpu":  # elsewhere it is long rows that are fast
+        return in_chunks(record, c, given, end)
+    one = jax.custom_batching.custom_vmap(linear.in_turn)
+
+    @one.def_vmap
+    def _(size: int, batched: Any, *arguments: Any) -> Any:
+        axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
+        return jax.vmap(in_chunks, axes, axis_size=size)(*arguments), (True, True)
+
+    found: tuple[Any, Any] = one(record, c, given, end)
+    return found
+
+
+def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, ...], end: Any) -> tuple[Any, Any]:
+    """Return what `pulled` does, with the cotangents (room, n_y) at the starts of attempts where there are any."""
     chunks = -(-record.count // CHUNK)
 
     def chunk(number: Any, carry: Any) -> Any:
         first = (chunks - 1 - number) * CHUNK
         steps = _steps(record, first, c)
         along, places = linear.along(steps)
-        added = None if given is None else lax.dynamic_slice_in_dim(given, first, CHUNK)
+        added = [lax.dynamic_slice_in_dim(rows, first, CHUNK) for rows in given]
 
         def one(ahead: Any, j: Any) -> Any:
             before, within = linear.pull(_at(along, j), ahead)
             moved = steps.h[j] != 0.0
             before = jnp.where(moved, before, ahead)
             within = jax.tree.map(lambda value: jnp.where(moved, value, 0.0), within)
-            return before if added is None else before + added[j], within
+            return sum((rows[j] for rows in added), start=before), within
 
         ahead, total = carry
         ahead, within = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
@@ -173,9 +210,11 @@ def pulled_over(linear: Linear, steps: Steps, ahead: Any) -> tuple[Any, Any]:
 
 
 def _steps(record: Record, first: Any, c: Any) -> Steps:
-    """Return CHUNK of the attempts of a run."""
-    t, h, y = (lax.dynamic_slice_in_dim(value, first, CHUNK) for value in (record.t, record.h, record.y))
-    return Steps(t, h, tuple(y.T), tuple(c), record.count > 0)
+    """Return CHUNK of the attempts of a run; where nothing moved, with a state that the run has been in."""
+    taken = lax.dynamic_slice_in_dim(record.taken, first, CHUNK)
+    h = taken[:, 1]
+    y = jnp.where(h[:, jnp.newaxis] != 0.0, taken[:, 2:], record.end)
+    return Steps(taken[:, 0], h, tuple(y.T), tuple(c), record.count > 0)
 
 
 def _at(tree: Any, j: Any) -> Any:

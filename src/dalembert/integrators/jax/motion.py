@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .derivatives import CHUNK, Linear, Record, Steps, pulled, pulled_over, pushed, pushed_over
-from .lanes import RUNNING, Attempts, Batch, Projections, Rows, advanced, begun
+from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun
 
 __all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended"]
 
@@ -63,35 +63,41 @@ class Limits:
     max_steps: int
 
 
-def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, ...]:
-    """Return how a run went, states as rows; without room nothing but its end."""
+def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
+    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how the run ended.
+
+    An attempt is one row, its start, its size and the state, as every array that is written to costs an attempt time.
+    """
     shape = jnp.shape(batch.t0)
     start = begun(attempts, batch)
-    t, h = jnp.broadcast_to(batch.t0, (room, *shape)), jnp.zeros((room, *shape))
-    y = tuple(jnp.broadcast_to(row, (room, *jnp.shape(row))) for row in batch.y)
+
+    def row(t: Any, size: Any, y: Rows) -> Any:
+        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (t, size, *y)])
 
     def body(carry: Any) -> Any:
-        i, state, *taken = carry
+        i, state, taken = carry
         after, size = advanced(attempts, projections, batch, batch.t1, state)
         if room:
-            new = (state.t, size, state.y)
-            taken = jax.tree.map(lambda rows, row: lax.dynamic_update_index_in_dim(rows, row, i, 0), tuple(taken), new)
-        return i + 1, after, *taken
+            new = row(state.t, size, state.y)
+            taken = lax.dynamic_update_index_in_dim(taken, new, i, 0)
+        return i + 1, after, taken
 
-    count, end, t, h, y = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, (0, start, t, h, y))
-    return jnp.asarray(count), t, h, y, end.y, end.t, end.status.astype(float)
+    width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
+    first = (0, start, jnp.zeros((room, width, *shape)))
+    count, end, taken = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, first)
+    return jnp.asarray(count), taken, end
 
 
 def _single(pieces: Pieces, room: int, batch: Batch) -> Record:
     """Return how one case went, whose state and constants are arrays."""
     batch = batch._replace(y=(batch.y,), c=(batch.c,))
-    count, t, h, rows, end, reached, status = _record(pieces.one, pieces.one_projections, room, batch)
-    return Record(count, t, h, rows[0], end[0], reached, status)
+    count, taken, end = _record(pieces.one, pieces.one_projections, room, batch)
+    return Record(count, taken, end.y[0], end.t, end.status.astype(float))
 
 
 def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
     """Return the last state (n_y,) of one case, whose state and constants are arrays, its time, and the status."""
-    return _single(pieces, 0, batch)[4:]
+    return _single(pieces, 0, batch)[2:]
 
 
 @final
@@ -139,7 +145,7 @@ class Motion:
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            return self._many(room, *rows), Record(False, *[True] * 6)
+            return self._many(room, *rows), Record(False, *[True] * 4)
 
         found: Record = one(t0, t1, y, c)
         return found
@@ -151,16 +157,16 @@ class Motion:
         @jax.custom_batching.custom_vmap
         def many(t0: Any, t1: Any, y: Any, c: Any) -> Record:
             batch = self._batch(t0, t1, tuple(y.T), tuple(c.T))
-            count, t, h, rows, end, reached, status = _record(pieces.many, pieces.many_projections, room, batch)
-            taken = jnp.moveaxis(_side(rows, room, len(t0)), 1, 0)
-            return Record(count, t.T, h.T, taken, jnp.stack(end, axis=-1), reached, status)
+            count, taken, end = _record(pieces.many, pieces.many_projections, room, batch)
+            states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
+            return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
 
         @many.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
             count, *rest = self._many(room, *(row.reshape(-1, *row.shape[2:]) for row in rows))
             split = [value.reshape(size, -1, *value.shape[1:]) for value in rest]
-            return Record(count, *split), Record(False, *[True] * 6)
+            return Record(count, *split), Record(False, *[True] * 4)
 
         found: Record = many(t0, t1, y, c)
         return found
@@ -223,8 +229,3 @@ class Motion:
         steps = Steps(begins, t - begins, tuple(record.y[at].T), tuple(c), record.count > 0)
         y = jnp.stack(self._pieces.steps(steps), axis=1)
         return (y, record.reached, record.status), record, (at, steps)
-
-
-def _side(rows: Rows, room: int, *shape: int) -> Any:
-    """Return rows side by side, along a last axis; there may be none of them, or nothing in them."""
-    return jnp.stack(rows, axis=-1) if rows else jnp.zeros((room, *shape, 0))
