@@ -7,7 +7,6 @@ import pytest
 from sympy import Piecewise, atan2, log, sin, sqrt, symbols
 
 import dalembert as da
-from dalembert.errors import OptionError
 from oracles.complex_step import derivatives
 from runtime.test_sensitivity import MOTIONS, assert_close
 
@@ -180,11 +179,6 @@ def test_singular_branches_that_are_not_taken_give_no_nan(branched):
         found = ends(branched, mode, **options)
         assert np.isfinite(found).all()
         np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-9)
-
-
-def test_taylor_steps_are_refused_where_there_are_branches(branched):
-    with pytest.raises(OptionError, match=r"'taylor' does not serve(.|\n)*kink(.|\n)*Take one of: auto, dopri8"):
-        branched.solve_fn(STRAIGHT, method="taylor")
 
 
 def test_vector_fields_with_singular_branches(branched):
