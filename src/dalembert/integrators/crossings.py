@@ -104,7 +104,7 @@ class Crossing:
 
 
 def pieces(
-    sample: Sample, count: int, noise: FloatArray, least: FloatArray, slopes: FloatArray | None = None
+    sample: Sample, count: int, noise: FloatArray, least: FloatArray, slopes: FloatArray | None, sides: FloatArray
 ) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
@@ -121,6 +121,9 @@ def pieces(
     slopes
         For functions that are zero where the first step begins their rates there, over the step; NaN for others (n,).
         They need not be monotone where they leave zero.
+    sides
+        Signs with which functions leave zero there, where that is known by construction; 0 for others (n,). What
+        rounding makes of their slopes and bends is nothing.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -132,7 +135,7 @@ def pieces(
         if slopes is not None:
             here = np.flatnonzero((step == 0) & (low == 0.0) & ~simple)
             for i in here:
-                simple[i] = _simple_from_zero(values[i], noise, slopes * high[i])
+                simple[i] = _simple_from_zero(values[i], noise, slopes * high[i], sides)
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -169,14 +172,18 @@ def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(one_sign | monotone | nothing | lost)
 
 
-def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray) -> bool:
-    """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut."""
+def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray, sides: FloatArray) -> bool:
+    """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut.
+
+    `sides` as for `pieces`.
+    """
     with np.errstate(all="ignore"):
         once, twice, thrice = (_one_sign(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
         largest = np.abs(values).max(axis=0)
         flat = np.abs(slopes) <= FLAT * largest
         unbent = flat & (np.abs(BEND @ values) <= BENT * largest)
         leaves = (~np.isnan(slopes) & once) | (flat & twice) | (unbent & thrice)
+        leaves |= (sides * values[-1] > 0.0) & (twice | thrice)
     return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
 
 

@@ -136,6 +136,8 @@ class _Run:
         self.zero: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
         self.residual = np.zeros(len(watched.rules))
         self.began = self.t
+        self._directions = np.array([rule.direction for rule in watched.rules])
+        self._leaves = np.abs(self._directions) > 1
 
     def solution(self) -> tuple[Solution, list[Occurrence]]:
         """Run to the end and collect what was recorded."""
@@ -189,9 +191,7 @@ class _Run:
         noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
         zero = np.abs(value) <= noise
         sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
-        directions = np.array([rule.direction for rule in self.watched.rules])
-        leaves = np.abs(directions) > 1
-        zero, sign = zero | leaves, np.where(leaves, -np.sign(directions), sign)
+        zero, sign = zero | self._leaves, np.where(self._leaves, -np.sign(self._directions), sign)
         return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
 
     def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -239,7 +239,8 @@ class _Run:
         rate, noise = self._noise(float(knots[0]), stretch.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
-        cut = pieces(sample, len(sizes), noise, least, np.where(self.zero, rate * sizes[0], np.nan) if fresh else None)
+        slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
+        cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._leaves, self.signs, 0.0))
         if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None

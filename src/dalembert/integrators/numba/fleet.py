@@ -54,7 +54,8 @@ STATE, MODE, CAUSE, STATION, FIRED, PHASES, STEPS, SOON, NEXT, WHOLE = range(10)
 """Rows of ``Fleet.whole``, and how many there are.
 
 The status, the mode and why it began, the station (-1: none), what ended the last phase while that is not decided
-(`NOTHING_FIRED` otherwise), how many phases have ended, steps, phases in a row that ended too soon, the next sample.
+(`NOTHING_FIRED` otherwise), how many phases others have followed, steps, phases in a row that ended too soon, the next
+sample.
 """
 
 NOTHING_FIRED = -1

@@ -157,11 +157,11 @@ def _ended(plan: Plan, fleet: Fleet, bench: Bench, station: int, place: int, lan
     if fired & plan.stations[station, PARADOX] != 0:
         whole[STATE, i] = _IMPOSSIBLE
         return _NOBODY
-    whole[PHASES, i] += 1
     whole[SOON, i] = whole[SOON, i] + 1 if abs(fleet.passed[i]) <= SOON_SHARE * abs(fleet.span[i]) else 0
     if whole[SOON, i] >= SOON_IN_A_ROW:
         whole[STATE, i] = _ACCUMULATE
         return _NOBODY
+    whole[PHASES, i] += 1
     whole[FIRED, i] = fired
     return _rule(plan, fleet, bench, station, fired, i, lane)
 
@@ -223,10 +223,11 @@ def _decide(plan: Plan, fleet: Fleet, bench: Bench, first: int, pending: int) ->
             fleet.whole[MODE, i] = plan.attempts[attempt, ATTEMPT_MODE]
             fleet.whole[STATION, i] = plan.attempts[attempt, ATTEMPT_STATION]
             fleet.whole[CAUSE, i], fleet.whole[FIRED, i] = plan.rules[rule, RULE_CAUSE], NOTHING_FIRED
-            if fleet.t[i] == fleet.t1[i]:
-                fleet.whole[STATE, i] = _SUCCESS
             if fleet.log.shape[0] > 0:
                 _log(fleet, i)
+            if fleet.t[i] == fleet.t1[i]:
+                fleet.whole[STATE, i] = _SUCCESS
+                fleet.whole[PHASES, i] -= 1
 
 
 @bare

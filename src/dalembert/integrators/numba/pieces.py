@@ -80,14 +80,17 @@ def _monotone(work: FloatArray) -> bool:
 
 
 @bare
-def simple_piece(room: Scratch, count: int, lane: int, fresh: bool, high: float) -> tuple[bool, bool]:
+def simple_piece(
+    directions: NDArray[np.int64], room: Scratch, lane: int, fresh: bool, high: float
+) -> tuple[bool, bool]:
     """Return whether a piece need not be cut for any expression, and whether all values are finite.
 
     ``fresh`` says that expressions which are zero at the start of the lane are so where the piece, up to the fraction
-    ``high`` of the step, begins; ``zero`` then holds their slopes over the step.
+    ``high`` of the step, begins; ``zero`` then holds their slopes over the step. What rounding makes of the slope and
+    the bend of one that is known to leave zero against its direction is nothing (see `dalembert.runtime.events`).
     """
     simple = finite = True
-    for e in range(count):
+    for e in range(directions.size):
         if room.open[0, e] == 0.0:
             continue
         lost, largest = True, 0.0
@@ -108,7 +111,8 @@ def simple_piece(room: Scratch, count: int, lane: int, fresh: bool, high: float)
             transformed(_ONCE, room, e, 1)
             if _one_sign(room.work, 1):
                 continue
-            if room.zero[lane, e] * high <= FLAT * largest:
+            known = abs(directions[e]) > 1 and room.values[e, 7] * room.signs[lane, e] > 0.0
+            if known or room.zero[lane, e] * high <= FLAT * largest:
                 transformed(_TWICE, room, e, 1)
                 if _one_sign(room.work, 1):
                     continue
@@ -116,7 +120,7 @@ def simple_piece(room: Scratch, count: int, lane: int, fresh: bool, high: float)
                 for j in range(1, 8):
                     bend += _BEND[j] * room.values[e, j]
                 transformed(_THRICE, room, e, 1)
-                if abs(bend) <= BENT * largest and _one_sign(room.work, 1):
+                if (known or abs(bend) <= BENT * largest) and _one_sign(room.work, 1):
                     continue
         transformed(SLOPE_SERIES, room, e, 1)
         if not _monotone(room.work):

@@ -227,7 +227,7 @@ def scan(
                 sample_curves(room, low, high - low)
             else:
                 sample(watch.values, watch.used, room, many, t, h, low, high - low)
-            simple, finite = simple_piece(room, count, lane, fresh and low == 0.0, high)
+            simple, finite = simple_piece(watch.directions, room, lane, fresh and low == 0.0, high)
         budget -= 1
         if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
             middle = 0.5 * (low + high)

@@ -286,12 +286,12 @@ class _Sweep:
             if point.kind == "paradox":
                 ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
         cases = some[ended]
-        self.phases[cases] += 1
         quick = np.abs(self.now.passed[cases]) <= SOON * np.abs(self.span[cases])
         self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
+        self.phases[cases] += 1
         mixed = np.zeros(len(ended), np.int64)
         for i, row in enumerate(fired):
             mixed += np.left_shift(row[ended], i, dtype=np.int64)
@@ -320,13 +320,16 @@ class _Sweep:
         good = settled.status == Status.SUCCESS
         if not np.all(good):
             self.status[some[~good]] = settled.status[~good]
+            self.phases[some[~good]] -= mode is not None
             some, settled = some[good], settled.part(good)
         for name in ("x", "directions", "sides", "speeds"):
             getattr(self.now, name)[placed(some)] = getattr(settled, name)
         self.table.extend(found for found in settled.table if found not in self.table)
         numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
         self.mode[some], self.station[some] = numbers[settled.mode], -1
-        self.status[some[self.now.t[some] == self.campaign.t1[some]]] = int(Status.SUCCESS)
+        over = some[self.now.t[some] == self.campaign.t1[some]]
+        self.status[over] = int(Status.SUCCESS)
+        self.phases[over] -= mode is not None
 
     # -- results ---------------------------------------------------------------------------
 
