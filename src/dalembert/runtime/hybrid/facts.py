@@ -109,6 +109,15 @@ class Facts:
         assert contact.constraint is not None
         return contact.sense * self.velocity[:, contact.constraint]
 
+    def largest_rate(self, constraint: int) -> FloatArray:
+        """Return the largest rate (k,) that a constraint could have with the kinetic energy that there is.
+
+        With |J q_dot| <= sqrt(q_dot.M.q_dot) sqrt(J.M^-1.J), by Cauchy and Schwarz.
+        """
+        row, inverse = self.jacobian[:, constraint], np.linalg.pinv(self.mass, hermitian=True)
+        energy = np.einsum("ki,kij,kj->k", self.qdot, self.mass, self.qdot)
+        return np.sqrt(np.maximum(energy * np.einsum("ki,kij,kj->k", row, inverse, row), 0.0))
+
     def pushes_open(self, i: int) -> NDArray[np.bool_]:
         """Return where the normal reaction of a contact pushes its gap open (k,), as it must."""
         contact = self.contacts[i]

@@ -23,6 +23,9 @@ STOPPED = 1e-5
 _LENGTH = 1.0001
 """What gaps are compared with beside their own size."""
 
+_STILL = 1e-12
+"""Share of the largest rate that a gap could have with the kinetic energy there is, up to which it has none."""
+
 
 @final
 class Standings:
@@ -136,7 +139,7 @@ class Standings:
     def _rate_noise(self, facts: Facts, i: int) -> FloatArray:
         row = self.contacts[i].constraint
         assert row is not None
-        return NOISE * np.sum(np.abs(facts.jacobian[:, row] * facts.qdot), axis=1)
+        return NOISE * np.sum(np.abs(facts.jacobian[:, row] * facts.qdot), axis=1) + _STILL * facts.largest_rate(row)
 
 
 def length(vectors: FloatArray) -> FloatArray:
