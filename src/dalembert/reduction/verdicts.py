@@ -29,7 +29,7 @@ class Attempt:
 
     The direction is 0 where it is that of the slip velocity. `begins` holds, for each contact, whether slip begins
     in this attempt, and `broken` whether friction has just failed to hold it; `leaves` whether it is decided here
-    that it opens.
+    that it opens, and `turned` whether its normal reaction is known to change its side.
     """
 
     mode: Mode
@@ -38,6 +38,7 @@ class Attempt:
     begins: tuple[bool, ...]
     broken: tuple[bool, ...]
     leaves: tuple[bool, ...]
+    turned: tuple[bool, ...]
 
 
 @final
@@ -211,7 +212,7 @@ class _Judge:
                     assert contact.constraint is not None
                     size = self._norm(self.equations.constraints[contact.constraint])
                     conditions.append(self._share(response.gap[i].at(graph, forces), speed * size))
-            elif contact.constraint is not None or side_name(contact) is not None:
+            elif (contact.constraint is not None or side_name(contact) is not None) and not attempt.turned[i]:
                 conditions.append(self._share(press, force))
             if mode[i] == STICK:
                 assert contact.mu_static is not None

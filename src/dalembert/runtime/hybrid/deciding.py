@@ -21,7 +21,7 @@ from ...mechanics.equations import ContactRow
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
 from .facts import Facts, FloatArray, Level, Outcome
 
-__all__ = ["Choice", "Option", "Standing", "Trial", "choose", "contested", "judge", "options_of"]
+__all__ = ["Choice", "Option", "Standing", "Trial", "choose", "contested", "expected", "judge", "options_of"]
 
 GRAZING = 1e-6
 """Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
@@ -45,11 +45,19 @@ class Standing:
         Where friction has just failed to hold it: the direction of the slip along one direction, 0 along two.
     struck : bool
         Whether it is being struck, so that it is closed during the impact.
+    turned : bool
+        Whether its normal reaction has just changed its side: it goes on from zero, where rounding has the sign.
     """
 
     kind: str
     broken: int | None = None
     struck: bool = False
+    turned: bool = False
+
+    @property
+    def side(self) -> int:
+        """The side on which it is pushed, relative to that just before."""
+        return -1 if self.turned else 1
 
 
 @final
@@ -113,12 +121,19 @@ def choose(
     every = options_of(facts.contacts, standings)
     tried: list[Trial] = []
     if sides is not None and any(side_name(contact) is not None for contact in facts.contacts):
-        same = [c for c in every if all(side == 1 for _, side, _ in c)]
-        tried = [_try(facts, standings, level, c, directions, sides) for c in same]
+        tried = [_try(facts, standings, level, c, directions, sides) for c in expected(every, standings)]
         if np.all(np.any([trial.margin >= 0.0 for trial in tried], axis=0)):
             return judge(facts.contacts, tried)
     others = np.ones((len(facts), len(facts.contacts)))
+    if sides is not None:
+        turned = [i for i, standing in enumerate(standings) if standing.turned]
+        others[:, turned] = sides[:, turned]
     return judge(facts.contacts, [_try(facts, standings, level, c, directions, others) for c in every])
+
+
+def expected(every: Sequence[tuple[Option, ...]], standings: Sequence[Standing]) -> list[tuple[Option, ...]]:
+    """Return those combinations whose sides are relative to the ones just before, and as these would have them."""
+    return [c for c in every if all(side == s.side for (_, side, _), s in zip(c, standings, strict=True))]
 
 
 def _try(
@@ -190,7 +205,7 @@ def _options(contact: ContactRow, standing: Standing) -> list[Option]:
     """Return what a contact may do, in the order of preference."""
     if standing.kind in (FREE, LIFTING):
         return [(OPEN, 1, 0)]
-    sides = (1,) if side_name(contact) is None else (1, -1)
+    sides = (standing.side,) if standing.turned or side_name(contact) is None else (1, -1)
     found: list[Option] = []
     for side in sides:
         if not contact.tangential:
@@ -285,7 +300,7 @@ def _margin(
         if state == OPEN:
             if standing.kind not in (FREE, LIFTING):
                 conditions.append(_share(outcome.gap[:, i], speed * _size(facts.jacobian[:, contact.constraint])))
-        elif contact.constraint is not None or side_name(contact) is not None:
+        elif (contact.constraint is not None or side_name(contact) is not None) and not standing.turned:
             conditions.append(np.where(alone, _share(press, force), 1.0))
         if state == STICK:
             used = np.sqrt(np.sum(outcome.friction[:, i] ** 2, axis=1))

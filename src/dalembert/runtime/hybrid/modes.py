@@ -60,6 +60,7 @@ class Modes:
             kinds = {other.kind for other in fired if other.contact == point.contact}
             leaves = before is not None and (
                 (point.kind == "meet" and ("lift" in kinds or "meet" in kinds))
+                or (point.kind == "turn" and "turn" in kinds)
                 or (point.kind == "stop" and ("stop" in kinds or before[point.contact] == STICK))
             )
             found.append(leaving(event) if leaves else event)

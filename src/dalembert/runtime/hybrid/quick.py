@@ -29,6 +29,7 @@ from .deciding import (
     Standing,
     Trial,
     contested,
+    expected,
     judge,
     options_of,
 )
@@ -136,7 +137,7 @@ class Quick:
         contacts = self._equations.contacts
         combinations = options_of(contacts, standings)
         if known:
-            combinations = [c for c in combinations if all(side == 1 for _, side, _ in c)]
+            combinations = expected(combinations, standings)
         attempts = [_attempt(standings, c) for c in combinations]
         if any(s.struck for s in standings) or any(contested(contacts, standings, a.mode) for a in attempts):
             return None
@@ -163,4 +164,5 @@ def _attempt(standings: Sequence[Standing], combination: Sequence[Option]) -> At
         begins=tuple(st == SLIP and s.kind == GRIPPED for s, st in zip(standings, mode, strict=True)),
         broken=tuple(standing.broken is not None for standing in standings),
         leaves=tuple(standing.kind in (FREE, LIFTING) for standing in standings),
+        turned=tuple(standing.turned for standing in standings),
     )

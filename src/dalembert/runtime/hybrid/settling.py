@@ -89,7 +89,7 @@ class Laws:
         slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         result = Settled.copied(now, np.maximum(now.speeds, np.abs(slip)))
         coded = self.standings.coded(None, slips, now, mode, fired, result.speeds)
-        return self._decided(now, slips, coded, result, known=_known(fired))
+        return self._decided(now, slips, coded, result, known=True)
 
     def _plain_enough(self, mode: Mode, fired: Sequence[Watchpoint]) -> bool:
         meets = any(point.kind == "meet" for point in fired)
@@ -107,7 +107,7 @@ class Laws:
         slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         sliding = ~(np.abs(slip) <= NOISE * speeds) @ (1 << np.arange(len(self.contacts)))
         table, codes = self.standings.coded(None, slips, now, mode, fired, speeds)
-        known, found = self.quick.sided(_known(fired)), dict[int, Ruling | None]()
+        known, found = self.quick.sided(True), dict[int, Ruling | None]()
         for number in np.unique(sliding):
             verdict = self.quick.verdict(table[int(codes[np.argmax(sliding == number)])], known)
             found[int(number)] = None if verdict is None else Ruling(verdict, known)
@@ -170,8 +170,7 @@ class Laws:
         for code, alike in table.items():
             some = np.flatnonzero(codes == code)
             here = facts if len(some) == count else facts.part(some)
-            known = mode is not None and _known(fired)
-            self._group(here, now.part(some), alike, result, some, known=known)
+            self._group(here, now.part(some), alike, result, some, known=mode is not None)
         bad = self._refused(facts, mode)
         result.status[bad], result.mode[bad] = int(Status.INITIAL_STATE), -1
         return result
@@ -278,11 +277,6 @@ class Laws:
     def _directions(self, facts: Facts, before: FloatArray) -> FloatArray:
         """Return unit vectors along the slip velocities, the former ones where there is none."""
         return _turned_along(np.stack([facts.slips(i) for i in range(len(self.contacts))], axis=1), before)
-
-
-def _known(fired: Sequence[Watchpoint]) -> bool:
-    """Return whether contacts are pushed as they were before."""
-    return not any(point.kind == "turn" for point in fired)
 
 
 def _turned_along(slips: FloatArray, before: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -64,7 +65,7 @@ class Standings:
                 return None
             if before == OPEN or not (broken or before == STICK or "stop" in kinds):
                 return None
-            found.append(Standing(GRIPPED, broken=broken[0] if broken else None))
+            found.append(Standing(GRIPPED, broken=broken[0] if broken else None, turned="turn" in kinds))
         return found
 
     def _standings(
@@ -92,7 +93,8 @@ class Standings:
             return table.index(standing)
 
         sliding, still = self._closed(facts, slips, i, before, mine, speeds)
-        codes = np.where(sliding, number(Standing(SLIDING)), number(still))
+        slides, rests = (replace(standing, turned="turn" in kinds) for standing in (Standing(SLIDING), still))
+        codes = np.where(sliding, number(slides), number(rests))
         if contact.constraint is None or before not in (None, OPEN):
             return np.full(count, number(Standing(LIFTING))) if "lift" in kinds else codes
         if before == OPEN and "meet" not in kinds:

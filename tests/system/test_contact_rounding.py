@@ -1,0 +1,63 @@
+"""What rounding leaves of a zero decides nothing: tolerances, sweeps and events find the same phases.
+
+At these parameters a normal reaction changes its side, a contact opens, or a plate starts at rest on its supports, and
+what should be zero there has the wrong sign in one run or another.
+"""
+
+import numpy as np
+import pytest
+
+from hard_cases.contacts import contact_motion
+
+MOTIONS = {
+    "sides": (
+        "plate pushed and pulled",
+        {"m": 0.895018678991601, "g": 8.97484543976896, "mu": 0.727080778872385},
+        {},
+    ),
+    "opens": (
+        "plate that lifts off",
+        {"m": 0.917987819007741, "g": 10.30645690241316, "mu_Q": 0.218275103935925},
+        {},
+    ),
+    "starts apart": (
+        "plate with two frictions that slides back",
+        {"m": 1.14033544904912, "g": 10.097147239064693, "mu_A": 0.113196981970479, "mu_Q": 0.13727562459885406},
+        {"theta_dot": 0.84236455676461},
+    ),
+    "starts struck": (
+        "plate with two frictions that slides back",
+        {"m": 1.059197003351675, "g": 10.101013262873236, "mu_A": 0.090374021034091, "mu_Q": 0.1431977890409774},
+        {"theta_dot": 1.1255463709535718},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MOTIONS)
+def test_phases_do_not_depend_on_rounding(what):
+    name, parameters, initial = MOTIONS[what]
+    motion = contact_motion(name).motion
+    model, end = motion.compile("auto"), max(motion.values)
+    p = {str(key): float(value) for key, value in motion.parameters.items()} | parameters
+    start = {str(key): float(value) for key, value in motion.initial.items()} | initial
+    exact = model.simulate((0, end), start, p, rtol=1e-13, atol=1e-15)
+    assert exact.success
+    names = (*model.layout.coordinates, *model.layout.rates)
+    for rtol in (1e-8, 1e-10, 1e-12):
+        tolerances = {"rtol": rtol, "atol": 1e-2 * rtol}
+        for events in ([], [motion.scene.coordinates[0] - 1e3]):
+            run = model.simulate((0, end), start, p, events=events, **tolerances)
+            assert [phase.modes for phase in run.phases] == [phase.modes for phase in exact.phases]
+            np.testing.assert_allclose([run[n][-1] for n in names], [exact[n][-1] for n in names], atol=100 * rtol)
+        sweep = model.sweep((0, end), start, p | {"m": np.full(3, p["m"])}, **tolerances)
+        assert sweep.success.all() and (sweep.phases == len(exact.phases)).all()
+        found = np.array([sweep.final[n] for n in names])
+        np.testing.assert_allclose(found, np.tile([[exact[n][-1]] for n in names], 3), atol=100 * rtol)
+
+
+def test_phases_of_cases_that_end_early_are_those_of_single_runs():
+    motion = contact_motion("bouncing ball").motion
+    model, e = motion.compile("auto"), np.array([0.5, 0.8])
+    run = model.simulate((0, 12), motion.initial, motion.parameters | {"e": 0.8})
+    sweep = model.sweep((0, 12), motion.initial, motion.parameters | {"e": e})
+    assert not sweep.success.any() and sweep.status[1] == run.status and sweep.phases[1] == len(run.phases)
