@@ -31,7 +31,7 @@ def motion(scene, formulation):
     return np.column_stack([run.q, run.qdot, *(run[x] for x in outputs)]), cases
 
 
-@pytest.mark.parametrize("pair", combinations(FORMULATIONS, 2), ids="-".join)
+@pytest.mark.parametrize("pair", list(combinations(FORMULATIONS, 2)), ids="-".join)
 @pytest.mark.parametrize("scene", da.scenes.ALL)
 def test_formulations_agree(scene, pair):
     (single, cases), (other, others) = (motion(scene, name) for name in pair)
