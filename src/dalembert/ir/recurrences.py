@@ -49,6 +49,8 @@ class Recurrences:
         Inverse powers among that: steps stay within the reach of their series, however small these are.
     paced : bool
         Whether steps do not grow at once, so that what happens is not passed over.
+    kinked : bool
+        Whether there are kinks or jumps in state or time.
     """
 
     kernel: Kernel
@@ -60,6 +62,7 @@ class Recurrences:
     controlled: tuple[int, ...] = ()
     poles: tuple[str, ...] = ()
     paced: bool = False
+    kinked: bool = False
 
     @property
     def angles(self) -> frozenset[str]:
@@ -91,7 +94,8 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
     known = {(line.op, line.args): line.target for line in kernel.body}
     done: set[str] = set()
     hidden = unforeseen(kernel)
-    flat = reached_from(kernel, kinked(hidden))
+    kinks = kinked(hidden)
+    flat = reached_from(kernel, kinks)
     for line in kernel.body:
         if not any(arg in varying for arg in line.args):
             items.append(line)
@@ -114,6 +118,7 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
         controlled,
         poles,
         paced or bool(controlled),
+        bool(kinks),
     )
 
 

@@ -32,7 +32,7 @@ __all__ = [
     "clipped_tolerance",
     "closing",
     "closing_loads",
-    "controlled",
+    "ending",
     "order_for",
     "series_kernel",
     "step_kernel",
@@ -147,7 +147,7 @@ def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -
     return coefficients[0]
 
 
-def controlled(
+def ending(
     recurrences: Recurrences, rates: list[list[str]], poles: list[list[str]], order: int
 ) -> tuple[list[Assignment], list[Operand]]:
     """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.

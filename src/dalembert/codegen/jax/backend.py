@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -13,7 +12,6 @@ from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...integrators.status import Status
-from ...ir.branches import kinked, unforeseen
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
@@ -107,8 +105,8 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        able = "taylor" in methods and not self._kinked
-        if able and self._known_recurrences().unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
+        known = self._known_recurrences() if "taylor" in methods else None
+        if known and not known.kinked and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
@@ -235,11 +233,6 @@ class JaxEngine(Engine):
         """Operations of all corrections that follow a step."""
         kernels = ((self._program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self._program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
-
-    @cached_property
-    def _kinked(self) -> bool:
-        """Whether rates have kinks or jumps in state or time."""
-        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
 
     def _known_recurrences(self) -> Recurrences:
         if self._recurrences is None:

@@ -13,7 +13,7 @@ from typing import final
 
 from ...ir.program import Assignment, Operand
 from ...ir.recurrences import Integrated, Recurrences
-from ...ir.taylor import STEP_ARGUMENTS, closing_loads, controlled
+from ...ir.taylor import STEP_ARGUMENTS, closing_loads, ending
 from . import vector_functions as functions
 from .llvm import LanePrinter, fma_name, prelude
 
@@ -330,7 +330,7 @@ class _Step:
         for names, pole in zip(poles, self.recurrences.poles, strict=True):
             for k, name in enumerate(names):
                 self._set(name, f"load {self.v}, ptr {self._at(self.slots[pole], str(k))}, align 8")
-        body, outputs = controlled(self.recurrences, series, poles, self.order)
+        body, outputs = ending(self.recurrences, series, poles, self.order)
         old = {state: f"{state}.old" for state in states}
         body = [
             Assignment(x.target, x.op, tuple(old.get(a, a) if isinstance(a, str) else a for a in x.args)) for x in body

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import final
 
 from ...integrators.tableau import Tableau
-from ...ir.branches import kinked, unforeseen
 from ...ir.defect import cost
 from ...ir.partials import jacobian_kernel, tangent_kernel
 from ...ir.periodic import angles_of
@@ -158,10 +157,10 @@ class StepLibrary:
         """Whether rates have inverse powers that pairs may step over."""
         return bool(self._known_recurrences().poles)
 
-    @cached_property
+    @property
     def kinked(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
-        return bool(kinked(unforeseen(self._program.kernel("rhs"))))
+        return self._known_recurrences().kinked
 
     @cached_property
     def angles(self) -> tuple[int, ...]:

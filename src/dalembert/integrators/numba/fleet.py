@@ -71,7 +71,7 @@ RULE_STATION, RULE_FIRED, RULE_SLIDING, CODE, ATTEMPTS, FIRST_ATTEMPT, KNOWN, RU
 """Columns of ``Plan.rules``.
 
 From a station, with these points fired and these contacts sliding, as bits, the code of a verdict decides between so
-many attempts from the first on; whether contacts are pushed as before; and the number of the cause.
+many attempts from the first on; whether sides are those just before; and the number of the cause.
 """
 
 ATTEMPT_MODE, ATTEMPT_STATION, HELD, APART, ATTEMPT = range(5)
@@ -87,8 +87,7 @@ class Plan(NamedTuple):
 
     ``slips`` is the code of the slip velocities; ``columns`` (n_stations, n) says in which row of ``Bench.gathered``
     each parameter of a station is. ``count_at`` is the place of the number of cases among the words of a station. Of
-    the events, those that were asked for come first; ``terminal`` is 1 for those
-    that end a case.
+    the events, those that were asked for come first; ``terminal`` is 1 for those that end a case.
     """
 
     slips: int
@@ -103,11 +102,10 @@ class Plan(NamedTuple):
 class Fleet(NamedTuple):
     """All cases, see `dalembert.runtime.hybrid.instants.Instants`, and those of them, in their ``order``, that go on.
 
-    ``span`` is signed, ``directions`` are (k, 2 n_contacts).
-
-    ``occurred`` (k, 3 n) are numbers, first and last times of the events that were asked for. What follows are the
-    samples, and the ``log`` of a case that is alone: for every phase that it begins its time, mode, cause, number of
-    phases that were too short, directions, sides, speeds, coordinates and rates. A full log ends the work.
+    ``span`` is signed, ``directions`` are (k, 2 n_contacts). ``occurred`` (k, 3 n) are numbers, first and last times of
+    the events that were asked for. What follows are the samples, and the ``log`` of a case that is alone: for every
+    phase that it begins its time, mode, cause, number of phases that were too short, directions, sides, speeds,
+    coordinates and rates. A full log ends the work.
     """
 
     t: FloatArray

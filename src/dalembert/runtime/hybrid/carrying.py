@@ -17,13 +17,12 @@ from ...integrators.numba.fleet import Bench, Fleet, Plan
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import OPEN, Mode, side_name
-from ...reduction.verdicts import Attempt
+from ...reduction.verdicts import Attempt, Verdict
 from ..cases import Cases
 from ..events import Event
 from ..sweeping import begin_whole
 from .instants import Instants
 from .modes import Modes
-from .settling import Ruling
 from .stations import Rows, Station, bench, fitting_method
 
 __all__ = ["Carrier"]
@@ -179,7 +178,7 @@ class Carrier:
         """Return what is known of the modes, the most outputs of a verdict, and the lanes of kernels."""
         engine = self.modes.engine()
         slips, lanes = engine.code(self.modes.laws.quick.slip_kernel)
-        lines = _Lines([], [], [], [])
+        lines, known = _Lines([], [], [], []), int(self.modes.laws.quick.sided(True))
         number = outputs = 0
         while number < len(self.stations):  # what is known of one may call for another
             station = self.stations[number]
@@ -191,15 +190,13 @@ class Carrier:
                     continue
                 cause = self._cause((mode, fired))
                 bits = sum(1 << points.index(point) for point in fired)
-                for sliding, ruling in list(rulings.items()):
-                    if ruling is None:
+                for sliding, verdict in list(rulings.items()):
+                    if verdict is None:
                         continue
-                    kernel, attempts = ruling.verdict.kernel, ruling.verdict.attempts
-                    code, first = engine.code(kernel)[0], len(lines.attempts)
-                    known = int(ruling.known)
-                    lines.rules.append([number, bits, sliding, code, len(attempts), first, known, cause])
-                    lines.attempts.extend(self._attempts(ruling, cause))
-                    outputs = max(outputs, len(kernel.outputs))
+                    code, first = engine.code(verdict.kernel)[0], len(lines.attempts)
+                    lines.rules.append([number, bits, sliding, code, len(verdict.attempts), first, known, cause])
+                    lines.attempts.extend(self._attempts(verdict, cause))
+                    outputs = max(outputs, len(verdict.kernel.outputs))
             number += 1
         terminal = np.array([int(bool(event.terminal)) for event in self.asked], np.int64)
         return Plan(slips, 0, *lines.tables(), terminal=terminal), outputs, lanes
@@ -215,9 +212,9 @@ class Carrier:
         expand, _ = station.model._engine.code(self.modes.expansion(station.mode))
         return [station.size, len(station.events), len(station.model.layout.parameters), expand, plain, paradox]
 
-    def _attempts(self, ruling: Ruling, cause: int) -> list[list[int]]:
+    def _attempts(self, verdict: Verdict, cause: int) -> list[list[int]]:
         """Return what the attempts of a verdict lead to."""
-        attempts, held, lines = ruling.verdict.attempts, ruling.verdict.held, []
+        attempts, held, lines = verdict.attempts, verdict.held, []
         n_q = len(self.rows.states) // 2
         for number, attempt in enumerate(attempts):
             if attempt.mode not in self.table:

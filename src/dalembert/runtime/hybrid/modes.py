@@ -12,11 +12,12 @@ from ...codegen.base import Engine
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
+from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory
 from ..events import Event, leaving
 from .facts import FloatArray
-from .settling import Laws, Ruling
+from .settling import Laws
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -37,7 +38,7 @@ class Modes:
     laws: Laws
     model: Callable[[Mode], CompiledModel]
     engine: Callable[[], Engine]
-    rulings: dict[tuple[Mode, tuple[Watchpoint, ...]], dict[int, Ruling | None]] = field(
+    rulings: dict[tuple[Mode, tuple[Watchpoint, ...]], dict[int, Verdict | None]] = field(
         default_factory=dict, init=False
     )
     _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from .facts import FloatArray
 from .instants import Instants, Settled
 from .looking import Lookout
 from .modes import Modes
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["JAMMED", "Request", "simulate"]
 

@@ -6,7 +6,7 @@ Cases that come from one mode for one reason are settled together, as the ones o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -24,16 +24,7 @@ from .instants import Instants, Settled
 from .quick import Quick
 from .standings import Standings, length
 
-__all__ = ["Laws", "Ruling"]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Ruling:
-    """A verdict by which cases go on, and whether their contacts are pushed as they were before."""
-
-    verdict: Verdict
-    known: bool
+__all__ = ["Laws"]
 
 
 @final
@@ -95,7 +86,7 @@ class Laws:
         meets = any(point.kind == "meet" for point in fired)
         return mode.count(SLIP) <= 1 and not meets and all(len(contact.tangential) < 2 for contact in self.contacts)
 
-    def rulings(self, now: Instants, mode: Mode, fired: Sequence[Watchpoint]) -> dict[int, Ruling | None]:
+    def rulings(self, now: Instants, mode: Mode, fired: Sequence[Watchpoint]) -> dict[int, Verdict | None]:
         """Return by which verdicts cases go on that come from `mode` because of `fired`; None where there is none.
 
         They are told apart by the contacts whose slip velocities are not zero, as bits.
@@ -107,10 +98,9 @@ class Laws:
         slips = np.stack([slip, np.zeros_like(slip)], axis=2)
         sliding = ~(np.abs(slip) <= NOISE * speeds) @ (1 << np.arange(len(self.contacts)))
         table, codes = self.standings.coded(None, slips, now, mode, fired, speeds)
-        known, found = self.quick.sided(True), dict[int, Ruling | None]()
+        known, found = self.quick.sided(True), dict[int, Verdict | None]()
         for number in np.unique(sliding):
-            verdict = self.quick.verdict(table[int(codes[np.argmax(sliding == number)])], known)
-            found[int(number)] = None if verdict is None else Ruling(verdict, known)
+            found[int(number)] = self.quick.verdict(table[int(codes[np.argmax(sliding == number)])], known)
         return found
 
     def _begun(self, now: Instants) -> tuple[Settled, NDArray[np.bool_]] | None:
