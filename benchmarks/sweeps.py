@@ -23,7 +23,8 @@ from peers import heyoka_system, installed
 import dalembert as da
 from oracles.sleigh_exact import sleigh_state
 
-__all__ = ["CASES", "FEWER", "SAMPLE", "coverage", "measure_sweeps", "sample_states", "unequal_cases"]
+__all__ = ["BATCHES", "CASES", "FEWER", "SAMPLE", "THREADS", "coverage", "heyoka_sweep", "measure_sweeps", "own_sweep"]
+__all__ += ["sample_states", "unequal_cases"]
 
 FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
@@ -106,7 +107,8 @@ Solver = tuple[Callable[[], Any], Callable[[], FloatArray], int | None]
 """What is timed, what gives (q, q_dot) of the sample at the end, and the number of steps."""
 
 
-def _own(batch: Batch, method: str, threads: int, rtol: float, backend: str = "numba") -> Solver:
+def own_sweep(batch: Batch, method: str, threads: int, rtol: float, backend: str = "numba") -> Solver:
+    """Return our sweep by a method."""
     model = da.compile_model(batch.problem.build(), backend=backend)
     options = {"method": method, "rtol": rtol, "atol": absolute(rtol), "threads": threads}
 
@@ -120,8 +122,9 @@ def _own(batch: Batch, method: str, threads: int, rtol: float, backend: str = "n
     return run, lambda: np.stack([done.final[name][:SAMPLE] for name in names], axis=1), int(done.steps.sum())
 
 
-def _heyoka(heyoka: Any, batch: Batch, threads: int, rtol: float) -> Solver:
-    lanes = heyoka.recommended_simd_size()
+def heyoka_sweep(heyoka: Any, batch: Batch, threads: int, rtol: float, lanes: int | None = None) -> Solver:
+    """Return heyoka's sweep in batches of `lanes` cases; without it, of its recommended size."""
+    lanes = lanes or heyoka.recommended_simd_size()
     start, p = batch.y.T.copy(), batch.p.T.copy()
     count, out = len(batch.y), np.empty_like(start)
     integrators = [
@@ -187,12 +190,12 @@ def _contenders(batch: Batch) -> dict[str, Callable[[float], Solver]]:
     for threads in (THREADS, 1):
         for method in ("taylor", "dop853", "tsit5")[: 3 if threads == THREADS else 1]:
             label = f"dalembert numba {method}, {_threads(threads)}"
-            found[label] = lambda rtol, m=method, n=threads: _own(batch, m, n, rtol)
+            found[label] = lambda rtol, m=method, n=threads: own_sweep(batch, m, n, rtol)
     if installed("jax") is not None and installed("diffrax") is not None:
-        found["dalembert jax auto"] = lambda rtol: _own(batch, "auto", 1, rtol, "jax")
+        found["dalembert jax auto"] = lambda rtol: own_sweep(batch, "auto", 1, rtol, "jax")
     if (heyoka := installed("heyoka")) is not None:
         for threads in (THREADS, 1):
-            found[f"heyoka batch, {_threads(threads)}"] = lambda rtol, n=threads: _heyoka(heyoka, batch, n, rtol)
+            found[f"heyoka batch, {_threads(threads)}"] = lambda rtol, n=threads: heyoka_sweep(heyoka, batch, n, rtol)
     if (diffrax := installed("diffrax")) is not None:
         for method in ("Tsit5", "Dopri8"):
             found[f"diffrax vmap {method}"] = lambda rtol, m=method: _diffrax(diffrax, batch, m, rtol)
