@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from ..errors import EnergyWarning, SceneError, list_names
 from ..ir.branches import sudden
 from ..ir.derivatives import tangents
-from ..ir.graph import Node, unit_names
-from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..ir.graph import Node
+from ..ir.linear import Matrix
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from .given import given_powers
@@ -17,6 +17,7 @@ from .kinematics import Kinematics
 from .lagrangian import lagrangian_powers
 from .quasi_velocities import velocity_groups
 from .quaternions import quaternion_groups
+from .slip_checks import require_conjugate_slip
 from .virtual_power import Powers, powers
 
 __all__ = ["derive"]
@@ -86,16 +87,6 @@ def _warn_of_potential(kinematics: Kinematics, power: Powers, forcing: Sequence[
         )
 
 
-def _units(kinematics: Kinematics) -> dict[Node, Node]:
-    """Return unit quaternions among the coordinates as points of the unit sphere, on which e.e is the node 1."""
-    units: dict[Node, Node] = {}
-    for group in quaternion_groups(kinematics):
-        e = [kinematics.q[i] for i in group.coordinates]
-        names = unit_names([kinematics.model.symbols.coordinates[i] for i in group.coordinates])
-        units |= dict(zip(e, map(kinematics.graph.input, names), strict=True))
-    return units
-
-
 def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
     """Return the quasi-velocities of the frames of a scene, and its own speeds for coordinates that have none."""
     groups = [*quaternion_groups(kinematics), *velocity_groups(kinematics)]
@@ -156,6 +147,8 @@ def _contact(
     model, graph = kinematics.model, kinematics.graph
     names = model.symbols.unknowns
     slips = []
+    others = {other.constraint for other in model.contacts if other is not contact} - {contact.constraint}
+    holding = [row for number, row in enumerate(constraints) if number not in others]
     for place, name in enumerate(contact.tangential):
         power = [row[names.index(name)] for row in reactions]
         label = f"no slip of {contact.name!r}" + (f" along {name}" if len(contact.tangential) > 1 else "")
@@ -163,7 +156,7 @@ def _contact(
         if contact.slip is not None:
             velocity = contact.slip[place]
         row = _row(kinematics, label, None, velocity)
-        _refuse_unless_conjugate(kinematics, contact.name, name, power, row, constraints)
+        require_conjugate_slip(kinematics, contact.name, name, power, row, holding)
         slips.append(row)
     return ContactRow(
         name=contact.name,
@@ -178,43 +171,3 @@ def _contact(
         mu_static=contact.mu_static,
         regularization=contact.regularization,
     )
-
-
-def _refuse_unless_conjugate(
-    kinematics: Kinematics,
-    contact: str,
-    force: str,
-    power: Sequence[Node],
-    row: ConstraintRow,
-    constraints: Sequence[ConstraintRow],
-) -> None:
-    """Raise unless the slip velocity times the force is the power of friction, on motions that constraints allow."""
-    model, graph = kinematics.model, kinematics.graph
-    if all(p.is_zero for p in power):
-        why = f"{force} has no power on any coordinate, so that it cannot hold anything"
-        raise SceneError(model.name, [f"friction {contact!r}: {why}; the joint must act on a body that can slip"])
-    rest = [p - j for p, j in zip(power, row.jacobian, strict=True)]
-    if all(node.is_zero for node in rest):
-        return
-    units = _units(kinematics)
-    rest = graph.substitute(rest, units) if units else rest
-    base: list[list[Node]] = []
-    weights: list[Node] = []
-    for other in constraints:
-        trial = [*base, graph.substitute(other.jacobian, units) if units else list(other.jacobian)]
-        try:
-            weights = factorize(graph, matmul(graph, trial, transpose(trial))).solve(matvec(graph, trial, rest))
-        except SingularMatrix:
-            continue
-        base = trial
-    if base:
-        rest = [r - v for r, v in zip(rest, matvec(graph, transpose(base), weights), strict=True)]
-    if not all(node.is_zero for node in rest):
-        raise SceneError(
-            model.name,
-            [
-                f"friction {contact!r}: the slip velocity given for {force} is not the one that {force} has power on;"
-                " leave slip out, or write the velocity of the body's point of contact along that force, less that of"
-                " what it slips on"
-            ],
-        )

@@ -14,6 +14,7 @@ from ..errors import SceneError
 from ..ir.derivatives import tangents
 from ..ir.graph import Node
 from ..ir.linear import Matrix
+from ..ir.rounding import agree
 from ..scene.model import Components, GivenBody, GivenLoad, Pieces, SceneModel
 from . import vectors as vec
 from .kinematics import Kinematics
@@ -73,9 +74,7 @@ def follows(model: SceneModel) -> bool:
         elif action.target is not None:
             pose = kinematics.pose(action.target, 0)
             pairs.append((pose.frame, pose.omega, load.velocity))
-    return all(
-        vec.is_zero(vec.subtract(found, kinematics.resolve(velocity, frame))) for frame, found, velocity in pairs
-    )
+    return all(agree(found, kinematics.resolve(velocity, frame)) for frame, found, velocity in pairs)
 
 
 def _momenta(kinematics: Kinematics, body: GivenBody) -> list[tuple[Components, Components, int]]:

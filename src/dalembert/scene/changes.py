@@ -16,7 +16,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
-from .identity import vanishes
+from .identity import equal, vanishes
 from .interop import without_speeds
 from .tree import Tree
 
@@ -114,7 +114,7 @@ def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) 
             )
     if not isinstance(direction, Vector):
         faults.append(f"the direction of a release must be a unit vector such as N.z, not {direction!r}")
-    elif not vanishes(direction.dot(direction) - 1):
+    elif not equal(direction.dot(direction), 1):
         faults.append(f"the direction of a release must be a unit vector; the length of {direction} is not 1")
     return faults
 

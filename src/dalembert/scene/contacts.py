@@ -10,7 +10,7 @@ import sympy as sp
 
 from ..errors import list_names
 from .expressions import short
-from .identity import vanishes
+from .identity import equal
 from .model import ConstraintModel, ContactModel
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ class _Reading:
             self.faults.append(f"the {where}, {contact.gap}, must be in coordinates (and time), without rates")
         for i, constraint in enumerate(self.scene.holonomic_constraints):
             for sense in (1, -1):
-                if vanishes(contact.gap - sense * constraint):
+                if equal(contact.gap, sense * constraint):
                     return {"gap": node, "constraint": i, "sense": sense}
         more.append(ConstraintModel(f"contact {contact.label!r}, {short(contact.gap, 400)} = 0", node))
         return {"gap": node, "constraint": len(self.scene.holonomic_constraints) + len(more) - 1}

@@ -10,7 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 
 from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
-from ..ir.graph import Node
+from ..ir.graph import Graph, Node
+from ..ir.rounding import agree
 from ..naming import rate_name
 from .belonging import foreign_points
 from .contacts import read_contacts
@@ -19,8 +20,8 @@ from .expressions import short
 from .geometry import GeometryReader
 from .given import located, read_given
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
-from .said import contradictions
 from .scene import Joint, Place, Scene
+from .velocity_checks import velocity_faults
 
 __all__ = ["read"]
 
@@ -96,7 +97,7 @@ class _SceneReader(GeometryReader):
                 symbols.unknowns,
             )
         if not self.faults and placed:
-            self.faults += contradictions(scene, self.frames, self.points, self._met)
+            self.faults += velocity_faults(scene, self.frames, self.points, self._met)
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
@@ -135,8 +136,21 @@ class _SceneReader(GeometryReader):
     def _rows(self, matrix: Any, place: str) -> tuple[Components, Components, Components]:
         rows = [self._components(matrix[i, :], place) for i in range(3)]
         if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
-            self.faults.append(f"{place}: the matrix is not symmetric")
+            if not agree([x for row in rows for x in row], [x for row in zip(*rows, strict=True) for x in row]):
+                self.faults.append(f"{place}: the matrix is not symmetric")
+            (a, _, _), (d, b, _), (e, f, c) = rows
+            return (a, d, e), (d, b, f), (e, f, c)
         return rows[0], rows[1], rows[2]
+
+    def _at_rest(self, rows: tuple[Components, Components, Components]) -> tuple[Components, Components, Components]:
+        """Return an inertia without what moves, where only the rounding of decimals depends on that."""
+        entries = [x for row in rows for x in row]
+        moving = [node for node in Graph.topological(entries) if node.op == "input" and node.deps & self._moving()]
+        try:
+            a = self.graph.substitute(entries, dict.fromkeys(moving, self.graph.zero))
+        except ZeroDivisionError:
+            return rows
+        return ((a[0], a[1], a[2]), (a[3], a[4], a[5]), (a[6], a[7], a[8])) if agree(entries, a) else rows
 
     def _body(self, body: Any) -> BodyModel | None:
         if not isinstance(body, RigidBody | Particle):
@@ -148,6 +162,8 @@ class _SceneReader(GeometryReader):
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
         inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
+        if any(entry.deps & self._moving() for row in inertia for entry in row):
+            inertia = self._at_rest(inertia)
         if any(entry.deps & self._moving() for row in inertia for entry in row):
             self.faults.append(
                 f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where"

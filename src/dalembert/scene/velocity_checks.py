@@ -1,4 +1,4 @@
-"""Velocities that were set beside positions and orientations, which alone a scene goes by: they must not differ."""
+"""Consistency of velocities set with ``set_vel`` and ``set_ang_vel`` with the positions and orientations of a scene."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from sympy.physics.vector import dynamicsymbols
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, matmul, matvec, transpose
+from ..ir.rounding import agree
 from ..naming import rate_name
 from .expressions import ExpressionReader
 
@@ -18,34 +19,35 @@ if TYPE_CHECKING:
     from .scene import Scene
     from .tree import Tree
 
-__all__ = ["contradictions"]
+__all__ = ["velocity_faults"]
 
 _REMEDY = (
-    "A scene takes velocities from positions and orientations: write them so that they move (with a coordinate, or with"
-    " time), or leave out what was set. SymPy's KanesMethod and System are taken with their velocities"
+    "A scene derives velocities from positions and orientations: write those so that they move (with a coordinate, or"
+    " with time), or do not set velocities. SymPy's KanesMethod and System keep the velocities that were set"
 )
 
 
-def contradictions(scene: Scene, frames: Tree, points: Tree, met: Sequence[Any]) -> list[str]:
+def velocity_faults(scene: Scene, frames: Tree, points: Tree, used: Sequence[Any]) -> list[str]:
     """Return a fault for every ``set_ang_vel`` and ``set_vel`` that contradicts orientations and positions.
 
-    Velocities in symbols that the scene does not know are let pass where something moves at all. Those of points are
-    looked at where no constraint relates the coordinates.
+    Velocities are compared as functions; where decimals occur, up to their rounding, because SymPy has rounded products
+    of them. Velocities in symbols that the scene does not have are accepted where something moves at all. Those of
+    points are compared where no constraint relates the coordinates.
 
     Parameters
     ----------
     scene : Scene
-        Its coordinates are sound.
+        With valid coordinates.
     frames, points : Tree
         Below the frame and the origin of the scene.
-    met : sequence of ReferenceFrame and Point
-        Those that its contents depend on.
+    used : sequence of ReferenceFrame and Point
+        Those that the contents of the scene depend on.
     """
     if scene.velocities or scene.speeds or scene.orientations or scene.releases or scene.imposed:
         return []
     check = _Check(scene, frames, points)
     faults = []
-    for target in met:
+    for target in used:
         angular = target in frames.parent
         if not angular and (scene.holonomic_constraints or scene.nonholonomic_constraints):
             continue
@@ -55,7 +57,7 @@ def contradictions(scene: Scene, frames: Tree, points: Tree, met: Sequence[Any])
 
 @final
 class _Check:
-    """Velocities by differentiation, on a graph of their own, so that the scene's stays as it is."""
+    """Velocities by differentiation of positions, on a graph of their own: that of the scene stays as it is."""
 
     def __init__(self, scene: Scene, frames: Tree, points: Tree) -> None:
         self.scene, self.frames, self.points = scene, frames, points
@@ -67,23 +69,26 @@ class _Check:
         leaves |= {c.diff(time): rate for c, rate in zip(scene.coordinates, rates, strict=True)}
         self.flow = {g.input("t"): g.one, **dict(zip(q, rates, strict=True))}
         self.reader = ExpressionReader(g, leaves)
-        one = [[g.one if i == j else g.zero for j in range(3)] for i in range(3)]
-        self._from_root: dict[Any, Matrix | None] = {scene.frame: one}
+        self._from_root: dict[Any, Matrix | None] = {scene.frame: self._identity()}
+
+    def _identity(self) -> Matrix:
+        return [[self.graph.const(int(i == j)) for j in range(3)] for i in range(3)]
 
     def from_root(self, frame: Any) -> Matrix | None:
-        """Return what takes components on the scene's frame to `frame`; None where it is no rotation whatever q."""
+        """Return the matrix from components on the scene's frame to `frame`; None unless a rotation for every q."""
         if frame not in self._from_root:
             parent = self.frames.parent[frame]
             entries = frame._dcm_dict[parent]
             step = [[self.reader.read(entries[i, j], "") for j in range(3)] for i in range(3)]
             square = matmul(self.graph, step, transpose(step))
-            sound = all((x - (1 if i == j else 0)).is_zero for i, row in enumerate(square) for j, x in enumerate(row))
+            rotation = agree([x for row in square for x in row], [x for row in self._identity() for x in row])
             above = self.from_root(parent)
-            self._from_root[frame] = matmul(self.graph, step, above) if sound and above is not None else None
+            known = rotation and above is not None
+            self._from_root[frame] = matmul(self.graph, step, above) if known and above is not None else None
         return self._from_root[frame]
 
     def on_root(self, vector: Any) -> list[Node] | None:
-        """Return the components of a vector on the scene's frame, None for what cannot be read."""
+        """Return the components of a vector on the scene's frame; None where it has symbols that are not known."""
         total = [self.graph.zero] * 3
         for matrix, frame in getattr(vector, "args", ()):
             turn = self.from_root(frame) if frame in self.frames.parent else None
@@ -104,26 +109,24 @@ class _Check:
         return [skew[2][1], skew[0][2], skew[1][0]]
 
     def frame(self, frame: Any) -> list[str]:
-        """Return the faults of what was set for a frame."""
+        """Return the faults of the angular velocities that were set for a frame."""
         faults = []
-        for other, said in frame._ang_vel_dict.items():
+        for other, given in frame._ang_vel_dict.items():
             if other is not self.frames.parent[frame] and other is not self.scene.frame:
                 continue
             own, base = self.spin(frame), self.spin(other)
-            if own is None or base is None:
+            if own is None or base is None or self.equal(own, base, given):
                 continue
-            found = [a - b for a, b in zip(own, base, strict=True)]
-            if self.differ(found, said):
-                faults.append(
-                    f"frame {frame.name!r} was set to turn in {other.name!r} with {said}, and its orientation says"
-                    f" {'that it does not turn' if all(x.is_zero for x in found) else 'otherwise'}. {_REMEDY}"
-                )
+            faults.append(
+                f"the angular velocity of frame {frame.name!r} in {other.name!r} was set to {given}, but its"
+                f" orientation {'is constant' if agree(own, base) else 'gives another one'}. {_REMEDY}"
+            )
         return faults
 
     def point(self, point: Any) -> list[str]:
-        """Return the faults of what was set for a point."""
-        said = point._vel_dict.get(self.scene.frame)
-        if said is None:
+        """Return the faults of the velocity that was set for a point."""
+        given = point._vel_dict.get(self.scene.frame)
+        if given is None:
             return []
         places = [self.on_root(node._pos_dict[self.points.parent[node]]) for node in self.points.path(point) or ()]
         total = [self.graph.zero] * 3
@@ -132,14 +135,18 @@ class _Check:
                 return []
             total = [a + b for a, b in zip(total, place, strict=True)]
         found = tangents(self.graph, total, self.flow)
-        if not self.differ(found, said):
+        rest = [self.graph.zero] * 3
+        if self.equal(found, rest, given):
             return []
-        how = "that it rests" if all(x.is_zero for x in found) else "otherwise"
-        return [f"point {point.name!r} was set to move with {said}, and its position says {how}. {_REMEDY}"]
+        how = "is constant" if agree(found, rest) else "gives another one"
+        return [f"the velocity of point {point.name!r} was set to {given}, but its position {how}. {_REMEDY}"]
 
-    def differ(self, found: Sequence[Node], said: Any) -> bool:
-        """Whether a velocity that was set is another than the one found; what cannot be read is not rest."""
-        told = self.on_root(said)
-        if told is None:
-            return all(x.is_zero for x in found) and said != 0
-        return any(not (a - b).is_zero for a, b in zip(found, told, strict=True))
+    def equal(self, found: Sequence[Node], base: Sequence[Node], given: Any) -> bool:
+        """Whether a velocity is that of its base plus the one that was set.
+
+        One in symbols that are not known is accepted unless nothing moves.
+        """
+        relative = self.on_root(given)
+        if relative is None:
+            return not (agree(found, base) and given != 0)
+        return agree(found, [a + b for a, b in zip(base, relative, strict=True)])
