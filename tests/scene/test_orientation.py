@@ -457,3 +457,26 @@ def test_angles_that_do_more_than_orient(options):
     scene = turning(chain, **options)
     with pytest.raises(SceneError, match="depends on the angles psi, theta, phi otherwise than"):
         da.compile_model(scene, backend="numpy", orientation="quaternion")
+
+
+def test_frames_that_are_not_in_the_scene_do_not_matter():
+    """Frames on N, and on one between N and the body, turned by the angles of the body."""
+    frames = {}
+
+    def orient(N):
+        P = N.orientnew("P", "Axis", (psi, N.z))
+        Q = P.orientnew("Q", "Axis", (theta, P.x))
+        frames["left"] = P.orientnew("left over", "Axis", (phi, P.x))
+        old = N.orientnew("old", "Axis", (psi, N.z))
+        old.orientnew("older", "Axis", (phi, old.x))
+        return Q.orientnew("S", "Axis", (phi, Q.z))
+
+    models = [da.compile_model(turning(axes), backend="numpy", orientation="quaternion") for axes in (orient, chain)]
+    ends = [model.simulate((0, 1), START, BODY, rtol=1e-10)["e2_S"][-1] for model in models]
+    assert ends[0] == ends[1]
+    used = turning(orient, loads=lambda N, S, G: [(S, frames["left"].x)])
+    with pytest.raises(OptionError, match="'left over' is turned by some"):
+        da.compile_model(used, backend="numpy", orientation="quaternion")
+    at = turning(orient, at=lambda N, S: l * frames["left"].x + l * S.x)
+    with pytest.raises(OptionError, match="'left over' is turned by some"):
+        da.compile_model(at, backend="numpy", orientation="quaternion")

@@ -17,6 +17,7 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..errors import OptionError, SceneError, list_names
 from .angle_sequences import AngleSequence, recognised
+from .frames_in_use import frames_in_use
 from .interop import without_speeds
 from .tree import Tree
 
@@ -206,9 +207,8 @@ def _entangled(scene: Scene, tree: Tree, chain: Sequence[ReferenceFrame], angles
     carried = [b.name for b in scene.bodies if isinstance(b, RigidBody) and b.frame in chain[:-1]]
     if carried:
         return f"{named} also turn {list_names(map(repr, carried))}, which lies between"
-    for frame, parent in tree.parent.items():
-        if parent is None or frame in chain:
-            continue
+    for frame in sorted(frames_in_use(scene, tree) - set(chain), key=lambda frame: str(frame.name)):
+        parent = tree.parent[frame]
         if parent in chain[:-1] or any(matrix_angle in angles for matrix_angle in _angles(frame._dcm_dict[parent])):
             return f"the frame {frame.name!r} is turned by some of {named} and not by all"
     changed = [item.coordinate for item in scene.releases if item.coordinate in angles or item.target in chain]
