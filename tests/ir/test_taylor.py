@@ -54,6 +54,31 @@ FUNCTIONS = {
 }
 
 
+def with_a_constant(name, place, value):
+    """Return a function whose operand at `place` does not vary: a number, or a parameter."""
+
+    def function(g, x, y):
+        operands = [x * y + 1, y + 2, x][: OPERATIONS[name].arity]
+        operands[place] = g.input("c0") if value == "c0" else g.node(value)
+        return g.call(name, *operands) + y
+
+    return function
+
+
+WITH_CONSTANTS = {
+    f"{name} {place} {value}": with_a_constant(name, place, value)
+    for name, operation in OPERATIONS.items()
+    if operation.arity > 1
+    for place in range(operation.arity)
+    for value in (2.0, "c0")
+}
+
+
+def constants(g, x, y):
+    """Return a function with every operation that can have a constant operand."""
+    return g.sum(function(g, x, y) for function in WITH_CONSTANTS.values()) * g.node(1 / 64)
+
+
 def everything(g, x, y):
     """Return a function with sums of every kind, more than fill a pack."""
     angle, root = g.sin(x * y), g.call("sqrt", x + y * y)
@@ -67,7 +92,7 @@ def poles(g, x, y):
     return g.node(1e-30) * (a / g.power(a * a + b * b, 7) - 1 / g.power(y - 9, 9))
 
 
-SCENES = FUNCTIONS | {"everything": everything, "poles": poles}
+SCENES = FUNCTIONS | WITH_CONSTANTS | {"everything": everything, "constants": constants, "poles": poles}
 
 
 VALUES = {
@@ -126,10 +151,11 @@ def test_every_operation_has_a_case():
     assert set(FUNCTIONS) == set(OPERATIONS) == set(VALUES)
 
 
-@pytest.mark.parametrize("order", [2, 3, 5, 7])
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize(
+    "name, order", [(name, order) for name in FUNCTIONS for order in (2, 3, 5, 7)] + [(name, 4) for name in WITH_CONSTANTS]
+)
 def test_series_solves_the_equations_to_its_order(name, order):
-    kernel = kernel_of(FUNCTIONS[name])
+    kernel = kernel_of(SCENES[name])
     t0, y0, c = 0.3, [0.7, 0.4], [0.8]
     flat = interpret(series_kernel(recurrences(kernel), order), {"t": t0, "y": y0, "c": c})
     coefficients = np.reshape(flat, (2, order + 1))
@@ -171,10 +197,10 @@ def outcomes(texts, count, lanes, largest=0.002):
 
 @pytest.mark.parametrize("lanes", [1, "native"])
 @pytest.mark.parametrize("dense", [False, True])
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", [*FUNCTIONS, "constants"])
 def test_loops_and_unrolled_code_agree(name, dense, lanes):
     lanes = native_lanes() if lanes == "native" else 1
-    known = recurrences(kernel_of(FUNCTIONS[name]))
+    known = recurrences(kernel_of(SCENES[name]))
     step = step_kernel(known, ORDER, dense=dense)
     texts = (assembly([("step", step)], lanes), loop_assembly("step", known, ORDER, lanes, dense=dense))
     results, y, c, s = outcomes(texts, len(step.outputs), lanes)
@@ -195,7 +221,7 @@ ORDERS = [LEAST_ORDER, LEAST_ORDER + 1, FAITHFUL_ORDER + 1]
 
 @pytest.mark.parametrize(
     "name, order, lanes, width",
-    [(name, ORDER, 1, 4) for name in (*FUNCTIONS, "poles")]
+    [(name, ORDER, 1, 4) for name in (*FUNCTIONS, "constants", "poles")]
     + [("everything", order, *shape) for order in ORDERS for shape in SHAPES]
     + [("poles", order, 4, 1) for order in ORDERS],
 )

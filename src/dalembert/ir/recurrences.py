@@ -101,8 +101,7 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
             items.append(line)
             continue
         new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
-        items += new
-        varying |= {(item.value if isinstance(item, Integrated) else item).target for item in new}
+        items += _without_fixed_terms(line, new, varying)
     own = len(kernel.outputs) - followed
     looked_at = reached_from(kernel, hidden)
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
@@ -123,6 +122,36 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
 
 
 Items = list[Assignment | Integrated]
+
+
+def _without_fixed_terms(line: Assignment, new: Items, varying: set[str]) -> Items:
+    """Return the items of a value without the terms of operands that do not vary, and without what only these needed.
+
+    The targets of items that vary join `varying`. An operand may be a literal (atan2(y, 2)), which has no series.
+    """
+    kept: Items = []
+    for item in new:
+        if isinstance(item, Integrated):
+            item = Integrated(item.value, tuple(term for term in item.terms if term[1] in varying))
+            varying.add(item.value.target)
+        elif any(arg in varying for arg in item.args):
+            varying.add(item.target)
+        kept.append(item)
+    needs = {
+        _value(item).target: {f for _, _, f in item.terms} if isinstance(item, Integrated) else set(item.args)
+        for item in kept
+    }
+    needed: set[Operand] = {line.target}
+    waiting: list[Operand] = [line.target]
+    while waiting:
+        new_ones = needs.get(str(waiting.pop()), set()) - needed
+        needed |= new_ones
+        waiting += new_ones
+    return [item for item in kept if _value(item).target in needed]
+
+
+def _value(item: Assignment | Integrated) -> Assignment:
+    return item.value if isinstance(item, Integrated) else item
 
 
 def _expanded(line: Assignment, known: dict[tuple[str, tuple[Operand, ...]], str], done: set[str]) -> Items:
