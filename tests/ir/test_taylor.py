@@ -152,7 +152,8 @@ def test_every_operation_has_a_case():
 
 
 @pytest.mark.parametrize(
-    "name, order", [(name, order) for name in FUNCTIONS for order in (2, 3, 5, 7)] + [(name, 4) for name in WITH_CONSTANTS]
+    "name, order",
+    [(name, order) for name in FUNCTIONS for order in (2, 3, 5, 7)] + [(name, 4) for name in WITH_CONSTANTS],
 )
 def test_series_solves_the_equations_to_its_order(name, order):
     kernel = kernel_of(SCENES[name])

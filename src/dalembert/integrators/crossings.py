@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 from .problem import FloatArray
 
 __all__ = [
+    "BUDGET",
+    "COARSE",
     "COEFFICIENTS",
+    "DEEP",
+    "DEEP_COST",
     "DIVIDED",
     "POINTS",
     "SLOPES",
@@ -74,6 +78,13 @@ TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
 
 DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
+
+BUDGET, DEEP, DEEP_COST, COARSE = 8192, 20, 16, 10
+"""How many pieces one step of one case may be cut into, from which halving on a piece counts for more, for how many,
+and how often a step is halved once that is used up.
+
+Smooth functions need few deep pieces, jumps and double zeros one or two for each halving; a function of which nothing
+but rounding is left needs all that there are, 2**44."""
 
 _MOST, _MOST_TRIES, _FIRST_BATCH = 8192, 200, 4
 

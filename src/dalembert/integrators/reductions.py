@@ -2,7 +2,9 @@
 
 A piece of a step is cut in halves until the series is as good as the function: for an integral, until its last two
 coefficients are small; for an extremum, until the piece cannot hold a better one, or the function is monotone on it,
-or bends one way on it, where the zero of the slope of the series is where the extremum is.
+or bends one way on it, where the zero of the slope of the series is where the extremum is. Where nothing but rounding
+is left of a function it ends, too: where what varies is a share of the extremum that rounding may be (`FLAT`), or where
+the budget of the step is used up (`dalembert.integrators.crossings.BUDGET`).
 """
 
 from __future__ import annotations
@@ -11,10 +13,22 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .crossings import COEFFICIENTS, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from .crossings import BUDGET, COARSE, COEFFICIENTS, DEEP, DEEP_COST, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from .problem import DenseOutput, FloatArray, JoinedOutput
 
-__all__ = ["BENDS", "BEND_TAIL", "CLOSE", "INTEGRAL", "KINDS", "NEGLIGIBLE", "SHALLOW", "SMOOTH", "running_values"]
+__all__ = [
+    "BENDS",
+    "BEND_TAIL",
+    "CLOSE",
+    "DEEP_IN_MEAN",
+    "FLAT",
+    "INTEGRAL",
+    "KINDS",
+    "NEGLIGIBLE",
+    "SHALLOW",
+    "SMOOTH",
+    "running_values",
+]
 
 KINDS = ("minimum", "maximum", "mean")
 
@@ -40,6 +54,12 @@ NEGLIGIBLE = 1e-13
 
 SHALLOW = 16
 """Halvings after which the integral of a piece is taken as it is: a jump or a kink is in it."""
+
+FLAT = 32 * 2.220446049250313e-16
+"""Share of the extremum up to which what a function varies by on a piece is rounding."""
+
+DEEP_IN_MEAN = 12
+"""As `dalembert.integrators.crossings.DEEP`, for integrals."""
 
 Sample = Callable[[FloatArray], FloatArray]
 Values = Callable[[int, FloatArray], FloatArray]
@@ -81,13 +101,15 @@ def running_values(dense: DenseOutput, sampled: Callable[[DenseOutput], Values],
 
 
 def _integral(sample: Sample, till: float) -> float:
-    total, stack = 0.0, [(0.0, till, 0)]
+    total, stack, budget, deepest = 0.0, [(0.0, till, 0)], BUDGET, SHALLOW
     while stack:
         low, high, depth = stack.pop()
+        budget -= DEEP_COST if depth >= DEEP_IN_MEAN else 1
+        deepest = COARSE if budget < 0 else deepest
         series = COEFFICIENTS @ sample(low + (high - low) * POINTS)
         tail, before, size = (np.abs(part).sum() for part in (series[-2:], series[-4:-2], series))
         smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
-        if not smooth and depth < SHALLOW and np.isfinite(tail):
+        if not smooth and depth < deepest and np.isfinite(tail):
             middle = 0.5 * (low + high)
             stack += [(middle, high, depth + 1), (low, middle, depth + 1)]
         else:
@@ -97,16 +119,18 @@ def _integral(sample: Sample, till: float) -> float:
 
 def _largest(sample: Sample, till: float, sign: float, best: float) -> float:
     """Return the largest value of sign times a function over a step up to a fraction of it, at least `best`."""
-    stack = [(0.0, till, 0)]
+    stack, budget, deepest = [(0.0, till, 0)], BUDGET, DEEPEST
     while stack:
         low, high, depth = stack.pop()
+        budget -= DEEP_COST if depth >= DEEP else 1
+        deepest = COARSE if budget < 0 else deepest
         values = sign * sample(low + (high - low) * POINTS)
         if not np.all(np.isfinite(values)):
             return np.nan
         best = max(best, float(values.max()))
         series, slopes, bends = COEFFICIENTS @ values, SLOPES @ values, BENDS @ values
         varies, tail = np.abs(series[1:]).sum(), np.abs(series[-2:]).sum()
-        if series[0] + varies + TAIL * tail <= best or depth >= DEEPEST:
+        if series[0] + varies + TAIL * tail <= best or depth >= deepest:
             continue
         if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * tail:
             continue
@@ -115,7 +139,7 @@ def _largest(sample: Sample, till: float, sign: float, best: float) -> float:
                 theta = low + (high - low) * _turning(slopes)
                 best = max(best, sign * float(sample(np.array([theta]))[0]))
             continue
-        if varies + TAIL * tail <= 4e-16 * abs(best):
+        if varies + TAIL * tail <= FLAT * abs(best):
             continue
         middle = 0.5 * (low + high)
         stack += [(middle, high, depth + 1), (low, middle, depth + 1)]

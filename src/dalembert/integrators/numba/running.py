@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from ..crossings import DEEPEST, SLOPE_TAIL, TAIL
+from ..crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST, SLOPE_TAIL, TAIL
 from ..problem import FloatArray
-from ..reductions import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
+from ..reductions import BEND_TAIL, BENDS, CLOSE, DEEP_IN_MEAN, FLAT, INTEGRAL, NEGLIGIBLE, SHALLOW, SMOOTH
 from .code import bare, call_code, row
 from .pieces import SERIES, SLOPE_SERIES, sample, transformed
 from .workspace import QUICK, Scratch, Watch
@@ -41,10 +41,14 @@ def accumulate(
     best = sign * total
     work = room.work
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, till, 0.0
-    height = 1
+    height, budget = 1, BUDGET
+    deep, deepest = (DEEP_IN_MEAN, SHALLOW) if kind == MEAN else (DEEP, DEEPEST)
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
+        budget -= DEEP_COST if depth >= deep else 1
+        if budget < 0:
+            deepest = COARSE
         sample(watch.running, watch.read, room, many, t, h, low, high - low)
         transformed(SERIES, room, e, 0)
         varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
@@ -53,7 +57,7 @@ def accumulate(
         if kind == MEAN:
             size, before = varies + abs(work[0, 0]), abs(work[0, 4]) + abs(work[0, 5])
             smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
-            if smooth or depth >= SHALLOW or not math.isfinite(tail):
+            if smooth or depth >= deepest or not math.isfinite(tail):
                 mean = 0.0
                 for k in range(8):
                     mean += _INTEGRAL[k] * work[0, k]
@@ -64,7 +68,7 @@ def accumulate(
                 if not math.isfinite(room.values[e, j]):
                     return math.nan
                 best = max(best, sign * room.values[e, j])
-            if sign * work[0, 0] + varies + TAIL * tail <= best or depth >= DEEPEST:
+            if sign * work[0, 0] + varies + TAIL * tail <= best or depth >= deepest:
                 continue
             transformed(SLOPE_SERIES, room, e, 1)
             transformed(_BENDS, room, e, 2)
@@ -79,7 +83,7 @@ def accumulate(
                     theta = low + (high - low) * _turning(work, sign)
                     best = max(best, sign * _value(watch, room, one, t, h, theta, e))
                 continue
-            if varies + TAIL * tail <= 4e-16 * abs(best):
+            if varies + TAIL * tail <= FLAT * abs(best):
                 continue
         middle = 0.5 * (low + high)
         room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ..crossings import DEEPEST
+from ..crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from ..problem import FloatArray
 from ..status import Status
 from ..watched import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
@@ -38,7 +38,7 @@ _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
 _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
-_BUDGET, _TRIES = 8192, 200
+_TRIES = 200
 
 WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2, INTEGER), Watch._fields)
 SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
@@ -217,7 +217,7 @@ def scan(
         room.happens[0, e] = 0.0
     least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
     room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
-    height, budget = 1, _BUDGET
+    height, budget, deepest = 1, BUDGET, DEEPEST
     while height > 0:
         height -= 1
         low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
@@ -228,8 +228,10 @@ def scan(
             else:
                 sample(watch.values, watch.used, room, many, t, h, low, high - low)
             simple, finite = simple_piece(watch.directions, room, lane, fresh and low == 0.0, high)
-        budget -= 1
-        if not (simple or depth >= DEEPEST or budget < 0 or high - low <= least):
+        budget -= DEEP_COST if depth >= DEEP else 1
+        if budget < 0:
+            deepest = COARSE
+        if not (simple or depth >= deepest or high - low <= least):
             middle = 0.5 * (low + high)
             room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
             room.stack[height + 1, 0], room.stack[height + 1, 1], room.stack[height + 1, 2] = low, middle, depth + 1.0
