@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from .ir.lower import lower
 from .mechanics.derive import derive
 from .naming import rate_name
+from .once import deriving
 from .options import CompileOptions
 from .reduction import reduce
 from .reduction.keeping import keeping
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Stages", "compile_model", "compile_scene"]
 
 
+@deriving
 def compile_model(
     source: Scene | System | KanesMethod | LagrangesMethod,
     *,
@@ -94,6 +96,7 @@ def compile_model(
     return compile_scene(scene, options)
 
 
+@deriving
 def compile_scene(
     scene: Scene,
     options: CompileOptions,

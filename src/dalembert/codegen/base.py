@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,47 @@ __all__ = [
     "Engine",
     "FloatArray",
     "LoopCall",
+    "Prepared",
+    "PreparedStates",
     "RenderedModule",
     "growing_stretches",
 ]
 
 FloatArray = NDArray[np.float64]
 Final = tuple[FloatArray, Status]
+
+
+class Prepared(Protocol):
+    """A prepared run, which threads may share."""
+
+    def __call__(self, state: FloatArray, p: FloatArray, /) -> FloatArray:
+        """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,)."""
+        ...
+
+    def status(self) -> Status:
+        """Return how the last run of this thread ended."""
+        ...
+
+
+class _Last(threading.local):
+    status = Status.SUCCESS
+
+
+@final
+class PreparedStates:
+    """A prepared run by a function from a state and parameters to the final state and the status."""
+
+    def __init__(self, run: Callable[[FloatArray, FloatArray], Final]) -> None:
+        self._run, self._last = run, _Last()
+
+    def __call__(self, state: FloatArray, p: FloatArray, /) -> FloatArray:
+        """See `Prepared`."""
+        y, self._last.status = self._run(state, p)
+        return y
+
+    def status(self) -> Status:
+        """See `Prepared`."""
+        return self._last.status
 
 
 @final
@@ -259,8 +295,8 @@ class Engine(ABC):
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
-    ) -> Callable[[FloatArray, FloatArray], Final]:
-        """Return a function from states (n_y,) and parameters (n_p,) to final states, the rest as in `problem`.
+    ) -> Prepared:
+        """Return a prepared run; but for states and parameters everything is as in `problem`.
 
         `constants` gives c (n_c,) of parameters (n_p,).
         """
@@ -270,7 +306,7 @@ class Engine(ABC):
             solution = self.integrate(replace(problem, y0=state, constants=c, t_eval=np.array([problem.t1])), method)
             return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
 
-        return run
+        return PreparedStates(run)
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """Return the rate of the state as a traced function, where the backend traces."""

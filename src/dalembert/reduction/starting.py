@@ -18,6 +18,7 @@ from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
+from ..once import deriving
 from ..scene.model import Entry
 from .base import ReducedSystem
 from .reactions import independent_columns
@@ -57,6 +58,7 @@ class Start:
     labels: tuple[tuple[str, str], ...]
 
 
+@deriving
 def starting(system: ReducedSystem, given: Sequence[str]) -> Start:
     """Return the start of a system from values with the names `given`.
 

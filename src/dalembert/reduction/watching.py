@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, final
 
 from ..errors import ExpressionError, UnknownNameError, unknown_name
@@ -16,6 +15,7 @@ from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
+from ..once import once_property
 from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
 from .base import ReducedSystem
@@ -44,7 +44,7 @@ class Watch:
     begins: Kernel
     _join: Callable[[], Kernel]
 
-    @cached_property
+    @once_property
     def joint(self) -> Kernel:
         """The right-hand side of the system, then the values: together, because they have much in common."""
         return self._join()

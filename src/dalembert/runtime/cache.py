@@ -22,6 +22,7 @@ from types import ModuleType
 
 from ..errors import CacheWarning
 from ..naming import Namer
+from ..once import exclusively
 
 __all__ = ["ENVIRONMENT_VARIABLE", "directory", "keep", "kept_text", "load", "load_in_memory", "rebuilding", "store"]
 
@@ -122,7 +123,7 @@ def _import(path: Path, digest: str) -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[qualified] = module
-    with _no_bytecode():
+    with exclusively("bytecode"), _no_bytecode():
         spec.loader.exec_module(module)
     return module
 

@@ -17,6 +17,7 @@ from ..integrators.watched import Jump, Rule, Watched
 from ..ir.branches import unforeseen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
+from ..once import deriving
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
@@ -254,6 +255,7 @@ class EventCode:
         return apply
 
 
+@deriving
 def compiled_events(
     stages: Stages,
     events: Sequence[Event],

@@ -9,6 +9,7 @@ from ..codegen import backend_named
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, ValueInputError, list_names, unknown_name
 from ..ir.program import Layout
+from ..once import DERIVING, derived_once
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from ..values import number
@@ -84,9 +85,7 @@ class Held(Evaluated):
     def _start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names."""
         key = frozenset(given)
-        if key not in self._starts:
-            self._starts[key] = starting(self.stages.reduced, sorted(key))
-        return self._starts[key]
+        return derived_once(self._starts, key, lambda: starting(self.stages.reduced, sorted(key)))
 
     def _method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
         if method == "auto":
@@ -107,23 +106,27 @@ class Held(Evaluated):
         """
         same = isinstance(events, tuple) and not reduce and not ranks
         same = same and all(isinstance(event, Event) and event.apply is None for event in events)
-        if same and id(events) in self._named and self._named[id(events)][0] is events:
-            return self._named[id(events)][1]
+        kept = self._named.get(id(events)) if same else None
+        if kept is not None and kept[0] is events:
+            return kept[1]
         listed = event_list(events, self.layout.aliases)
         reductions = reduction_table(reduce, self.layout.aliases)
-        margins = rank_margins(self.stages.reduced) if ranks else {}
-        if not listed and not reductions and not margins:
-            return None
-        key = repr((listed, reductions, ranks))
-        if key not in self._watches:
-            if len(self._watches) >= _MOST_WATCHES:
-                self._watches.clear()
-            self._watches[key] = compiled_events(self.stages, listed, self._start, reductions, margins)
-        if same:  # a tuple is kept, so that no other can have its number
-            if len(self._named) >= _MOST_WATCHES:
-                self._named.clear()
-            self._named[id(events)] = events, self._watches[key]
-        return self._watches[key]
+        with DERIVING:
+            margins = rank_margins(self.stages.reduced) if ranks else {}
+            if not listed and not reductions and not margins:
+                return None
+            key = repr((listed, reductions, ranks))
+            code = derived_once(
+                self._watches,
+                key,
+                lambda: compiled_events(self.stages, listed, self._start, reductions, margins),
+                most=_MOST_WATCHES,
+            )
+            if same:  # a tuple is kept, so that no other can have its number
+                if len(self._named) >= _MOST_WATCHES:
+                    self._named.clear()
+                self._named[id(events)] = events, code
+        return code
 
 
 def span_of(t_span: Sequence[float]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..codegen import backend_named
 from ..codegen.base import Engine
 from ..integrators.problem import IntegrationProblem
+from ..once import derived_once
 from ..options import CompileOptions
 from ..results.comparison import Comparison
 from ..results.linearization import Linearization
@@ -124,10 +125,8 @@ class CompiledModel(Swept):
 
         if name == self.formulation:
             return self
-        if name not in self._others:
-            options = CompileOptions(backend=self.backend, formulation=name)
-            self._others[name] = compile_mode(self.stages.scene, options, self.stages.mode)
-        return self._others[name]
+        options = CompileOptions(backend=self.backend, formulation=name)
+        return derived_once(self._others, name, lambda: compile_mode(self.stages.scene, options, self.stages.mode))
 
     def sensitivity(
         self,
@@ -174,9 +173,7 @@ class CompiledModel(Swept):
         start = self._start(values)
         names = chosen_names(self._program, start.given, of, wrt)
         key = (start.given, *names)
-        if key not in self._variations:
-            self._variations[key] = vary(self.stages, start.given, *names)
-        variation = self._variations[key]
+        variation = derived_once(self._variations, key, lambda: vary(self.stages, start.given, *names))
         c = inputs.constants(self._program, p)
         problem = IntegrationProblem(
             t0=t0,

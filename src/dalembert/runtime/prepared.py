@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
-from ..codegen.base import FloatArray
+from ..codegen.base import FloatArray, Prepared
 from ..errors import ValueInputError, list_names
 from ..integrators.status import Status
 from ..ir.program import Layout
@@ -19,19 +19,16 @@ class PreparedRun:
     """A run of fixed span, method and tolerances: ``run(state, p)`` is the final state.
 
     The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``, which check
-    what is in them; here only their shapes are checked. A prepared run keeps buffers of its own and is for one thread
-    at a time; a copy has others. `again` makes one more.
+    what is in them; here only their shapes are checked. Threads may share a prepared run. `again` makes one more.
 
     Attributes
     ----------
     method : str
-    status : Status
-        How the last run ended.
     """
 
     def __init__(
         self,
-        run: Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]],
+        run: Prepared,
         method: str,
         layout: Layout,
         again: Callable[[], PreparedRun],
@@ -40,7 +37,6 @@ class PreparedRun:
         self._state, self._parameters = layout.state, layout.parameters
         self._shapes = ((len(layout.state),), (len(layout.parameters),))
         self.method = method
-        self.status = Status.SUCCESS
 
     def __call__(self, state: FloatArray, p: FloatArray) -> FloatArray:
         """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,).
@@ -57,8 +53,12 @@ class PreparedRun:
         if not fits:
             state = self._array("state", state, self._state)
             p = self._array("p", p, self._parameters)
-        y, self.status = self._run(state, p)
-        return y
+        return self._run(state, p)
+
+    @property
+    def status(self) -> Status:
+        """How the last run of this thread ended."""
+        return self._run.status()
 
     @staticmethod
     def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:

@@ -14,6 +14,7 @@ from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import IntegrationProblem, prescribed
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
+from ..once import deriving
 from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
@@ -74,6 +75,7 @@ class Variation:
         )
 
 
+@deriving
 def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[str]) -> Variation:
     """Return the variation of a model; its code is generated, loaded and cached as that of the model itself."""
     backend = backend_named(stages.rendered.backend)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..codegen.base import Engine, FloatArray
+from ..codegen.base import Engine, FloatArray, Prepared, PreparedStates
 from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.interpret import interpret_rows
+from ..once import derived_once, derived_property
 from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
 from ..reduction.keeping import refuse_formulation
@@ -56,7 +57,7 @@ class Simulated(Held):
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._keepers: dict[tuple[str, ...], Simulated] = {}
 
-    @cached_property
+    @derived_property
     def _gimbals(self) -> Gimbals | None:
         """The angles that may lock, found when a run is first judged."""
         return gimbals(self.stages.reduced)
@@ -222,28 +223,27 @@ class Simulated(Held):
         from ..recompiling import recompile
 
         names = kept_names(wanted, self.stages.equations, self._program, self._conservable, c, t0, y)
-        if names not in self._keepers:
-            self._keepers[names] = recompile(self.stages, self.stages.reduced.left_out, names)
-        return self._keepers[names], names
+        left_out = self.stages.reduced.left_out
+        return derived_once(self._keepers, names, lambda: recompile(self.stages, left_out, names)), names
 
-    def _prepared_keeping(
-        self, wanted: Any, t_span: tuple[float, float], options: Mapping[str, Any]
-    ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
+    def _prepared_keeping(self, wanted: Any, t_span: tuple[float, float], options: Mapping[str, Any]) -> Prepared:
         """Return a prepared run that keeps first integrals, made when it is first called."""
         t, found = np.array([t_span[0]]), self._conservable
-        made: list[tuple[PreparedRun, tuple[str, ...]]] = []
+        made: dict[str, tuple[PreparedRun, tuple[str, ...]]] = {}
 
         def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
             c = inputs.constants(self._program, p)
-            if not made:
+
+            def make() -> tuple[PreparedRun, tuple[str, ...]]:
                 keeper, names = self._keeper(wanted, c, t_span[0], state)
-                made.append((keeper.prepare(t_span, **options), names))
-            kept, names = made[0]
+                return keeper.prepare(t_span, **options), names
+
+            kept, names = derived_once(made, "run", make)
             further = kept_values(names, self._program, found, c[np.newaxis], t, state[np.newaxis], self._engine.rows)
             final = kept(state, np.concatenate([p, *further.values()]))
             return final, kept.status
 
-        return run
+        return PreparedStates(run)
 
     def _independent(self, problem: IntegrationProblem, method: str, begin: float) -> Simulated | Trajectory:
         """Return the model that enforces no constraint which follows from others around the start of a problem.
@@ -266,12 +266,15 @@ class Simulated(Held):
         from ..recompiling import recompile
 
         without = tuple(sorted({*found, *self.stages.reduced.left_out}))
-        if without not in self._fewer:
+
+        def make() -> Simulated:
             labels = [self.layout.constraints[i] for i in found]
-            fewer = self._fewer[without] = recompile(self.stages, without)
+            fewer = recompile(self.stages, without)
             fewer._dropped = found
             fewer._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
-        return self._fewer[without]
+            return fewer
+
+        return derived_once(self._fewer, without, make)
 
     def _run(
         self,
@@ -377,7 +380,7 @@ class Simulated(Held):
         """Return the first integrals of a motion."""
         return conserved(self._program, self._conservable, c, t, q, qdot)
 
-    @cached_property
+    @derived_property
     def _conservable(self) -> Candidates:
         """What may be conserved, derived when it is first asked for."""
         return candidates(self.stages.equations)
@@ -481,6 +484,7 @@ class Simulated(Held):
             max_steps=whole("max_steps", max_steps),
         )
         if not self.layout.state:  # the constraints prescribe the motion
-            return PreparedRun(lambda state, p: (np.zeros(0), Status.SUCCESS), chosen, self.layout, again)
+            still = PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
+            return PreparedRun(still, chosen, self.layout, again)
         run = self._engine.prepared(problem, chosen, lambda p: inputs.constants(self._program, p))
         return PreparedRun(run, chosen, self.layout, again)

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from ..codegen.base import BlockResult, CaseRun, Engine
 from ..errors import MissingExtraError
 from ..integrators.status import Status
+from ..once import once
 from .cases import Cases, Settings, single_problem
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
     return wait
 
 
-@cache
+@once
 def _pool(threads: int) -> ThreadPoolExecutor:
     """Return threads that are kept: starting them takes longer than a hundred cases."""
     from concurrent.futures import ThreadPoolExecutor

@@ -11,6 +11,7 @@ from sympy.physics.mechanics import Point
 
 from ..errors import ConstraintError, SceneError, list_names
 from ..naming import rate_name
+from ..once import deriving
 from ..scene import Scene, Unknown
 from ..scene.interop import without_speeds
 from ..scene.reading import read
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["LagrangeView", "lagrange"]
 
 
+@deriving
 def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     """Return the textbook view of a scene: everything that section 13.4 derives by hand, as SymPy.
 

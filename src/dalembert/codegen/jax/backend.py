@@ -11,12 +11,12 @@ from ... import __version__
 from ...errors import MissingExtraError
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
-from ...integrators.status import Status
 from ...ir.program import Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import order_for, step_kernel
+from ...once import computed_once, once_property
 from ...runtime.cache import load_in_memory
-from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, RenderedModule, growing_stretches
+from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, Prepared, RenderedModule, growing_stretches
 from ..printers import JAX
 from ..rendering import digest_of, render_source
 
@@ -89,7 +89,6 @@ class JaxEngine(Engine):
         self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
         self._batches: dict[tuple[str, int], Callable[..., Any]] = {}
         self._finals: dict[tuple[str, int], Final] = {}
-        self._recurrences: Recurrences | None = None
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`. Batches are padded to a power of two, so that few sizes are ever compiled."""
@@ -105,7 +104,7 @@ class JaxEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         if not many:
             return methods[0]
-        known = self._known_recurrences() if "taylor" in methods else None
+        known = self._recurrences if "taylor" in methods else None
         if known and not known.kinked and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
@@ -114,16 +113,17 @@ class JaxEngine(Engine):
         """See `Engine.integrate`."""
         order = order_for(clipped_tolerance(problem.rtol, problem.atol)) if method == "taylor" else 0
         key = method, order
-        if key not in self._integrators:
-            if method == "taylor":
-                step = step_kernel(self._known_recurrences(), order, dense=True)
-                operations = len(step.body) + self._projecting
-                self._integrators[key] = TaylorIntegrator(
-                    compile_kernel(step), self.kernels, order, operations, paced=self._known_recurrences().paced
-                )
-            else:
-                self._integrators[key] = Integrator(self.kernels, method)
-        return self._integrators[key](problem)
+
+        def make() -> Integrator | TaylorIntegrator:
+            if method != "taylor":
+                return Integrator(self.kernels, method)
+            step = step_kernel(self._recurrences, order, dense=True)
+            operations = len(step.body) + self._projecting
+            return TaylorIntegrator(
+                compile_kernel(step), self.kernels, order, operations, paced=self._recurrences.paced
+            )
+
+        return computed_once(self._integrators, key, make)(problem)
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`: not much more is integrated than what is wanted."""
@@ -131,18 +131,20 @@ class JaxEngine(Engine):
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
-    ) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
+    ) -> Prepared:
         """See `Engine.prepared`: one compiled function, constants included; other problems compile nothing anew."""
         if method in METHODS and METHODS[method].ends:
             return super().prepared(problem, method, constants)
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0
-        if key not in self._finals:
+
+        def make() -> Final:
             # Taylor steps of one case are cut in blocks, which are to be fused.
             operations = 0 if method == "taylor" else len(self._program.kernel("rhs").body) + self._projecting
             pieces = pieces_of(self._program, self.kernels, *key)
-            self._finals[key] = final_function(pieces, self.kernels, operations)
-        return prepared_run(self._finals[key], problem)
+            return final_function(pieces, self.kernels, operations)
+
+        return prepared_run(computed_once(self._finals, key, make), problem)
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """See `Engine.vector_field`; args are the parameters p (n_p,)."""
@@ -166,8 +168,7 @@ class JaxEngine(Engine):
     def _own_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         tolerance = clipped_tolerance(block.rtol, block.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0
-        if key not in self._batches:
-            self._batches[key] = self._batch_runner(method, key[1])
+        runner = computed_once(self._batches, key, lambda: self._batch_runner(*key))
         batch = Batch(
             y=_columns(block.y),
             c=_columns(block.c),
@@ -180,7 +181,7 @@ class JaxEngine(Engine):
             max_step=np.float64(block.max_step),
             max_steps=np.float64(block.max_steps),
         )
-        out = jax.device_get(self._batches[key](batch))
+        out = jax.device_get(runner(batch))
         count = len(block.y)
         result.y[:] = np.stack(out.y, axis=1)[:count]
         result.ends[:] = np.stack([out.t, out.status, out.steps], axis=1)[:count]
@@ -196,8 +197,8 @@ class JaxEngine(Engine):
         ]
         attempts: Attempts
         if method == "taylor":
-            step = step_kernel(self._known_recurrences(), order, dense=False)
-            paced = self._known_recurrences().paced
+            step = step_kernel(self._recurrences, order, dense=False)
+            paced = self._recurrences.paced
             attempts, operations = TaylorAttempts(compile_kernel(step), paced=paced), len(step.body)
         else:
             rhs = self._program.kernel("rhs")
@@ -207,8 +208,7 @@ class JaxEngine(Engine):
 
     def _diffrax_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         key = method, 0
-        if key not in self._batches:
-            self._batches[key] = diffrax_batch(self.kernels, method)
+        runner = computed_once(self._batches, key, lambda: diffrax_batch(self.kernels, method))
         spans = _padded(block.spans)
         direction = np.where(spans[:, 1] >= spans[:, 0], 1.0, -1.0)
         settings = SolverSettings(
@@ -222,7 +222,7 @@ class JaxEngine(Engine):
             np.float64(block.max_step),
         )
         t_eval, budget = np.asarray(block.t_eval, dtype=np.float64), np.int64(block.max_steps)
-        out = jax.device_get(self._batches[key](settings, _padded(block.y), t_eval, budget))
+        out = jax.device_get(runner(settings, _padded(block.y), t_eval, budget))
         count = len(block.y)
         result.y[:], result.ends[:] = out[0][:count], out[2][:count]
         if len(t_eval):
@@ -234,10 +234,9 @@ class JaxEngine(Engine):
         kernels = ((self._program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self._program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
 
-    def _known_recurrences(self) -> Recurrences:
-        if self._recurrences is None:
-            self._recurrences = recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
-        return self._recurrences
+    @once_property
+    def _recurrences(self) -> Recurrences:
+        return recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
 
 
 @final

@@ -23,6 +23,7 @@ from ...ir.branches import only_in_branches
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
+from ...once import once
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
@@ -44,7 +45,7 @@ _SHORT = 50
 """Operations up to which a gradient is faster in chunks of steps than one stage after the other."""
 
 
-@cache
+@once
 def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pieces:
     """Return the pieces of a method for a program; `order` is that of Taylor steps."""
     corrections = {name: count for name, count in CORRECTIONS.items() if name in program}

@@ -17,6 +17,7 @@ from ...integrators.jax.precision import double_precision
 from ...integrators.jax.series import clipped_tolerance
 from ...integrators.problem import FloatArray, IntegrationProblem
 from ...integrators.status import Status
+from ..base import Prepared, PreparedStates
 
 if TYPE_CHECKING:
     from .kernels import Kernels
@@ -44,10 +45,8 @@ def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
     return function
 
 
-def prepared_run(
-    function: Final, problem: IntegrationProblem
-) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
-    """Return a function from a state (n_y,) and parameters (n_p,) to the final state (n_y,) and the status."""
+def prepared_run(function: Final, problem: IntegrationProblem) -> Prepared:
+    """Return a prepared run of a function that `final_function` made."""
     floor = max(problem.atol / clipped_tolerance(problem.rtol, problem.atol), 1e-300)
     scale = max(problem.atol, SMALLEST_SCALE)
     settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
@@ -59,4 +58,4 @@ def prepared_run(
             out = np.array(function(np.concatenate((state, p)), numbers))
         return out[:-1], _STATUSES[int(out[-1])]
 
-    return run
+    return PreparedStates(run)

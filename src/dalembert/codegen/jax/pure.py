@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
@@ -17,6 +17,7 @@ from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
 from ...ir.taylor import order_for
+from ...once import once
 from ..printers import JAX
 from .kernels import Kernels, compile_kernel, stacked
 from .pieces import SERVED, pieces_of
@@ -171,7 +172,7 @@ def _vector(kind: str, values: Any, names: tuple[str, ...]) -> Any:
     return jnp.stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)
 
 
-@cache
+@once
 def _kernels(program: Program) -> Kernels:
     """Return the kernels of a program, rendered anew where a pickled function brought it here."""
     from .backend import JaxBackend
@@ -182,7 +183,7 @@ def _kernels(program: Program) -> Kernels:
     return kernels
 
 
-@cache
+@once
 def register_models() -> None:
     """Let models and their functions pass through ``jax.jit`` as arguments: pytrees without leaves."""
     from ...runtime.model import CompiledModel

@@ -8,7 +8,6 @@ integrators call many times is printed from the same program as LLVM assembly in
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -28,6 +27,7 @@ from ...ir.program import Kernel, Program
 from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
 from ...ir.watch import StepShape, followed_kernel, quiet_kernel, running_kernel
+from ...once import computed_once, exclusively, once_property
 from ...runtime.cache import keep, load, rebuilding
 from ..base import (
     Backend,
@@ -35,8 +35,8 @@ from ..base import (
     CaseColumns,
     CaseRun,
     Engine,
-    Final,
     FloatArray,
+    Prepared,
     RenderedModule,
     growing_stretches,
 )
@@ -82,7 +82,7 @@ class NumbaEngine(Engine):
     def _rhs(self) -> Kernel:
         return self._program.kernel("rhs")
 
-    @cached_property
+    @once_property
     def _module(self) -> ModuleType:
         """The generated module. It imports numba, which takes longer than a simulation that does without it."""
         return load(self._path, self._rendered.digest, self._rendered.source)
@@ -94,8 +94,10 @@ class NumbaEngine(Engine):
 
             vector = types.float64[::1]
             signature = types.void(types.float64, vector, vector, vector)
-            with rebuilding(self._path, lambda: kernel.compile(signature)):
-                kernel.compile(signature)
+            with exclusively(("numba", self._rendered.digest)):  # models of one scene share the files
+                if not kernel.signatures:
+                    with rebuilding(self._path, lambda: kernel.compile(signature)):
+                        kernel.compile(signature)
         return kernel
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -118,9 +120,9 @@ class NumbaEngine(Engine):
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""
         lanes = native_lanes()
-        if id(kernel) not in self._further:  # the kernel is kept, so that no other can have its number
-            self._further[id(kernel)] = kernel, self.steps.further(kernel, lanes)
-        return self._further[id(kernel)][1], lanes
+        # the kernel is kept, so that no other can have its number
+        kept = computed_once(self._further, id(kernel), lambda: (kernel, self.steps.further(kernel, lanes)))
+        return kept[1], lanes
 
     @property
     def phases(self) -> Callable[..., int]:
@@ -249,7 +251,7 @@ class NumbaEngine(Engine):
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
-    ) -> Callable[[FloatArray, FloatArray], Final]:
+    ) -> Prepared:
         """See `Engine.prepared`."""
         if method == "radau":
             return super().prepared(problem, method, constants)
@@ -285,49 +287,50 @@ class NumbaEngine(Engine):
         """
         if code is None:
             return unwatched()
+        if len(self._watches) >= _MOST_WATCHES:
+            self._watches.clear()
         key = (code, method, shape, lanes, followed)
-        if key not in self._watches:
-            if len(self._watches) >= _MOST_WATCHES:
-                self._watches.clear()
-            steps, values = self.steps, code.watch.values
-            tableau = None if method == "taylor" else _pair(method)
-            jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
-            (degree, memory), n = shape, self._sizes["rhs"]
-            step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
-            quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
-            running = code.running
-            self._watches[key] = Watch(
-                quiet=steps.further(quiet, lanes),
-                values=steps.further(values, POINT_LANES),
-                value=steps.further(values, 1),
-                begins=steps.further(code.watch.begins, 1),
-                start=steps.further(code.start.kernel, 1),
-                refill=0 if tableau is None else steps.beginning(tableau, 1),
-                given=len(code.start.given),
-                checks=2 * len(code.start.labels),
-                jumps=np.array(jumps, np.int64),
-                directions=np.array([event.direction for event in code.events], np.int64),
-                last=np.array([int(event.terminal) for event in code.events], np.int64),
-                used=_components(values),
-                quick=steps.further(running_kernel(running, step), lanes),
-                running=steps.further(running, POINT_LANES),
-                at=steps.further(running, 1),
-                kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
-                read=_components(running),
-                followed=followed,
-            )
-        return self._watches[key]
+        return computed_once(self._watches, key, lambda: self._compiled_watch(*key))
+
+    def _compiled_watch(self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
+        steps, values = self.steps, code.watch.values
+        tableau = None if method == "taylor" else _pair(method)
+        jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
+        (degree, memory), n = shape, self._sizes["rhs"]
+        step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
+        quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
+        running = code.running
+        return Watch(
+            quiet=steps.further(quiet, lanes),
+            values=steps.further(values, POINT_LANES),
+            value=steps.further(values, 1),
+            begins=steps.further(code.watch.begins, 1),
+            start=steps.further(code.start.kernel, 1),
+            refill=0 if tableau is None else steps.beginning(tableau, 1),
+            given=len(code.start.given),
+            checks=2 * len(code.start.labels),
+            jumps=np.array(jumps, np.int64),
+            directions=np.array([event.direction for event in code.events], np.int64),
+            last=np.array([int(event.terminal) for event in code.events], np.int64),
+            used=_components(values),
+            quick=steps.further(running_kernel(running, step), lanes),
+            running=steps.further(running, POINT_LANES),
+            at=steps.further(running, 1),
+            kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
+            read=_components(running),
+            followed=followed,
+        )
 
     def _kernels(self) -> list[int]:
         return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity")]
 
-    @cached_property
+    @once_property
     def _explicit(self) -> ExplicitCode:
         from ...integrators.numba.explicit import ExplicitCode
 
         return ExplicitCode(loop_named("explicit"), *self._kernels())
 
-    @cached_property
+    @once_property
     def _implicit(self) -> ImplicitCode:
         from ...integrators.numba.implicit import ImplicitCode
 
@@ -348,11 +351,13 @@ class NumbaEngine(Engine):
         from ...integrators.numba.series import StepCode
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
-        if order not in self._marches:
+
+        def make() -> StepCode:
             position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
             step = self.steps.taylor(order, 1, dense=True)
-            self._marches[order] = StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
-        return self._marches[order]
+            return StepCode(loop_named("march"), order, step, position, velocity, self.steps.angles)
+
+        return computed_once(self._marches, order, make)
 
 
 def _pair(name: str) -> Tableau:

@@ -8,13 +8,14 @@ needs seconds.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, final
 
 import llvmlite.binding as llvm
 
 from ...ir.program import Assignment, Kernel, Operand
+from ...once import computed_once, once
 from . import vector_functions as functions
 
 __all__ = [
@@ -30,16 +31,19 @@ __all__ = [
     "target_name",
 ]
 
+_ENTERED = threading.RLock()
+"""Held by the thread that LLVM works for; nothing is waited for under it."""
+
 _LIBRARY = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "pow")
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
-@cache
+@once
 def _features() -> str:
     return str(llvm.get_host_cpu_features().flatten())
 
 
-@cache
+@once
 def native_lanes() -> int:
     """Return how many doubles this machine's vector registers hold: 8, 4 or 2."""
     features = llvm.get_host_cpu_features()
@@ -215,7 +219,7 @@ def _aligned_stack(lanes: int) -> str:
     return f"alignstack({8 * lanes}) " if lanes > 2 else ""
 
 
-@cache
+@once
 def _target() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -233,14 +237,16 @@ def compile_object(source: str, *, straight: bool = True) -> bytes:
 
     Code that is not `straight`, but loops translated from Python, goes through LLVM's optimisation passes.
     """
-    machine, module = _compiled(source, straight)
-    return bytes(machine.emit_object(module))
+    with _ENTERED:
+        machine, module = _compiled(source, straight)
+        return bytes(machine.emit_object(module))
 
 
 def instructions(source: str) -> str:
     """Return what `compile_object` makes of straight code, as this machine's assembler has it: for those who look."""
-    machine, module = _compiled(source, True)
-    return str(machine.emit_assembly(module))
+    with _ENTERED:
+        machine, module = _compiled(source, True)
+        return str(machine.emit_assembly(module))
 
 
 def _compiled(source: str, straight: bool) -> tuple[Any, Any]:
@@ -266,14 +272,17 @@ class Compiled:
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
-        if name not in self._addresses:
-            self._addresses[name] = int(self._engine.get_function_address(name))
-        return self._addresses[name]
+        return computed_once(self._addresses, name, lambda: self._address(name))
+
+    def _address(self, name: str) -> int:
+        with _ENTERED:
+            return int(self._engine.get_function_address(name))
 
 
 def load_object(code: bytes) -> Compiled:
     """Return object code made by `compile_object`, ready to be called."""
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    return Compiled(engine)
+    with _ENTERED:
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        return Compiled(engine)

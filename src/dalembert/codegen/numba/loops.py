@@ -9,9 +9,7 @@ import ctypes
 import importlib
 import struct
 import sys
-import threading
 from collections.abc import Callable
-from functools import cache, cached_property
 from typing import Any, final
 
 import llvmlite
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...integrators.digest import generator_digest
+from ...once import once, once_property
 from ...runtime.cache import directory
 from ..rendering import digest_of
 from .llvm import Compiled, load_object
@@ -27,11 +26,10 @@ from .objects import object_code
 
 __all__ = ["Loop", "library_code", "loop_named", "packed", "toolchain"]
 
-_LOCK = threading.Lock()
 _DOUBLE, _BITS = struct.Struct("=d"), struct.Struct("=q")
 
 
-@cache
+@once
 def toolchain() -> str:
     """Return the versions that compiled code depends on; numba keeps its own under its version."""
     python = ".".join(map(str, sys.version_info[:3]))
@@ -41,8 +39,7 @@ def toolchain() -> str:
 def library_code(name: str, text: Callable[[], str], *, straight: bool = True) -> Compiled:
     """Return code that belongs to no scene, made of a module of assembly once per installation."""
     folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
-    with _LOCK:
-        return load_object(object_code(folder, name, text, straight=straight))
+    return load_object(object_code(folder, name, text, straight=straight))
 
 
 @final
@@ -52,7 +49,7 @@ class Loop:
     def __init__(self, name: str) -> None:
         self._name = name
 
-    @cached_property
+    @once_property
     def _code(self) -> Compiled:
         def text() -> str:
             from ..machine import loop_assembly
@@ -62,7 +59,7 @@ class Loop:
 
         return library_code(self._name, text, straight=False)
 
-    @cached_property
+    @once_property
     def call(self) -> Any:
         """The function of one pointer to words; it releases the interpreter while it runs."""
         return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
@@ -101,7 +98,7 @@ def _append(words: list[int], arguments: tuple[Any, ...]) -> None:
             words.append(int(argument))
 
 
-@cache
+@once
 def loop_named(name: str) -> Loop:
     """Return the loop of a name, one for the process."""
     return Loop(name)

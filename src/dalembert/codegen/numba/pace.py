@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
-
+from ...once import once
 from .llvm import Compiled
 from .loops import library_code
 from .vector_functions import constant, vector
@@ -93,7 +92,7 @@ def pace_assembly(lanes: int) -> str:
     return f"declare {v} @llvm.fabs.{suffix}({v})\n\ndefine i64 @pace({arguments}) nounwind {{\n{body}\n}}\n"
 
 
-@cache
+@once
 def _code(lanes: int) -> Compiled:
     return library_code(f"pace_{lanes}", lambda: pace_assembly(lanes))
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from threading import get_ident
+from typing import cast
 
 import numpy as np
 
 from ...integrators.problem import FloatArray, IntegrationProblem
 from ...integrators.status import Status
+from ..base import Prepared
 from .loops import loop_named, packed
 
 __all__ = ["prepared_run"]
+
+_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], object]
+"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, what is at it."""
 
 
 def prepared_run(
@@ -21,8 +27,8 @@ def prepared_run(
     settings: Sequence[float],
     problem: IntegrationProblem,
     steps: object,
-) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, Status]]:
-    """Return a function from a state (n_y,) and parameters (n_p,) to the final state (n_y,) and the status.
+) -> Prepared:
+    """Return a prepared run; every thread that uses it has a memory of its own.
 
     Parameters
     ----------
@@ -41,31 +47,43 @@ def prepared_run(
     """
     n, n_p, n_c = sizes
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
-    states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
-    outcome = np.zeros(1, np.int64)
-    arguments = (
-        codes,
-        (n, memory, problem.max_steps),
-        np.array([problem.t0, problem.t1, problem.max_step]),
-        p,
-        np.zeros((1, n_c)),
-        np.array([[0.0, direction, *settings]]),
-        np.zeros((1, 1)),
-        states,
-        np.zeros((n, 1)),
-        np.zeros((1, 1), np.int64),
-        outcome,
-    )
-    words = packed(arguments)
-    code, pointer = loop_named("single").call, ctypes.c_void_p(words.ctypes.data)
-    start, given = states[0, :n], p[0]
-    statuses = tuple(Status)
 
-    def run(state: FloatArray, parameters: FloatArray) -> tuple[FloatArray, Status]:
+    def memory_of_one() -> _Memory:
+        states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
+        arguments = (
+            codes,
+            (n, memory, problem.max_steps),
+            np.array([problem.t0, problem.t1, problem.max_step]),
+            p,
+            np.zeros((1, n_c)),
+            np.array([[0.0, direction, *settings]]),
+            np.zeros((1, 1)),
+            states,
+            np.zeros((n, 1)),
+            np.zeros((1, 1), np.int64),
+            np.zeros(1, np.int64),
+        )
+        words = packed(arguments)
+        return states[0, :n], p[0], ctypes.c_void_p(words.ctypes.data), [0], (words, arguments)
+
+    code, statuses = loop_named("single").call, tuple(Status)
+    own = {get_ident(): memory_of_one()}
+
+    def run(state: FloatArray, parameters: FloatArray) -> FloatArray:
+        try:
+            held = own[get_ident()]
+        except KeyError:
+            held = own[get_ident()] = memory_of_one()
+        start, given, pointer, ended, _ = held
         start[...] = state
         given[...] = parameters
-        status = statuses[code(pointer)]
-        return start.copy(), status
+        ended[0] = code(pointer)
+        return start.copy()
 
-    run.held = words, arguments, steps  # type: ignore[attr-defined]  # what the code points to lives as long as `run`
-    return run
+    def status() -> Status:
+        held = own.get(get_ident())
+        return Status.SUCCESS if held is None else statuses[held[3][0]]
+
+    run.status = status  # type: ignore[attr-defined]
+    run.held = steps  # type: ignore[attr-defined]  # the code lives as long as `run`
+    return cast(Prepared, run)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
-
+from ...once import once
 from .llvm import Compiled
 from .loops import library_code
 from .vector_functions import constant, vector
@@ -65,7 +64,7 @@ done:
 """
 
 
-@cache
+@once
 def _code(lanes: int) -> Compiled:
     return library_code(f"sound_{lanes}", lambda: sound_assembly(lanes))
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import final
 
@@ -17,6 +15,7 @@ from ...ir.periodic import angles_of
 from ...ir.program import Kernel, Program
 from ...ir.recurrences import Recurrences, recurrences
 from ...ir.taylor import STEP_ARGUMENTS, step_kernel
+from ...once import computed_once, once_property
 from ...reduction.starting import Start
 from .attempts import attempt_assembly
 from .llvm import Compiled, assembly, load_object, native_lanes
@@ -27,7 +26,6 @@ from .series_loops import loop_assembly
 __all__ = ["LARGEST_UNROLLED", "StepLibrary"]
 
 Make = Callable[[], Kernel]
-_LOCK = threading.Lock()
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
@@ -55,11 +53,9 @@ class StepLibrary:
 
     def __init__(self, program: Program, folder: Path | None) -> None:
         self._program, self._folder = program, folder
-        self._recurrences: Recurrences | None = None
         self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Compiled] = {}
         self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
-        self._lock = _LOCK
 
     def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
         """Return the address of a Taylor step; with `dense`, one that also writes its series."""
@@ -69,7 +65,7 @@ class StepLibrary:
     def series_lines(self, order: int) -> int:
         """Return the lines of the recurrences of a Taylor step, unrolled."""
         if order not in self._lines:
-            self._lines[order] = self._known_recurrences().unrolled_lines(order)
+            self._lines[order] = self._recurrences.unrolled_lines(order)
         return self._lines[order]
 
     def following(self, joint: Kernel, followed: int, order: int, lanes: int) -> int:
@@ -78,18 +74,20 @@ class StepLibrary:
         `joint` is a right-hand side with so many further outputs, which are what is followed; the step takes and
         writes them as integrals behind the state.
         """
-        key = id(joint), order, lanes
-        if key not in self._following:  # the kernel is kept, so that no other can have its number
+
+        def make() -> tuple[Kernel, int]:
             text = _step_text(
                 "step", recurrences(joint, followed, paced=self._program.sudden), order, lanes, dense=True
             )
             name = f"following{order}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-            self._following[key] = joint, self._entry(name, lanes, lambda: text, "step")
-        return self._following[key][1]
+            return joint, self._entry(name, lanes, lambda: text, "step")
+
+        # the kernel is kept, so that no other can have its number
+        return computed_once(self._following, (id(joint), order, lanes), make)[1]
 
     def taylor_text(self, name: str, order: int, lanes: int, dense: bool) -> str:
         """Return a Taylor step: unrolled where it is short, else with loops, and the longest with few lines besides."""
-        return _step_text(name, self._known_recurrences(), order, lanes, dense=dense)
+        return _step_text(name, self._recurrences, order, lanes, dense=dense)
 
     def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
@@ -150,27 +148,26 @@ class StepLibrary:
 
     def control(self, order: int) -> tuple[int, int]:
         """Return the cost of the control of a Taylor step (`dalembert.ir.defect.cost`)."""
-        return cost(self._known_recurrences(), order)
+        return cost(self._recurrences, order)
 
     @property
     def poles(self) -> bool:
         """Whether rates have inverse powers that pairs may step over."""
-        return bool(self._known_recurrences().poles)
+        return bool(self._recurrences.poles)
 
     @property
     def kinked(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
-        return self._known_recurrences().kinked
+        return self._recurrences.kinked
 
-    @cached_property
+    @once_property
     def angles(self) -> tuple[int, ...]:
         """Components of the state that the motion depends on modulo a turn."""
         return angles_of(self._program)
 
-    def _known_recurrences(self) -> Recurrences:
-        if self._recurrences is None:
-            self._recurrences = recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
-        return self._recurrences
+    @once_property
+    def _recurrences(self) -> Recurrences:
+        return recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
 
     def _address(self, name: str, lanes: int, make: Make) -> int:
         def text() -> str:
@@ -180,11 +177,10 @@ class StepLibrary:
 
     def _entry(self, name: str, lanes: int, text: Callable[[], str], function: str) -> int:
         """Return the address of a function of the module `text`, compiled when first asked for."""
-        with self._lock:  # LLVM is not to be entered by two threads
-            key = (name, lanes)
-            if key not in self._loaded:
-                self._loaded[key] = load_object(object_code(self._folder, f"{name}_{lanes}", text))
-            return self._loaded[key].address(function)
+        loaded = computed_once(
+            self._loaded, (name, lanes), lambda: load_object(object_code(self._folder, f"{name}_{lanes}", text))
+        )
+        return loaded.address(function)
 
 
 def _step_text(name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:

@@ -13,6 +13,7 @@ from ...integrators.stiffness import fitting
 from ...ir.interpret import interpret, interpret_rows
 from ...ir.partials import jacobian_kernel
 from ...ir.program import Program
+from ...once import computed_once
 from ...runtime.cache import load_in_memory
 from ..base import Backend, Engine, FloatArray, RenderedModule
 from ..printers import NUMPY
@@ -42,7 +43,7 @@ class NumpyEngine(Engine):
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._kernels = {name: _filling(namespace[name]) for name in self._sizes if name != "prepare"}
         self._program = program
-        self._jacobian: ArrayKernel | None = None
+        self._jacobians: dict[str, ArrayKernel] = {}
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`."""
@@ -109,11 +110,13 @@ class NumpyEngine(Engine):
 
     def _derivative(self, name: str) -> ArrayKernel:
         """Return the Jacobian of a kernel by its state, made when first asked for."""
-        if self._jacobian is None:
-            kernel = self._program.kernel(name)
+        kernel = self._program.kernel(name)
+
+        def make() -> ArrayKernel:
             made = jacobian_kernel(kernel, len(kernel.outputs))
-            self._jacobian = _filling(lambda t, y, c: interpret(made, {"t": t, "y": y, "c": c}))
-        return self._jacobian
+            return _filling(lambda t, y, c: interpret(made, {"t": t, "y": y, "c": c}))
+
+        return computed_once(self._jacobians, name, make)
 
 
 @final

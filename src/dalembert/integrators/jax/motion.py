@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol, final
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ...once import once_property
 from .derivatives import CHUNK, Linear, Record, Steps, pulled, pulled_over, pushed, pushed_over
 from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun
 
@@ -173,7 +173,7 @@ class Motion:
 
     # -- its derivatives ------------------------------------------------------------------
 
-    @cached_property
+    @once_property
     def _passing(self) -> Callable[..., tuple[Any, ...]]:
         """The function (t, y0, c) -> states (n_t, n_y), the time reached, the status as a number."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import diffrax
@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...ir.interpret import interpret_rows
+from ...once import once
 from ..problem import FloatArray, IntegrationProblem, Solution
 from ..status import Status
 from .compiling import compiled
@@ -182,7 +183,7 @@ def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) ->
     )
 
 
-@cache
+@once
 def _weights(method: str) -> FloatArray:
     """Return W (n_stages, degree) such that a step's interpolant is y + sum_j theta**(j + 1) (W^T k)_j."""
     solver, degree = METHODS[method].solver, METHODS[method].degree

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...once import once
 from ..tableau import FloatArray, Tableau
 from .kinds import FLAG, INTEGER, INTEGERS, NUMBER, VECTOR, Group
 
@@ -41,7 +41,7 @@ class PackedTableau(NamedTuple):
 PACKED_TABLEAU = Group((INTEGER,) * 4 + (FLAG, NUMBER, VECTOR, INTEGERS, INTEGERS, VECTOR), PackedTableau._fields)
 
 
-@cache
+@once
 def pack(tableau: Tableau) -> PackedTableau:
     """Flatten a tableau."""
     error = np.zeros((2, tableau.n_total))

@@ -13,6 +13,7 @@ from ...errors import ExpressionError, OptionError, ValueInputError, list_names
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Layout
 from ...mechanics.equations import EquationsOfMotion
+from ...once import derived_once
 from ...options import CompileOptions
 from ...reduction.contact_data import contact_data
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
@@ -92,11 +93,9 @@ class HybridModel(Evaluated):
 
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
-        if mode not in self._models:
-            from ...recompiling import compile_mode
+        from ...recompiling import compile_mode
 
-            self._models[mode] = compile_mode(self._scene, self._options, mode)
-        return self._models[mode]
+        return derived_once(self._models, mode, lambda: compile_mode(self._scene, self._options, mode))
 
     def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""

@@ -11,6 +11,7 @@ import numpy as np
 from ...codegen.base import Engine
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
+from ...once import derived_once
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
@@ -46,12 +47,14 @@ class Modes:
 
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""
-        if mode not in self._points:
+
+        def make() -> list[Watchpoint]:
             reduced = self.model(mode).stages.reduced
             graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
             found = reduced.equations.watchpoints
-            self._points[mode] = [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
-        return self._points[mode]
+            return [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+
+        return derived_once(self._points, mode, make)
 
     def events(self, mode: Mode, before: Mode | None, fired: Sequence[Watchpoint]) -> list[Event]:
         """Return what can end a mode as events, for motions that come from the mode `before` because of `fired`."""
@@ -87,9 +90,7 @@ class Modes:
 
     def expansion(self, mode: Mode) -> Kernel:
         """Return the kernel of coordinates and rates in a mode."""
-        if mode not in self._expansions:
-            self._expansions[mode] = expanding(self.model(mode).stages.reduced)
-        return self._expansions[mode]
+        return derived_once(self._expansions, mode, lambda: expanding(self.model(mode).stages.reduced))
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""

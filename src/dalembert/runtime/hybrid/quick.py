@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...integrators.numba.judging import REGULAR
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion
+from ...once import derived_once, derived_property
 from ...reduction.modes import SLIP, STICK, Mode, side_name
 from ...reduction.verdicts import Attempt, Verdict, slip_kernel, start_kernel, verdict
 from .deciding import (
@@ -54,16 +55,16 @@ class Quick:
 
     def __init__(self, equations: EquationsOfMotion, rows: Rows) -> None:
         self._equations, self._rows = equations, rows
-        self._slips: Kernel | None = None
-        self._starts: Kernel | None = None
         self._verdicts: dict[tuple[tuple[Standing, ...], bool], Verdict | None] = {}
 
-    @property
+    @derived_property
     def slip_kernel(self) -> Kernel:
         """The kernel of the slip velocities."""
-        if self._slips is None:
-            self._slips = slip_kernel(self._equations)
-        return self._slips
+        return slip_kernel(self._equations)
+
+    @derived_property
+    def _start_kernel(self) -> Kernel:
+        return start_kernel(self._equations)
 
     def slips(self, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
         """Return the slip velocities (k, n_contacts) along the first directions of contacts."""
@@ -71,9 +72,7 @@ class Quick:
 
     def starts(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, ...]:
         """Return what tells how contacts stand at the start, (k, n_contacts) each; see `start_kernel`."""
-        if self._starts is None:
-            self._starts = start_kernel(self._equations)
-        found = self._rows(self._starts, t, x, p).reshape(len(t), -1, 5)
+        found = self._rows(self._start_kernel, t, x, p).reshape(len(t), -1, 5)
         return tuple(np.moveaxis(found, 2, 0))
 
     def choose(
@@ -129,9 +128,7 @@ class Quick:
     def verdict(self, standings: Sequence[Standing], known: bool) -> Verdict | None:
         """Return the verdict on contacts that stand so, None where there is none; `known` as `sided` returns it."""
         key = tuple(standings), known
-        if key not in self._verdicts:
-            self._verdicts[key] = self._made(*key)
-        return self._verdicts[key]
+        return derived_once(self._verdicts, key, lambda: self._made(*key))
 
     def _made(self, standings: tuple[Standing, ...], known: bool) -> Verdict | None:
         contacts = self._equations.contacts

@@ -1,0 +1,205 @@
+"""Values computed once, whichever threads ask for them at the same time.
+
+`functools.cache` and `functools.cached_property` let two threads compute two values, of which one is dropped. Where a
+value is loaded machine code whose address is in use, dropping it is a crash; where computing it changes shared objects,
+two threads at once spoil them. So everything that is kept for later, and is not a plain value, goes through here.
+
+There are two kinds of lock. `once`, `once_property` and `computed_once` lock the one value that is computed, so that
+others are computed meanwhile; such a computation must not take `DERIVING`. What is derived symbolically (a model, and
+what a model derives later) changes graphs and the caches of SymPy, and is done by one thread of the process at a time:
+`derived_once`, `derived_property`, `deriving` and `DERIVING` itself, which is always taken first.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast, final, overload
+
+__all__ = [
+    "DERIVING",
+    "Once",
+    "OnceProperty",
+    "computed_once",
+    "derived_once",
+    "derived_property",
+    "deriving",
+    "exclusively",
+    "once",
+    "once_property",
+]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+K = TypeVar("K", bound=Hashable)
+
+DERIVING = threading.RLock()
+"""Held by the thread that derives something symbolically."""
+
+_GUARD = threading.Lock()
+_PENDING: dict[Hashable, _Turn] = {}
+"""What is being computed now, by its key, and who waits for it."""
+
+_MISSING: Any = object()
+
+
+@final
+class _Turn:
+    """The lock of a value that is being computed, and how many threads hold it or wait for it."""
+
+    def __init__(self) -> None:
+        self.lock, self.threads = threading.RLock(), 0
+
+
+@final
+class exclusively:
+    """Context in which no other thread is in a context of the same key."""
+
+    def __init__(self, key: Hashable) -> None:
+        self._key = key
+
+    def __enter__(self) -> None:
+        with _GUARD:
+            turn = _PENDING.get(self._key)
+            if turn is None:
+                turn = _PENDING[self._key] = _Turn()
+            turn.threads += 1
+            self._turn = turn
+        try:
+            turn.lock.acquire()
+        except BaseException:  # Ctrl-C while waiting
+            self._leave()
+            raise
+
+    def __exit__(self, *_: object) -> None:
+        self._turn.lock.release()
+        self._leave()
+
+    def _leave(self) -> None:
+        with _GUARD:
+            self._turn.threads -= 1
+            if self._turn.threads == 0 and _PENDING.get(self._key) is self._turn:
+                del _PENDING[self._key]
+
+
+def computed_once(table: dict[K, T], key: K, make: Callable[[], T]) -> T:
+    """Return ``table[key]``, made by the first thread that asks for it while the others wait."""
+    found = table.get(key, _MISSING)
+    if found is _MISSING:
+        with exclusively((id(table), key)):
+            found = table.get(key, _MISSING)
+            if found is _MISSING:
+                found = table[key] = make()
+    return cast(T, found)
+
+
+def derived_once(table: dict[K, T], key: K, make: Callable[[], T], most: int | None = None) -> T:
+    """Return ``table[key]``, derived by one thread of the process at a time.
+
+    A table of `most` values is emptied before another is added.
+    """
+    found = table.get(key, _MISSING)
+    if found is _MISSING:
+        with DERIVING:
+            found = table.get(key, _MISSING)
+            if found is _MISSING:
+                found = make()
+                if most is not None and len(table) >= most:
+                    table.clear()
+                table[key] = found
+    return cast(T, found)
+
+
+class Once(Protocol[P, T_co]):
+    """A function that computes its value once for each list of arguments."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T_co:
+        """Return the value."""
+        ...
+
+    def cache_clear(self) -> None:
+        """Forget all values."""
+        ...
+
+
+def once(function: Callable[P, T]) -> Once[P, T]:
+    """Return a function of hashable positional arguments that computes the value of each list of them once."""
+    values: dict[Hashable, T] = {}
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        assert not kwargs
+        found = values.get(args, _MISSING)
+        return computed_once(values, args, lambda: function(*args, **kwargs)) if found is _MISSING else cast(T, found)
+
+    call.cache_clear = values.clear  # type: ignore[attr-defined]
+    return cast("Once[P, T]", call)
+
+
+class OnceProperty(Generic[T]):
+    """A property that is computed once for each object, and then is an attribute of it.
+
+    With `deriving` it is computed under `DERIVING`.
+    """
+
+    def __init__(self, function: Callable[[Any], T], *, deriving: bool = False) -> None:
+        self._function, self._deriving = function, deriving
+        self.__doc__ = function.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> OnceProperty[T]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
+    def __get__(self, instance: object | None, owner: type) -> OnceProperty[T] | T:
+        if instance is None:
+            return self
+        kept: dict[str, T] = instance.__dict__
+        if self._deriving:
+            return derived_once(kept, self._name, lambda: self._function(instance))
+        return computed_once(kept, self._name, lambda: self._function(instance))
+
+
+def once_property(function: Callable[[Any], T]) -> OnceProperty[T]:
+    """Return a property that is computed once for each object."""
+    return OnceProperty(function)
+
+
+def derived_property(function: Callable[[Any], T]) -> OnceProperty[T]:
+    """Return a property that is derived once for each object, under `DERIVING`."""
+    return OnceProperty(function, deriving=True)
+
+
+def deriving(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that runs under `DERIVING`."""
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        with DERIVING:
+            return function(*args, **kwargs)
+
+    return call
+
+
+def _before_fork() -> None:
+    DERIVING.acquire()
+    _GUARD.acquire()
+
+
+def _after_fork() -> None:
+    _GUARD.release()
+    DERIVING.release()
+
+
+def _after_fork_in_child() -> None:
+    _PENDING.clear()  # the threads that computed these are not in the child
+    _after_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)
