@@ -9,7 +9,7 @@ export MPLBACKEND ?= Agg
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench bench-quick clean
+.PHONY: help demo test lint bench bench-quick fuzz clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
@@ -17,6 +17,7 @@ help:
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
+	@echo "make fuzz         random scenes against an independent reference; SEEDS=0:2000 chooses them"
 	@echo "make clean        remove what these wrote, except .venv"
 	@echo "PYTHON=...        the interpreter that .venv is made with (now: $(PYTHON))"
 
@@ -40,6 +41,11 @@ bench: $(VENV)/.installed-bench
 
 bench-quick: $(VENV)/.installed-bench
 	@$(BIN)/python benchmarks/run.py --quick
+
+SEEDS ?= 0:200
+
+fuzz: $(VENV)/.installed-dev
+	@PYTHONPATH=tests $(BIN)/python -m fuzz $(SEEDS)
 
 clean:
 	@rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,87 @@
+"""Some random scenes against the reference; ``make fuzz`` runs as many as wanted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fuzz.compare import compared
+from fuzz.description import (
+    GROUND,
+    ZERO,
+    Body,
+    Description,
+    Force,
+    PointCondition,
+    from_json,
+    number,
+    to_json,
+)
+from fuzz.families import Y, Z
+from fuzz.generator import generated
+from fuzz.motion import breaks, integrated
+from fuzz.newton_euler import Reference
+from fuzz.scene_builder import scene_of
+from fuzz.verdicts import Judge
+from oracles.sleigh_exact import sleigh_state
+
+AGREE = (3, 5, 6, 8, 14, 15, 19, 21, 38, 57, 64, 83, 89, 95)
+"""Trees, wheels, rolling bodies, loops; decimals, rational numbers, parameters; a redundant constraint among them."""
+SINGULAR = (1, 22, 85)
+
+
+@pytest.mark.parametrize("seed", AGREE)
+def test_a_random_scene_agrees_with_the_reference(seed):
+    report = compared(generated(seed))
+    assert {path: kind for path, kind in report.paths.items() if kind[0] != "agree"} == {}
+    assert len(report.paths) >= 4
+
+
+@pytest.mark.parametrize("seed", SINGULAR)
+def test_a_scene_without_one_motion_is_refused(seed):
+    assert compared(generated(seed)).outcome == "refused rightly"
+
+
+def test_a_scene_that_differs_a_little_is_wrong(monkeypatch):
+    description = generated(3)
+    heavier = replace(description.bodies[0], mass=("mul", number("1.0001"), description.bodies[0].mass))
+    other = replace(description, bodies=(heavier, *description.bodies[1:]))
+    monkeypatch.setattr("fuzz.compare.scene_of", lambda _: scene_of(other))
+    report = compared(description)
+    assert report.paths["auto"][0] == report.paths["auto accelerations"][0] == report.outcome == "WRONG"
+
+
+def test_descriptions_are_data():
+    for seed in range(30):
+        assert from_json(to_json(generated(seed))) == generated(seed)
+
+
+def test_the_reference_moves_a_sleigh_as_its_closed_form_does():
+    m, b, I_C, theta, v, omega = 1.0, 0.3, 0.5, 0.2, 1.0, 2.0
+    moves = (("shift", (("q", 0), ("q", 1), number(0))), ("rotate", Z, ("q", 2)))
+    J = number(I_C - m * b**2)
+    body = Body("sleigh", -1, ZERO, moves, (number(b), *ZERO[1:]), number(m), (J, J, J, *ZERO))
+    blade = PointCondition(False, 0, ZERO, -1, ZERO, (0, -1), Y, number(0))
+    description = Description(0, "decimal", ("x", "y", "th"), {}, (body,), (), None, (blade,), (0.0, 1.0))
+    y0 = np.array([0.0, 0.0, theta, v * np.cos(theta), v * np.sin(theta), omega])[:, None]
+    run = integrated(Reference(description), y0, {}, np.array([0.0, 1.0]), [], rtol=1e-12)
+    exact = sleigh_state(1.0, m, b, I_C, 0.0, 0.0, theta, v, omega)
+    assert np.max(np.abs(run.y[-1, :, 0] - np.concatenate([exact.q, exact.qdot]))) < 1e-10
+
+
+def test_the_reference_knows_what_is_singular():
+    kinds = [Judge(generated(seed)).verdict.kind for seed in SINGULAR]
+    assert kinds == ["singular", "singular", "contradictory"]
+
+
+def test_a_pulse_that_no_step_meets_is_found():
+    assert breaks(Judge(_pulsed()).kinks, (0.0, 1.0), {}) == pytest.approx([0.5, 0.503], abs=1e-12)
+
+
+def _pulsed():
+    """Return a particle that is pushed for three milliseconds."""
+    later, since = (("heaviside", ("add", ("t",), number(at))) for at in ("-0.503", "-0.5"))
+    push = ("mul", number(100), ("add", since, ("neg", later)))
+    body = Body("p", -1, ZERO, (("shift", (("q", 0), *ZERO[1:])),), ZERO, number(1), None)
+    load = Force(0, ZERO, GROUND, (push, *ZERO[1:]))
+    return Description(0, "decimal", ("x",), {}, (body,), (load,), None, (), (0.0, 1.0))
