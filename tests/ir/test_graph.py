@@ -194,13 +194,32 @@ def test_constants_fold_and_units_vanish(g, x):
     assert len(g.nodes) == before
 
 
-def test_large_rationals_become_floats_instead_of_growing(g):
+def test_constants_are_exact_and_do_not_grow_without_end(g, x):
+    """Beyond 1,024 bits a value is kept to 256 bits, and what it is equal to is still known exactly."""
     node = g.const(Fraction(1, 3))
     for _ in range(12):
         node = node * node
-    assert node.number is not None
-    assert node.number.denominator <= 1 << 1200  # a float's own denominator, not 3**4096
-    assert float(node.number) == pytest.approx(3.0**-4096, rel=1e-10) or node.is_zero
+    assert node.number is not None and node.number.numerator.bit_length() <= 257
+    assert abs(node.number * 3**4096 - 1) < Fraction(1, 2**250)
+    assert (node * g.const(3**4096)).is_one and (node + x - node) is x
+    tenth, third = g.const(0.1), g.const(Fraction(1, 3))
+    assert (tenth * tenth).number == Fraction(0.1) ** 2 and (tenth * third / third).number == Fraction(0.1)
+    assert (tenth * (tenth * x)) is (tenth * tenth) * x
+
+
+def test_cosines_of_numbers_obey_the_addition_theorems(g, x):
+    small, large = g.const(Fraction(3, 10)), g.const(Fraction(3, 5))
+    c, s = g.cos(small), g.sin(small)
+    assert c * c - s * s is g.cos(large) and 2 * s * c is g.sin(large)
+    assert g.sin(x - small) is g.sin(x) * c - g.cos(x) * s
+    assert g.sin(x + g.const(-0.3)) is g.sin(x - g.const(0.3))
+    assert g.sin(-small) is -s and g.cos(g.const(0.3)) is not c
+
+
+def test_a_value_that_turns_out_to_be_a_number_becomes_a_constant(g):
+    two, three = g.call("sqrt", g.const(2)), g.call("sqrt", g.const(3))
+    product = two * three * g.call("sqrt", g.const(6))
+    assert g.const(6) is product and product.number == 6
 
 
 def test_dividing_by_what_is_identically_zero_is_an_error(g, x):

@@ -9,6 +9,7 @@ every operand of a node costs less than the node, so the graph stays acyclic.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from fractions import Fraction
 
@@ -16,16 +17,47 @@ from . import fingerprint as fp
 from .node import Node, UnitName
 from .ops import OPERATIONS
 
-__all__ = ["Algebra"]
+__all__ = ["TOLERANCE", "Algebra"]
 
-_EXACT = 1 << 53
+TOLERANCE = 1e-13
+"""Share of its terms below which a value of decimal numbers counts as zero in a decision (`dalembert.ir.zero_tests`).
+
+A decimal is off by 1e-16 of itself, what a user has computed from decimals by several times that, and a difference
+that is meant is larger: a nanometre in a metre is 1e-9.
+"""
+
+_LONG = 1024
+"""Bits of a numerator or denominator beyond which a constant is kept to `_KEPT` bits; its fingerprint stays exact."""
+_KEPT = 256
 _P = fp.PRIME
+
+
+def _kept(value: Fraction) -> Fraction:
+    """Return a constant with a numerator and a denominator that do not grow without end."""
+    top, bottom = value.numerator, value.denominator
+    if top.bit_length() <= _LONG and bottom.bit_length() <= _LONG:
+        return value
+    shift = _KEPT + bottom.bit_length() - top.bit_length()
+    if shift >= 0:
+        return Fraction((top << shift) // bottom, 1 << shift)
+    return Fraction(top // (bottom << -shift) << -shift)
+
+
+def _float(value: Fraction) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.copysign(math.inf, value)
 
 
 class Algebra:
     """An arena of values: leaves, and the operations on them. `dalembert.ir.graph.Graph` adds ways through them."""
 
     def __init__(self) -> None:
+        self.decimals: dict[int, float] = {}
+        """Size of the decimal numbers that a constant was computed from, by its index; see `TOLERANCE`."""
+        self.samples: dict[int, dict[int, tuple[float, float, bool]]] = {}
+        """Values at random points, kept by `dalembert.ir.zero_tests`."""
         self._by_value: dict[int, Node] = {}
         self._inputs: dict[str, Node] = {}
         self.nodes: list[Node] = []
@@ -48,13 +80,14 @@ class Algebra:
         return self._inputs[name]
 
     def const(self, value: int | float | Fraction) -> Node:
-        """Return a constant. Floats are taken exactly; results beyond 53 bits are rounded to a float."""
+        """Return a constant, exactly; it is rounded only where code is printed."""
         exact = Fraction(value)
-        if abs(exact.numerator) > _EXACT or exact.denominator > _EXACT:
-            exact = Fraction(float(exact))
-        key = fp.of_fraction(exact)
-        known = self._by_value.get(key)
-        return known if known is not None else self._make("const", (), exact, key, 0.0, 0)
+        return self._number(exact, fp.of_fraction(exact), 0.0)
+
+    def decimal(self, value: int | float | Fraction) -> Node:
+        """Return a constant that a user wrote, or computed, as a decimal number: exact here, rounded before."""
+        exact = Fraction(value)
+        return self._number(exact, fp.of_fraction(exact), abs(_float(exact)))
 
     def named_constant(self, name: str, value: float) -> Node:
         """Return an irrational constant such as pi, which is equal to no rational number."""
@@ -84,7 +117,7 @@ class Algebra:
             return a
         x, y = a.number, b.number
         if x is not None and y is not None:
-            return self.const(x + y)
+            return self._number(x + y, (a.fingerprint + b.fingerprint) % _P, self._size(a) + self._size(b))
         if b.op == "neg":
             return self.sub(a, b.args[0])
         if a.op == "neg":
@@ -99,7 +132,7 @@ class Algebra:
             return self.neg(b)
         x, y = a.number, b.number
         if x is not None and y is not None:
-            return self.const(x - y)
+            return self._number(x - y, (a.fingerprint - b.fingerprint) % _P, self._size(a) + self._size(b))
         if b.op == "neg":
             return self.add(a, b.args[0])
         if a.op == "neg":
@@ -111,7 +144,7 @@ class Algebra:
         if a.op == "neg":
             return a.args[0]
         if a.number is not None:
-            return self.const(-a.number)
+            return self._number(-a.number, -a.fingerprint % _P, self._size(a))
         if a.op == "sub":
             return self.sub(a.args[1], a.args[0])
         return self._intern("neg", (a,), -a.fingerprint % _P)
@@ -126,15 +159,16 @@ class Algebra:
             return a
         x, y = a.number, b.number
         if x is not None and y is not None:
-            return self.const(x * y)
+            size = abs(_float(x)) * self._size(b) + abs(_float(y)) * self._size(a) if self.decimals else 0.0
+            return self._number(x * y, a.fingerprint * b.fingerprint % _P, size)
         if a.op == "neg":
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
         if x is not None and x < 0:
-            return self.neg(self.mul(self.const(-x), b))
+            return self.neg(self.mul(self.neg(a), b))
         if y is not None and y < 0:
-            return self.neg(self.mul(a, self.const(-y)))
+            return self.neg(self.mul(a, self.neg(b)))
         if y is not None:
             a, b = b, a
         return self._intern("mul", (a, b), a.fingerprint * b.fingerprint % _P)
@@ -147,7 +181,9 @@ class Algebra:
             return a
         x, y = a.number, b.number
         if y is not None:
-            return self.const(x / y) if x is not None else self.mul(self.const(1 / y), a)
+            if x is None:
+                return self.mul(self.div(self.one, b), a)
+            return self._number(x / y, a.fingerprint * fp.inverse(b.fingerprint) % _P, self._size_of_quotient(a, b))
         if a.op == "neg":
             return self.neg(self.div(a.args[0], b))
         if b.op == "neg":
@@ -199,6 +235,38 @@ class Algebra:
         return total
 
     # -- the inside -----------------------------------------------------------------------
+
+    def _size(self, a: Node) -> float:
+        """Return the size of the decimals that a constant was computed from, 0 for one that is exact."""
+        return self.decimals.get(a.index, 0.0) if self.decimals else 0.0
+
+    def _size_of_quotient(self, a: Node, b: Node) -> float:
+        """Return the size of the decimals that a quotient of constants comes from; infinite for one by noise."""
+        if not self.decimals or a.number is None or b.number is None:
+            return 0.0
+        below, size = abs(_float(b.number)), self._size(b)
+        if below <= TOLERANCE * size:
+            return math.inf
+        return (self._size(a) + abs(_float(a.number / b.number)) * size) / below if below else 0.0
+
+    def _number(self, value: Fraction, key: int, size: float) -> Node:
+        """Return the constant with a fingerprint, computed from decimals of a size; the least one counts."""
+        known = self._by_value.get(key)
+        if known is None:
+            known = self._make("const", (), _kept(value), key, 0.0, 0)
+            if size:
+                self.decimals[known.index] = size
+            return known
+        if known.op != "const":  # its value has turned out to be a number
+            known.op, known.args, known.payload, known.cost, known.deps = "const", (), _kept(value), 0.0, 0
+        before = self.decimals.get(known.index, 0.0)
+        if size < before:
+            self.decimals[known.index] = size
+            if size < 1e-3 * before:
+                self.samples.clear()
+            if not size:
+                del self.decimals[known.index]
+        return known
 
     def _make(
         self,
@@ -254,6 +322,12 @@ class Algebra:
         return a.circle
 
     def _new_twelfth(self, a: Node) -> fp.Circle:
+        number = a.number
+        if number is not None:
+            parts = number * fp.RADIAN_PARTS
+            if parts.denominator == 1 and parts.numerator.bit_length() <= 64:
+                return fp.turns(fp.circle_from(fp.hashed("part", "radian")), parts.numerator)
+            return fp.conjugate(fp.circle_from(-a.fingerprint % _P)) if number < 0 else fp.circle_from(a.fingerprint)
         if a.op == "add":
             return fp.turn(self._twelfth(a.args[0]), self._twelfth(a.args[1]))
         if a.op == "sub":
@@ -268,7 +342,7 @@ class Algebra:
             twelfths = count * fp.ANGLE_DENOMINATOR
             if twelfths.denominator == 1 and twelfths <= 64 and atom.op not in ("add", "sub", "mul", "neg"):
                 return fp.turns(fp.circle_from(fp.hashed("part", atom.fingerprint)), twelfths.numerator)
-        if a.op in ("const", "mul", "add", "sub"):
+        if a.op in ("mul", "add", "sub"):
             return fp.circle_from(a.fingerprint)
         return fp.turns(fp.circle_from(fp.hashed("part", a.fingerprint)), fp.ANGLE_DENOMINATOR)
 

@@ -21,6 +21,7 @@ from fractions import Fraction
 __all__ = [
     "ANGLE_DENOMINATOR",
     "PRIME",
+    "RADIAN_PARTS",
     "Circle",
     "circle_from",
     "hashed",
@@ -35,6 +36,9 @@ PRIME = 170141183460469231731687303715883999471
 
 ANGLE_DENOMINATOR = 12
 """Angles are held as multiples of a twelfth of their atoms: halves, thirds, quarters and sixths are exact."""
+
+RADIAN_PARTS = 126_000
+"""Angles that are numbers are held as multiples of such a part of a radian where they are one."""
 
 Circle = tuple[int, int]
 """A point (cos, sin) of the unit circle over the field."""

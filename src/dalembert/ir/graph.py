@@ -91,6 +91,8 @@ class Graph(Algebra):
         return self.call(node.op, *(new[arg.index] for arg in node.args))
 
     def _copy_constant(self, node: Node) -> Node:
+        if node.number is not None:
+            return self._number(node.number, node.fingerprint, node.graph.decimals.get(node.index, 0.0))
         known = self._by_value.get(node.fingerprint)
         if known is not None:
             return known

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 from .graph import Graph, Node
+from .zero_tests import vanishes
 
 __all__ = ["Factorization", "Matrix", "SingularMatrix", "determinant_and_solution", "factorize", "matmul", "matvec"]
 __all__ += ["transpose"]
@@ -15,7 +16,7 @@ Matrix = list[list[Node]]
 
 
 class SingularMatrix(ArithmeticError):
-    """A pivot of a symmetric matrix is identically zero; `index` is its row."""
+    """A pivot of a symmetric matrix is identically zero, up to the rounding of decimals; `index` is its row."""
 
     def __init__(self, index: int) -> None:
         super().__init__(f"pivot {index} is identically zero")
@@ -115,7 +116,7 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
     Raises
     ------
     SingularMatrix
-        When a pivot is identically zero.
+        When a pivot is identically zero, up to the rounding of decimals (`dalembert.ir.zero_tests`).
     """
     size = len(a)
     full = [[a[max(i, j)][min(i, j)] for j in range(size)] for i in range(size)]
@@ -125,12 +126,12 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
     work = [[full[order[i]][order[j]] for j in range(i + 1)] for i in range(size)]
     for k in range(size):
         pivot = work[k][k]
-        if pivot.is_zero:
+        if vanishes(pivot):
             raise SingularMatrix(order[k])
         if guard is not None and pivot is not full[order[k]][order[k]]:
             pivot = guard(pivot, full[order[k]][order[k]])
         pivots.append(pivot)
-        column = [(i, work[i][k]) for i in range(k + 1, size) if not work[i][k].is_zero]
+        column = [(i, work[i][k]) for i in range(k + 1, size) if not vanishes(work[i][k])]
         for i, entry in column:
             lower[i][k] = entry / pivot
         for place, (i, _) in enumerate(column):
@@ -145,14 +146,14 @@ def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Seque
     Raises
     ------
     SingularMatrix
-        When a pivot is identically zero.
+        When a pivot is identically zero, up to the rounding of decimals (`dalembert.ir.zero_tests`).
     """
     size = len(a)
     rows = [[*row, value] for row, value in zip(a, b, strict=True)]
     determinant = graph.one
     for k in range(size):
         pivot = rows[k][k]
-        if pivot.is_zero:
+        if vanishes(pivot):
             raise SingularMatrix(k)
         determinant = determinant * pivot
         for i in range(k + 1, size):

@@ -142,7 +142,13 @@ def _literal(node: Node, args: list[Operand]) -> float:
     """Return the value of a node that depends on no input."""
     if node.op == "const":
         assert isinstance(node.payload, Fraction | float)
-        return float(node.payload)
+        try:
+            return float(node.payload)
+        except OverflowError:
+            raise ExpressionError(
+                "a constant is beyond the range of double precision (1.8e308), in which models are computed; choose"
+                " units in which the numbers of the scene are smaller"
+            ) from None
     value = float(OPERATIONS[node.op].evaluate(*args))
     if not math.isfinite(value):
         raise ExpressionError(f"the constant {node.op}({', '.join(map(str, args))}) is not finite")

@@ -17,9 +17,14 @@ from ..errors import ConstraintError
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import matvec
+from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 
 __all__ = ["NoRegularBasis", "Parametrization", "parametrizations"]
+
+
+_SMALL = 1e-3
+"""Share of another number below which a number is not divided by, so that eliminations do not amplify rounding."""
 
 
 class NoRegularBasis(Exception):
@@ -116,7 +121,7 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
     for row in (row for row in equations.constraints if row.position is not None):
         assert row.position is not None
         known = {q[i]: value for i, value in solved.items()}
-        residual = graph.substitute([row.position], known)[0]
+        residual = _without_rounding(graph, graph.substitute([row.position], known)[0], q)
         turning = {i for group in equations.groups if group.norm for i in group.coordinates}
         pivot = _pivot(equations, residual, [i for i in range(len(q)) if i not in solved and i not in turning])
         if pivot is None:
@@ -142,13 +147,29 @@ def _refuse_dependent(
     equations: EquationsOfMotion, row: ConstraintRow, residual: Node, variables: Sequence[Node]
 ) -> None:
     """Raise for a constraint that, once the others are used, has no variable left."""
-    if any(equations.graph.freed_of(residual, [x]) is None for x in variables):
+    graph = equations.graph
+    if any(graph.freed_of(residual, [x]) is None and not vanishes(_slope(graph, residual, x)) for x in variables):
         return
-    verdict = "follows from the other constraints" if residual.is_zero else "contradicts the other constraints"
+    verdict, wrong = ("follows from", "repeats") if vanishes(residual) else ("contradicts", "contradicts")
     raise ConstraintError(
-        f"scene {equations.name!r}: {row.label} {verdict}, whatever the state."
-        " Remove it, or correct the one that it repeats"
+        f"scene {equations.name!r}: {row.label} {verdict} the other constraints, whatever the state."
+        f" Remove it, or correct the one that it {wrong}"
     )
+
+
+def _slope(graph: Graph, node: Node, x: Node) -> Node:
+    return tangents(graph, [node], {x: graph.one})[0]
+
+
+def _without_rounding(graph: Graph, node: Node, variables: Sequence[Node]) -> Node:
+    """Return a value without the variables that enter it only by what the rounding of decimals left of zero."""
+    if not graph.decimals:
+        return node
+    noise = [x for x in variables if graph.freed_of(node, [x]) is None and vanishes(_slope(graph, node, x))]
+    try:
+        return graph.substitute([node], dict.fromkeys(noise, graph.zero))[0] if noise else node
+    except ZeroDivisionError:
+        return node
 
 
 def _pivot(equations: EquationsOfMotion, residual: Node, candidates: Sequence[int]) -> tuple[int, Node] | None:
@@ -158,9 +179,18 @@ def _pivot(equations: EquationsOfMotion, residual: Node, candidates: Sequence[in
     for number in candidates:
         slope = tangents(graph, [residual], {equations.q[number]: graph.one})[0]
         free = graph.freed_of(slope, equations.moving)
-        if free is not None and not free.is_zero and (best is None or _rank(free) < _rank(best[1])):
+        if free is not None and not vanishes(free) and (best is None or _preferred(free, best[1])):
             best = (number, free)
     return best
+
+
+def _preferred(slope: Node, other: Node) -> bool:
+    """Whether to divide by a slope rather than by another: units before numbers before parameters, none too small."""
+    if slope.number is not None and other.number is not None:
+        small, large = sorted((magnitude(slope), magnitude(other)))
+        if small < _SMALL * large:
+            return magnitude(slope) == large
+    return _rank(slope) < _rank(other)
 
 
 def _rank(slope: Node) -> int:
@@ -237,7 +267,7 @@ def _solve_nonholonomic(
             if i in solved:
                 continue
             slope = graph.freed_of(tangents(graph, [velocity], {speed: graph.one})[0], moving)
-            if slope is not None and not slope.is_zero and (best is None or _rank(slope) < _rank(best[1])):
+            if slope is not None and not vanishes(slope) and (best is None or _preferred(slope, best[1])):
                 best = (i, slope)
         if best is None:
             _refuse_dependent(equations, row, velocity, tuple(speeds.values()))
@@ -257,6 +287,7 @@ def _solve_nonholonomic(
 def _linear(graph: Graph, node: Node, speeds: Sequence[Node]) -> Node:
     """Return `node`, which is affine in the speeds, having offered it the form sum of slope times speed."""
     slopes = [tangents(graph, [node], {speed: graph.one})[0] for speed in speeds]
+    slopes = [graph.zero if vanishes(slope) else slope for slope in slopes]
     rest = graph.substitute([node], dict.fromkeys(speeds, graph.zero))[0]
     return graph.sum(slope * speed for slope, speed in zip(slopes, speeds, strict=True)) + rest
 
@@ -291,7 +322,7 @@ def _cofactors(graph: Graph, rows: Sequence[Sequence[Node]], values: Sequence[No
             for i in range(3)
         ]
         determinant = graph.sum(rows[0][j] * cofactors[j][0] for j in range(3))
-    if determinant.is_zero:
+    if vanishes(determinant):
         raise NoRegularBasis("three rotations that do not turn a frame freely")
     return [
         graph.sum(entry / determinant * value for entry, value in zip(row, values, strict=True)) for row in cofactors

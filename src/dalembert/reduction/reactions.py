@@ -14,6 +14,7 @@ from typing import final
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 
 __all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
@@ -99,7 +100,7 @@ def requested_outputs(
 def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
     """Return why reactions cannot be computed, and what to do."""
     names = equations.symbols.unknowns
-    silent = [x for x in lost if all(row[names.index(x)].is_zero for row in equations.reactions)]
+    silent = [x for x in lost if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
     rest = [x for x in lost if x not in silent]
     why = []
     if silent:
@@ -127,7 +128,7 @@ def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[in
     independent: list[int] = []
     free: set[int] = set()
     for number, column in enumerate(columns):
-        if all(entry.is_zero for entry in column):
+        if all(vanishes(entry) for entry in column):
             free.add(number)
             continue
         trial = [columns[i] for i in (*independent, number)]
@@ -137,7 +138,7 @@ def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[in
         except SingularMatrix:
             base = trial[:-1]
             weights = factorize(graph, matmul(graph, base, transpose(base))).solve(matvec(graph, base, column))
-            free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not weight.is_zero}
+            free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not vanishes(weight)}
     return independent, free
 
 
@@ -168,9 +169,9 @@ def _solve(
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
-    if not all(node.is_zero for node in left):
+    if not all(vanishes(node) for node in left):
         names = equations.symbols.coordinates
-        where = list_names(name for name, node in zip(names, left, strict=True) if not node.is_zero)
+        where = list_names(name for name, node in zip(names, left, strict=True) if not vanishes(node))
         raise ConstraintError(
             f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
             f" {where}). Give a joint the unknown force or torque component that holds the constraint"

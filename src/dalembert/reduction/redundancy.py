@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import ConstraintError
+from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 
 __all__ = ["Independent", "independent_constraints"]
@@ -27,8 +28,29 @@ class Independent:
     dropped: tuple[ConstraintRow, ...]
 
 
+@final
+@dataclass(frozen=True)
+class _Reduced:
+    """A row of the constraint Jacobian less multiples of others, so that it is zero at their pivots.
+
+    Attributes
+    ----------
+    entries : list of Node, length n_q
+    weights : list of Node
+        What it is made of: its share of every constraint that is kept.
+    pivot : int
+    """
+
+    entries: list[Node]
+    weights: list[Node]
+    pivot: int
+
+
 def independent_constraints(equations: EquationsOfMotion) -> Independent:
     """Return the equations without the constraints that follow from others whatever the state.
+
+    Rows are eliminated themselves, not their scalar products: those of rows that differ by a share of 1e-9, which is
+    more than the rounding of decimals makes, differ by 1e-18.
 
     Raises
     ------
@@ -37,21 +59,31 @@ def independent_constraints(equations: EquationsOfMotion) -> Independent:
     """
     graph = equations.graph
     kept: list[ConstraintRow] = []
+    reduced: list[_Reduced] = []
     dropped: list[ConstraintRow] = []
     for row in equations.constraints:
-        trial = [list(r.jacobian) for r in (*kept, row)]
-        try:
-            factorize(graph, matmul(graph, trial, transpose(trial)))
+        entries, weights = list(row.jacobian), [graph.zero] * len(kept)
+        for other in reduced:
+            if not entries[other.pivot].is_zero:
+                share = entries[other.pivot] / other.entries[other.pivot]
+                entries = [_less(a, share * b) for a, b in zip(entries, other.entries, strict=True)]
+                entries[other.pivot] = graph.zero
+                for i, weight in enumerate(other.weights):
+                    weights[i] = weights[i] - share * weight
+        pivots = [i for i, entry in enumerate(entries) if not entry.is_zero]
+        if pivots:
             kept.append(row)
-        except SingularMatrix:
-            base = trial[:-1]
-            weights: list[Node] = []
-            if base:
-                normal = factorize(graph, matmul(graph, base, transpose(base)))
-                weights = normal.solve(matvec(graph, base, row.jacobian))
-            _refuse_unless_it_follows(equations, kept, row, weights)
+            reduced.append(_Reduced(entries, [*weights, graph.one], max(pivots, key=lambda i: magnitude(entries[i]))))
+        else:
+            _refuse_unless_it_follows(equations, kept, row, [-weight for weight in weights])
             dropped.append(row)
     return Independent(replace(equations, constraints=tuple(kept)), tuple(dropped))
+
+
+def _less(a: Node, b: Node) -> Node:
+    """Return a - b, exactly zero where only the rounding of decimals is left of it."""
+    rest = a - b
+    return a.graph.zero if vanishes(rest) else rest
 
 
 def _refuse_unless_it_follows(
@@ -63,18 +95,26 @@ def _refuse_unless_it_follows(
         return value - graph.sum(w * v for w, v in zip(weights, values, strict=True) if v is not None)
 
     left = [rest(row.drift, [r.drift for r in kept])]
-    fixed = all(graph.freed_of(weight, equations.moving) is not None for weight in weights)
     if row.position is not None:
-        nonholonomic = any(r.position is None and not w.is_zero for r, w in zip(kept, weights, strict=True))
-        if not fixed or nonholonomic:
+        slopes = [slope for weight in weights for slope in _slopes(equations, weight)]
+        nonholonomic = any(r.position is None and not vanishes(w) for r, w in zip(kept, weights, strict=True))
+        if nonholonomic or not all(vanishes(slope) for slope in slopes):
             raise ConstraintError(
                 f"scene {equations.name!r}: {row.label} depends on the other constraints, whatever the state: it"
                 " follows from them or contradicts them. Remove it, or correct the one that it repeats"
             )
         left.append(rest(row.position, [r.position for r in kept]))
-    if all(node.is_zero for node in left):
+    if all(vanishes(node) for node in left):
         return
     raise ConstraintError(
         f"scene {equations.name!r}: {row.label} contradicts the other constraints, whatever the state."
         " Remove it, or correct the one that it contradicts"
     )
+
+
+def _slopes(equations: EquationsOfMotion, node: Node) -> list[Node]:
+    """Return the derivatives of a value by everything that moves, of a value without any that is zero in value."""
+    graph = equations.graph
+    if graph.freed_of(node, equations.moving) is not None:
+        return []
+    return [tangents(graph, [node], {x: graph.one})[0] for x in equations.moving]

@@ -14,6 +14,7 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
+from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from .reactions import independent_columns
 from .saddle import SaddlePoint
@@ -136,7 +137,7 @@ def _solved_rates(bare: EquationsOfMotion) -> Solved | None:
             factor, slopes[known] = slopes[known], graph.zero
             slopes = [a + factor * b for a, b in zip(slopes, others, strict=True)]
             given = [a - factor * b for a, b in zip(given, demands, strict=True)]
-        pivot = next((i for i in range(size) if slopes[i].deps == 0 and not slopes[i].is_zero), None)
+        pivot = next((i for i in range(size) if slopes[i].deps == 0 and not vanishes(slopes[i])), None)
         if pivot is None:
             return None
         scale = -1 / slopes[pivot]

@@ -89,8 +89,9 @@ class SaddlePoint:
         except SingularMatrix as singular:
             label = self.rows[singular.index].label
             raise ConstraintError(
-                f"scene {scene!r}: {label} depends on the other constraints, whatever the state: it follows from them"
-                " or contradicts them. Remove it, or correct the one that it repeats"
+                f"scene {scene!r}: {label} depends on the other constraints, whatever the state, or so nearly that"
+                " double precision does not tell: it follows from them or contradicts them. Remove it, correct the one"
+                " that it repeats, or take formulation='minimal', which can tell smaller differences"
             ) from None
 
     def _guard(self, pivot: Node, diagonal: Node) -> Node:

@@ -112,7 +112,7 @@ class ExpressionReader:
         if e.is_Rational:
             return g.const(Fraction(int(e.p), int(e.q)))
         if e.is_Float:
-            return g.const(float(e))
+            return self._decimal(e)
         if e.is_NumberSymbol:
             return g.named_constant(str(e), float(e))
         if e.is_Symbol:
@@ -133,6 +133,13 @@ class ExpressionReader:
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
             )
         return self._function(e)
+
+    def _decimal(self, e: Any) -> Node:
+        """Return a decimal number: the binary fraction that SymPy holds, all its digits."""
+        if not e.is_finite:
+            return self.fault(f"{e} is not a finite number")
+        exact = sp.Rational(e)
+        return self.graph.decimal(Fraction(int(exact.p), int(exact.q)))
 
     def _symbol(self, e: Any) -> Node:
         from .scene import Unknown  # the class is only told apart here

@@ -1,0 +1,154 @@
+"""Zero tests for decisions that hang on numbers: pivots, rank, redundancy, consistency.
+
+Identity on the graph is exact, and so is the zero test of what symbols and rationals make. Decimal numbers are rounded
+before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
+zero in a decision where it is smaller than `TOLERANCE` times the size of the terms that it came from, at
+random points. That size is to first order what the value would change by if every decimal changed by its own size,
+as in a running error analysis.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+
+from .algebra import TOLERANCE, Algebra
+from .graph import Graph, Node, UnitName
+from .ops import OPERATIONS
+
+__all__ = ["TOLERANCE", "magnitude", "terms_of", "vanishes"]
+
+_ROUNDING = 0.01
+"""What an operation of this test rounds, as a share of its result: 1e-15 after `TOLERANCE`."""
+
+_POINTS, _DRAWS = 3, 8
+_STEP = 1e-7
+
+Sized = tuple[float, float, bool]
+"""A value, the size of the terms that it came from, and whether decimal numbers are among them."""
+
+_UNDEFINED = (math.nan, math.inf, True)
+
+
+def vanishes(node: Node) -> bool:
+    """Whether a value is zero: exactly, or but for the rounding of the decimal numbers that it was computed from."""
+    if node.is_zero:
+        return True
+    graph = node.graph
+    if not graph.decimals:
+        return False
+    found = 0
+    for draw in range(_DRAWS):
+        value, size, decimal = _sampled(graph, node, draw)
+        if not decimal:
+            return False
+        if not (math.isfinite(value) and math.isfinite(size)):
+            continue
+        if size == 0.0 or abs(value) > TOLERANCE * size:
+            return False
+        found += 1
+        if found == _POINTS:
+            return True
+    return False
+
+
+def magnitude(node: Node) -> float:
+    """Return the absolute value of a node at one random point of its inputs; NaN where it has none there."""
+    return abs(_sampled(node.graph, node, 0)[0])
+
+
+def terms_of(graph: Graph, node: Node) -> Node:
+    """Return the size of the terms that a value came from, as an expression of the same inputs.
+
+    Sums of the absolute values of what is added, all else as it is; so that the rounding error of the value is a few
+    1e-16 of it.
+    """
+    done: dict[int, Node] = {}
+
+    def size(node: Node) -> Node:
+        a = [done[arg.index] for arg in node.args]
+        if node.op in ("add", "sub"):
+            return a[0] + a[1]
+        if node.op == "mul":
+            return a[0] * a[1]
+        if node.op == "div":
+            below = graph.call("abs", node.args[1])
+            return a[0] * a[1] / (below * below)
+        return a[0] if node.op == "neg" else graph.call("abs", node)
+
+    graph.visit([node], done, size)
+    return done[node.index]
+
+
+def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
+    """Return a value at a random point of its inputs, the same one in every process."""
+    known = graph.samples.setdefault(draw, {})
+    stack = [node]
+    while stack:
+        top = stack[-1]
+        if top.index in known:
+            stack.pop()
+            continue
+        pending = [arg for arg in top.args if arg.index not in known]
+        if pending:
+            stack.extend(pending)
+            continue
+        stack.pop()
+        if top.op == "input":
+            known[top.index] = (_place(top, draw), 0.0, False)
+        elif top.op == "const":
+            known[top.index] = _constant(graph, top)
+        else:
+            known[top.index] = _operation(top.op, [known[arg.index] for arg in top.args])
+    return known[node.index]
+
+
+def _place(node: Node, draw: int) -> float:
+    """Return the value of an input: positive, or a component of a unit quaternion."""
+    name = node.payload
+    if isinstance(name, UnitName):
+        source = random.Random(f"{name.quaternion} {draw}")
+        four = [source.uniform(0.2, 1.0) for _ in range(4)]
+        return four[name.place] / math.hypot(*four)
+    return random.Random(f"{name} {draw}").uniform(0.4, 1.3)
+
+
+def _constant(graph: Algebra, node: Node) -> Sized:
+    try:
+        value = float(node.payload)  # type: ignore[arg-type]
+    except OverflowError:
+        return _UNDEFINED
+    size = graph.decimals.get(node.index, 0.0)
+    return value, size + _ROUNDING * abs(value), size > 0.0
+
+
+def _operation(op: str, args: Sequence[Sized]) -> Sized:
+    """Return an operation on values, with the size of its terms to first order."""
+    decimal = any(arg[2] for arg in args)
+    a, s = args[0][:2]
+    if op in ("add", "sub"):
+        value = a + args[1][0] if op == "add" else a - args[1][0]
+        return value, s + args[1][1] + _ROUNDING * abs(value), decimal
+    if op == "mul":
+        b, r = args[1][:2]
+        value = a * b
+        return value, abs(a) * r + abs(b) * s + _ROUNDING * abs(value), decimal
+    if op == "neg":
+        return -a, s, decimal
+    if op == "div":
+        b, r = args[1][:2]
+        if abs(b) <= TOLERANCE * r:
+            return _UNDEFINED
+        value = a / b if b else math.nan
+        return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
+    x = [arg[0] for arg in args]
+    function = OPERATIONS[op].evaluate
+    value = float(function(*x))
+    size = _ROUNDING * abs(value)
+    for place, (point, error, _) in enumerate(args):
+        if error and op not in ("sign", "floor", "less", "less_equal"):
+            step = _STEP * max(1.0, abs(point))
+            moved = float(function(*x[:place], point + step, *x[place + 1 :]))
+            size += abs(moved - value) / step * error
+    return value, size, decimal
