@@ -6,14 +6,24 @@ BIN    := $(VENV)/bin
 
 export MPLBACKEND ?= Agg
 
+# What compiled code decides: all of it, and the part that `make test` runs for a second instruction set.
+SUBSET    := tests/integrators/test_lanes.py tests/integrators/test_methods.py tests/integrators/test_radau.py \
+             tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
+             tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
+             tests/hard_cases/test_long_runs.py tests/ir/test_taylor.py tests/codegen/test_vector_functions.py \
+             tests/codegen/test_loops.py tests/codegen/test_pace.py tests/codegen/test_soundness.py
+NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/runtime/test_sweep.py \
+             tests/runtime/test_events.py tests/runtime/test_reductions.py tests/runtime/test_sweep_events.py
+
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench bench-quick fuzz clean
+.PHONY: help demo test test-targets lint bench bench-quick fuzz clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
 	@echo "make test         ruff, mypy and the tests"
+	@echo "make test-targets the numerical tests for every instruction set that the processor has"
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
@@ -35,6 +45,16 @@ lint: $(VENV)/.installed-dev
 test: lint
 	@echo "==> pytest"
 	@$(BIN)/python -m pytest -n 2
+	@for target in $$($(BIN)/python tests/targets.py second); do \
+	    echo "==> pytest: numerical tests for $$target"; \
+	    DALEMBERT_TARGET=$$target $(BIN)/python -m pytest -q -n 2 $(SUBSET) || exit 1; \
+	done
+
+test-targets: $(VENV)/.installed-dev
+	@for target in $$($(BIN)/python tests/targets.py all); do \
+	    echo "==> pytest: numerical tests for $$target"; \
+	    DALEMBERT_TARGET=$$target $(BIN)/python -m pytest -q -n 2 $(NUMERICAL) || exit 1; \
+	done
 
 bench: $(VENV)/.installed-bench
 	@$(BIN)/python benchmarks/run.py --full

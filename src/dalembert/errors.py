@@ -89,7 +89,7 @@ class AssumptionWarning(UserWarning):
 
 
 class CacheWarning(UserWarning):
-    """A file of the module cache was damaged and has been rebuilt."""
+    """A file of the module cache was damaged and has been rebuilt, or the cache is not used; the message says why."""
 
 
 class EnergyWarning(UserWarning):

@@ -28,7 +28,7 @@ from ...ir.runge_kutta import memory_size
 from ...ir.taylor import clipped_tolerance, order_for
 from ...ir.watch import StepShape, followed_kernel, quiet_kernel, running_kernel
 from ...once import computed_once, exclusively, once_property
-from ...runtime.cache import keep, load, rebuilding
+from ...runtime.cache import keep, load_in_memory
 from ..base import (
     Backend,
     BlockResult,
@@ -49,6 +49,7 @@ from .prepared import prepared_run
 from .soundness import sound
 from .steps import LARGEST_UNROLLED, StepLibrary
 from .sweeps import SweepShape, case_run
+from .target import target, tell_numba
 
 if TYPE_CHECKING:
     from ...integrators.numba.explicit import ExplicitCode
@@ -85,7 +86,8 @@ class NumbaEngine(Engine):
     @once_property
     def _module(self) -> ModuleType:
         """The generated module. It imports numba, which takes longer than a simulation that does without it."""
-        return load(self._path, self._rendered.digest, self._rendered.source)
+        tell_numba()
+        return load_in_memory(self._rendered.digest, self._rendered.source, named=True)
 
     def _compiled(self, name: str) -> Any:
         kernel = getattr(self._module, name)
@@ -96,8 +98,11 @@ class NumbaEngine(Engine):
             signature = types.void(types.float64, vector, vector, vector)
             with exclusively(("numba", self._rendered.digest)):  # models of one scene share the files
                 if not kernel.signatures:
-                    with rebuilding(self._path, lambda: kernel.compile(signature)):
-                        kernel.compile(signature)
+                    if self._path is not None:
+                        from .kept_kernels import keep_compiled
+
+                        keep_compiled(kernel, self._path.parent)
+                    kernel.compile(signature)
         return kernel
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -388,6 +393,7 @@ class NumbaBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
+        target()  # one that does not serve is refused before anything is made for it
         source = render_source("numba.py.j2", program, PYTHON, OPTIONS, cache=cache)
         digest = digest_of(self.name, toolchain(), generator_digest(), source)
         return RenderedModule(self.name, program, source, digest)

@@ -17,6 +17,7 @@ import llvmlite.binding as llvm
 from ...ir.program import Assignment, Kernel, Operand
 from ...once import computed_once, once
 from . import vector_functions as functions
+from .target import target
 
 __all__ = [
     "Compiled",
@@ -28,7 +29,6 @@ __all__ = [
     "load_object",
     "native_lanes",
     "prelude",
-    "target_name",
 ]
 
 _ENTERED = threading.RLock()
@@ -38,28 +38,14 @@ _LIBRARY = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
-@once
-def _features() -> str:
-    return str(llvm.get_host_cpu_features().flatten())
-
-
-@once
 def native_lanes() -> int:
-    """Return how many doubles this machine's vector registers hold: 8, 4 or 2."""
-    features = llvm.get_host_cpu_features()
-    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
-
-
-def target_name() -> str:
-    """Return what compiled code depends on: LLVM, the processor and its features."""
-    return f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
+    """Return how many doubles the vector registers of the target hold: 8, 4 or 2."""
+    return target().lanes
 
 
 def fma_name(lanes: int) -> str:
-    """Return LLVM's fused multiply-add where the machine has one, else its product and sum."""
-    features = llvm.get_host_cpu_features()
-    fused = features.get("fma", False) or features.get("neon", False)
-    return f"llvm.{'fma' if fused else 'fmuladd'}.{'f64' if lanes == 1 else f'v{lanes}f64'}"
+    """Return LLVM's fused multiply-add where the target has one, else its product and sum."""
+    return f"llvm.{'fma' if target().fused else 'fmuladd'}.{'f64' if lanes == 1 else f'v{lanes}f64'}"
 
 
 @final
@@ -220,15 +206,16 @@ def _aligned_stack(lanes: int) -> str:
 
 
 @once
-def _target() -> Any:
+def _processor() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple()
 
 
 def _machine(level: int) -> Any:
-    return _target().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=_features(), opt=level, jit=True, reloc="default", codemodel="jitdefault"
+    cpu, features = target().cpu, target().features
+    return _processor().create_target_machine(
+        cpu=cpu, features=features, opt=level, jit=True, reloc="default", codemodel="jitdefault"
     )
 
 

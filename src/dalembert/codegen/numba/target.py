@@ -1,0 +1,121 @@
+"""The instruction set and the number of lanes of compiled code."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import llvmlite.binding as llvm
+
+from ...errors import OptionError, list_names, unknown_name
+from ...once import once
+
+__all__ = ["ENVIRONMENT_VARIABLE", "Target", "available_targets", "target", "tell_numba"]
+
+ENVIRONMENT_VARIABLE = "DALEMBERT_TARGET"
+
+_NATIVE = "native"
+_LEVELS: Mapping[str, tuple[str, ...]] = {
+    "x86-64-v2": ("cx16", "popcnt", "sahf", "sse4.1", "sse4.2", "ssse3"),
+    "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"),
+    "x86-64-v4": ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"),
+}
+"""What each level of the x86-64 ABI has that the one before has not."""
+
+_TUNING = {"x86-64-v4": "-prefer-256-bit"}
+"""What LLVM would choose otherwise: registers of eight lanes are there to be used."""
+
+
+@final
+@dataclass(frozen=True)
+class Target:
+    """What code is compiled for.
+
+    Attributes
+    ----------
+    name : str
+        As it is chosen.
+    cpu, features : str
+        As LLVM has them.
+    lanes : int
+        How many doubles a vector register holds.
+    fused : bool
+        Whether there are instructions that round a product and a sum once.
+    """
+
+    name: str
+    cpu: str
+    features: str
+    lanes: int
+    fused: bool
+
+    @property
+    def key(self) -> str:
+        """What compiled code depends on: LLVM, the instruction set, and how it is used."""
+        return f"{llvm.llvm_version_info} {self.name} {self.cpu} {self.features} {self.lanes}"
+
+
+@once
+def available_targets() -> dict[str, Target]:
+    """Return the targets of this processor by name, its own last."""
+    has = llvm.get_host_cpu_features()
+    found: dict[str, Target] = {}
+    if platform.machine().lower() in ("x86_64", "amd64"):
+        for name, needed in _LEVELS.items():
+            if not all(has.get(feature) for feature in needed):
+                break
+            found[name] = Target(
+                name, name, _TUNING.get(name, ""), 2 ** (1 + len(found)), "fma" in needed or bool(found)
+            )
+    lanes = 8 if has.get("avx512f") else 4 if has.get("avx2") else 2
+    fused = bool(has.get("fma", False) or has.get("neon", False))
+    found[_NATIVE] = Target(_NATIVE, llvm.get_host_cpu_name(), str(has.flatten()), lanes, fused)
+    return found
+
+
+def target() -> Target:
+    """Return what code of this process is compiled for: ``$DALEMBERT_TARGET``, or all that the processor has.
+
+    Raises
+    ------
+    OptionError
+        For a target that does not exist, that this processor lacks, or that is not the one of code compiled before.
+    """
+    chosen, first = _chosen(), _first_target()
+    if chosen != first.name:
+        raise OptionError(
+            f"{ENVIRONMENT_VARIABLE} is {chosen!r}, but this process has compiled code for {first.name!r} already:"
+            " set it before dalembert compiles anything, and start a new process to change it"
+        )
+    return first
+
+
+def _chosen() -> str:
+    return os.environ.get(ENVIRONMENT_VARIABLE) or _NATIVE
+
+
+@once
+def _first_target() -> Target:
+    name, known = _chosen(), available_targets()
+    if name not in known:
+        if name in _LEVELS:
+            raise OptionError(
+                f"{ENVIRONMENT_VARIABLE} is {name!r}, which this processor ({llvm.get_host_cpu_name()}) lacks:"
+                f" take one of {list_names(known)}, or leave it out for {_NATIVE!r}"
+            )
+        raise OptionError(f"{ENVIRONMENT_VARIABLE}: {unknown_name('target', name, known)} {_NATIVE!r} is the default.")
+    return known[name]
+
+
+def tell_numba() -> None:
+    """Have numba compile for the target too, where it has compiled nothing yet and is not told otherwise."""
+    chosen = target()
+    if chosen.name == _NATIVE:
+        return
+    from numba import config
+
+    if config.CPU_NAME is None:
+        config.CPU_NAME, config.CPU_FEATURES = chosen.cpu, chosen.features

@@ -1,0 +1,80 @@
+"""The instruction set and the lanes that code is compiled for."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dalembert.codegen.numba.target import ENVIRONMENT_VARIABLE, available_targets, target
+from dalembert.errors import OptionError
+
+SCRIPT = """
+import warnings
+import numpy as np
+import dalembert as da
+from dalembert.codegen.numba.llvm import instructions, native_lanes
+from dalembert.codegen.numba.target import target
+warnings.simplefilter("error")
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+model = da.compile_model(da.scenes.chaplygin_sleigh())
+sweep = model.sweep((0, 1), start, {"m": 1.0, "b": np.linspace(0.1, 0.5, 11), "I_C": 0.5}, rtol=1e-10, threads=1)
+run = model.simulate((0, 1), start, {"m": 1.0, "b": 0.1, "I_C": 0.5}, rtol=1e-10, method="dop853")
+M = model.mass_matrix(np.zeros(3), {"m": 1.0, "b": 0.1, "I_C": 0.5})
+print(target().name, native_lanes(), *sweep["x"], run["x"][-1], *M.ravel())
+"""
+LANES = {"x86-64-v2": 2, "x86-64-v3": 4, "x86-64-v4": 8}
+
+
+def outcome(name, folder, script=SCRIPT):
+    environment = os.environ | {ENVIRONMENT_VARIABLE: name, "DALEMBERT_CACHE_DIR": str(folder)}
+    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=200)
+
+
+def test_targets_give_the_same_motions_with_lanes_of_their_own(tmp_path):
+    """They share a cache, in which each has code of its own; ``make test-targets`` compares them all."""
+    found, files = {}, set()
+    for name in dict.fromkeys((next(iter(available_targets())), "native")):
+        run = outcome(name, tmp_path / "cache")
+        assert run.returncode == 0, run.stderr
+        chosen, lanes, *values = run.stdout.split()
+        assert chosen == name and int(lanes) == LANES.get(name, available_targets()["native"].lanes)
+        found[name] = np.array([float(value) for value in values])
+        kept = set((tmp_path / "cache").rglob("*.o"))
+        assert kept - files, f"{name} added no code to the cache"
+        files = kept
+    for values in found.values():
+        np.testing.assert_allclose(values, found["native"], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["x86-64-v9", "AVX2"])
+def test_unknown_targets_are_refused_with_those_that_there_are(tmp_path, name):
+    run = outcome(name, tmp_path)
+    assert run.returncode == 1
+    (line,) = [line for line in run.stderr.splitlines() if line.startswith("dalembert.errors.OptionError")]
+    assert name in line and all(known in line for known in available_targets())
+    assert not list(tmp_path.iterdir())
+
+
+def test_targets_that_the_processor_lacks_are_refused(tmp_path):
+    script = f"""
+import llvmlite.binding as llvm
+has = dict(llvm.get_host_cpu_features()) | {{"avx512f": False}}
+class Features(dict):
+    def flatten(self):
+        return ""
+llvm.get_host_cpu_features = lambda: Features(has)
+{SCRIPT}"""
+    run = outcome("x86-64-v4", tmp_path, script)
+    assert run.returncode == 1 and "OptionError" in run.stderr
+    assert "lacks: take one of x86-64-v2" in run.stderr or "lacks: take one of native" in run.stderr
+
+
+def test_a_process_keeps_its_target(monkeypatch):
+    chosen = target().name
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "x86-64-v2" if chosen != "x86-64-v2" else "native")
+    with pytest.raises(OptionError, match="start a new process"):
+        target()
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "" if chosen == "native" else chosen)
+    assert target().name == chosen
