@@ -83,7 +83,10 @@ CHEAPER = {
     "common divisor": (lambda g, x, y, a, b: x * y / g.sin(x) + a * y / g.sin(x), 3),
     "common factor": (lambda g, x, y, a, b: x * (y * g.sin(x)) + y * (y * g.sin(x)), 3),
     "equal products": (lambda g, x, y, a, b: x * (a * y) - y * (b * x), 1),
-    "squares that add up": (lambda g, x, y, a, b: (a + x) * (g.sin(y) * g.sin(y)) + a * (g.cos(y) * g.cos(y)), 4),
+    "squares that add up": (
+        lambda g, x, y, a, b: x * (g.sin(y) * g.sin(y)) + a * (g.sin(y) * g.sin(y)) + a * (g.cos(y) * g.cos(y)),
+        4,
+    ),
     "parameters between factors": (lambda g, x, y, a, b: (x * a) * (y * b), 1),
     "square of a product": (lambda g, x, y, a, b: x * (y * (a * (x * y))), 2),
 }

@@ -3,8 +3,10 @@
 A node is looked up by its fingerprint (see `dalembert.ir.fingerprint`), so commuted, re-associated
 and cancelled forms, and whatever the Pythagorean and addition theorems make equal, are one node
 from the start; no simplification and no common-subexpression pass ever has to look for them. When
-a cheaper form of a known value turns up, the node adopts it: a node's cost only ever falls, and
-every operand of a node costs less than the node, so the graph stays acyclic.
+a cheaper form of a known value turns up, the node adopts it, unless the form loses digits that the
+present one has (`dalembert.ir.accuracy`); one without an input that cancels is adopted all the same.
+A dearer form is adopted where a user wrote it and the present one loses digits that it has, and has
+none that it loses. Every operand of a node costs less than the node, so the graph stays acyclic.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import math
 from collections.abc import Iterable
 from fractions import Fraction
 
+from . import accuracy
 from . import fingerprint as fp
 from .node import Node, UnitName
 from .ops import OPERATIONS
@@ -60,6 +63,9 @@ class Algebra:
         """Values at random points, kept by `dalembert.ir.zero_tests`."""
         self._by_value: dict[int, Node] = {}
         self._inputs: dict[str, Node] = {}
+        self.written = False
+        """Whether what is asked for is what a user wrote."""
+        self._errors: dict[int, accuracy.Probed] = {}
         self.nodes: list[Node] = []
         for small in (0, 1, -1, 2, -2):
             self.const(small)
@@ -290,7 +296,7 @@ class Algebra:
         known = self._by_value.get(value)
         if known is None and op != "neg":
             opposite = self._by_value.get(-value % _P)
-            if opposite is not None and opposite.cost + 0.5 < cost:
+            if opposite is not None and opposite.cost + 0.5 < cost and not self._loses_to(opposite, op, args):
                 op, args, cost = "neg", (opposite,), opposite.cost + 0.5
         deps = 0
         for arg in args:
@@ -298,8 +304,56 @@ class Algebra:
         if known is None:
             return self._make(op, args, None, value, cost, deps)
         if cost < known.cost:
-            known.op, known.args, known.cost, known.deps = op, args, cost, deps
+            needed = 0
+            for arg in known.args:
+                needed |= arg.deps
+            if needed & ~deps or self._is_as_accurate(known, op, args):
+                known.op, known.args, known.cost, known.deps = op, args, cost, deps
+                self._errors.pop(known.index, None)
+        elif self.written and (op, args) != (known.op, known.args) and known.args:
+            self._raise(known, op, args, cost, deps)
         return known
+
+    def _raise(self, known: Node, op: str, args: tuple[Node, ...], cost: float, deps: int) -> None:
+        """Let a node adopt a dearer form if its own loses digits; what is computed from it then costs more, too."""
+        if deps & ~known.deps or not (self._loses_to(known, op, args) and self._is_as_accurate(known, op, args)):
+            return
+        stack, below = list(args), set[int]()
+        while stack:
+            node = stack.pop()
+            if node is known:
+                return
+            if node.index not in below:
+                below.add(node.index)
+                stack += node.args
+        known.op, known.args, known.cost, known.deps = op, args, cost, deps
+        users: dict[int, list[Node]] = {}
+        for node in self.nodes:
+            for arg in node.args:
+                users.setdefault(arg.index, []).append(node)
+        risen = [known]
+        while risen:
+            node = risen.pop()
+            self._errors.pop(node.index, None)
+            for user in users.get(node.index, ()):
+                least = OPERATIONS[user.op].cost + sum(arg.cost for arg in user.args)
+                if user.cost < least:
+                    user.cost = least
+                    risen.append(user)
+
+    def _loses_to(self, node: Node, op: str, args: tuple[Node, ...]) -> bool:
+        """Return whether the form of a node loses digits that another form of its value, or of its opposite, has."""
+        new = self._probed_form(op, args)
+        return accuracy.loses(accuracy.probed(node, self._errors), new)
+
+    def _is_as_accurate(self, node: Node, op: str, args: tuple[Node, ...]) -> bool:
+        """Return whether a form of the value of a node loses no digit that its own has."""
+        return not accuracy.loses(self._probed_form(op, args), accuracy.probed(node, self._errors))
+
+    def _probed_form(self, op: str, args: tuple[Node, ...]) -> accuracy.Probed:
+        for arg in args:
+            accuracy.probed(arg, self._errors)
+        return accuracy.probed_form(op, args, self._errors)
 
     def _trigonometric(self, op: str, a: Node) -> Node:
         if a.is_zero:

@@ -3,7 +3,8 @@
 A Taylor step pays for each product, quotient or square of varying values with a sum over all orders, and next
 to nothing for sums and fixed factors. Each value is tried in other forms, got by factoring its polynomial; how
 much a form costs is what it adds to what other values need anyway, less what only the old form needed. Both
-follow from reference counts: DAG-aware rewriting (Mishchenko, Chatterjee, Brayton, DAC 2006).
+follow from reference counts: DAG-aware rewriting (Mishchenko, Chatterjee, Brayton, DAC 2006). A form that loses
+digits which the value as it came has (`dalembert.ir.accuracy`) is not taken.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from itertools import islice
 from typing import final
 
 from . import fingerprint as fp
+from .accuracy import Probed, loses, probed, probed_form
 from .forms import Forms
 from .graph import Graph, Node
 from .polynomial import Form, Monomial, Polynomial, Polynomials, pythagorean, sign, times
@@ -50,8 +52,12 @@ def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tupl
             if forms.uses[output.index] == 1:
                 forms.acquire(output)
     before = forms.work(outputs)
-    _Rewriter(forms, [new[node.index] for node in order]).run()
-    if forms.work(outputs) > before:
+    errors: dict[int, Probed] = {}
+    for output in outputs:
+        probed(output, errors, forms.of)
+    _Rewriter(forms, [new[node.index] for node in order], errors).run()
+    after: dict[int, Probed] = {}
+    if forms.work(outputs) > before or any(loses(probed(n, after, forms.of), errors[n.index]) for n in outputs):
         return Forms(graph), list(nodes)
     return forms, outputs
 
@@ -64,8 +70,8 @@ class _Unfit(Exception):
 class _Rewriter:
     """One round after another of values, operands first, each given the cheapest of the forms tried."""
 
-    def __init__(self, forms: Forms, order: Sequence[Node]) -> None:
-        self.forms, self.graph, self.order = forms, forms.graph, order
+    def __init__(self, forms: Forms, order: Sequence[Node], errors: dict[int, Probed]) -> None:
+        self.forms, self.graph, self.order, self.errors = forms, forms.graph, order, errors
         self.thorough = len(order) <= _THOROUGH
         self.places = {node.index: (i, _LAST) for i, node in enumerate(order)}
         self.values = Polynomials(self.graph, forms.moving, forms.of)
@@ -127,13 +133,20 @@ class _Rewriter:
                 forms.choose(node, self.final)
                 cost = forms.weight(node) + forms.acquire(node)
                 forms.release(node)
-                if cost < best_cost + self.slack:
+                if cost < best_cost + self.slack and self._is_accurate(node, self.final):
                     best_cost, best = cost, self.final
         forms.choose(node, best)
         forms.acquire(node)
         if best is not old:
             assert self.changed is not None
             self.changed |= {node.index, *(arg.index for arg in (*old[1], *best[1]))}
+
+    def _is_accurate(self, node: Node, form: Form) -> bool:
+        """Whether a form loses no digit that the value as it came has; values in between count as they came."""
+        known = dict(self.errors)
+        for arg in form[1]:
+            probed(arg, known, self.forms.of)
+        return not loses(probed_form(*form, known), self.errors[node.index])
 
     def _polynomials(self, node: Node) -> Iterator[Polynomial]:
         """Yield polynomials of a value, opened more and more deeply; what is in use elsewhere is opened late."""

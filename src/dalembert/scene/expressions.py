@@ -82,7 +82,11 @@ class ExpressionReader:
             e = None
         if not isinstance(e, sp.Basic):
             return self.fault(f"{expression!r} is not a SymPy expression")
-        return self._read(e)
+        self.graph.written = True
+        try:
+            return self._read(e)
+        finally:
+            self.graph.written = False
 
     def define(self, leaves: Mapping[Any, Node]) -> None:
         """Let SymPy objects be read as these nodes from now on, whatever they were read as before."""
