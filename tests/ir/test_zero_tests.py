@@ -62,9 +62,7 @@ def test_what_is_small_does_not_vanish(g, x, y):
     assert not vanishes(d(0.1 + 1e-9) - d(0.1))
     assert not vanishes((d(0.1 + 1e-9) * x - d(0.1) * x) * y)
     assert not vanishes(d(1e-20) * x + d(1e-18) * y)
-    assert not vanishes(
-        g.call("max", g.zero, x - d(5.5))
-    )  # zero where it is sampled
+    assert not vanishes(g.call("max", g.zero, x - d(5.5)))  # zero where it is sampled
     assert not vanishes(x / (d(0.1) + d(0.2) - d(0.3)))  # undefined, not zero
 
 

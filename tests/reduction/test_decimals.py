@@ -9,7 +9,8 @@ from sympy import Rational, cos, pi, sin, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import ConstraintError, SingularMassMatrixError
+from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError
+from dalembert.integrators.status import Status
 from dalembert.reduction import FORMULATIONS
 
 ALL = ["auto", *FORMULATIONS]
@@ -169,3 +170,62 @@ def test_masses_of_many_orders_are_regular():
     scene.add_loads((B, 3e-17 * k * N.x))
     run, _ = end(scene, {"u": 0, "v": 0, "u_dot": 0, "v_dot": 0}, {k: 2})
     np.testing.assert_allclose(run.q[-1], [0, 1], atol=1e-9)
+
+
+# -- the same numbers as parameters of a run ------------------------------------------------
+
+
+@pytest.mark.parametrize("formulation", ALL)
+def test_two_wheels_on_one_axle_by_parameters(formulation):
+    right, _ = end(cart(Rational(1, 10)), TURN)
+    b = symbols("b1 b2")
+    for second in (0.1, 0.5 - 0.4):
+        run, model = end(cart(*b), TURN, {b[0]: 0.1, b[1]: second}, formulation)
+        np.testing.assert_allclose(run.q[-1], right.q[-1], atol=1e-8)
+        assert "not enforced, because it follows from the others around the start: nonholonomic" in run.message
+    sweep = model.sweep((0, 1), TURN, {"b1": [0.1, 0.2], "b2": [0.5 - 0.4, 0.2]}, rtol=1e-9)
+    assert sweep.success.all() and abs(sweep["theta"][0] - right["theta"][-1]) < 1e-8
+
+
+@pytest.mark.parametrize("formulation", ALL)
+def test_wheels_a_nanometre_apart_by_parameters_are_not_one(formulation):
+    b1, b2 = b = symbols("b1 b2")
+    model = da.compile_model(cart(*b), backend="numpy", formulation=formulation)
+    values = {b1: 0.1, b2: 0.1 + 1e-9}
+    if model.formulation == "minimal":
+        with pytest.raises(InitialStateError, match=r"theta_dot: 1 was given, .* 0 .*\n.*nonholonomic constraint"):
+            model.simulate((0, 1), TURN, values)
+        sweep = model.sweep((0, 1), TURN, {"b1": 0.1, "b2": [0.1 + 1e-9, 0.3]})
+        assert list(sweep.status) == [Status.INITIAL_STATE, Status.INITIAL_STATE]
+        run = model.simulate((0, 1), TURN | {"theta_dot": 0}, values)
+        assert run.success and np.all(np.abs(run["theta"] - 0.2) < 1e-12)
+    else:
+        run = model.simulate((0, 1), TURN, values)
+        assert run.status is Status.SINGULAR_CONFIGURATION and "double precision" in run.message
+
+
+@pytest.mark.parametrize("formulation", ALL)
+@pytest.mark.parametrize("kind", ["positions", "rates"])
+def test_random_multiples_by_parameters(kind, formulation):
+    a, b, c, d = symbols("a b c d")
+    first, second = (lambda x, y, z: a * x - b * y), (lambda x, y, z: c * x - d * y)
+    scene = bead(first, second) if kind == "positions" else bead(rates=(first, second))
+    model = da.compile_model(scene, backend="numpy", formulation=formulation)
+    draw = random.Random(kind)
+    for _ in range(4):
+        u, v, k = (round(draw.uniform(-5, 5), draw.choice([2, 16])) for _ in range(3))
+        start = {"x": v, "y": u, "z": 0, "x_dot": 0, "y_dot": 0, "z_dot": 0}
+        run = model.simulate((0, 1), start, {a: u, b: v, c: u * k, d: v * k}, rtol=1e-9)
+        fall = -5 * u / (u * u + v * v)
+        assert run.success
+        np.testing.assert_allclose(run.q[-1], [v + fall * v, u + fall * u, 0], atol=1e-6)
+        with pytest.raises(InitialStateError, match="constraint 2"):
+            model.simulate((0, 1), start | {"x_dot": v, "y_dot": u}, {a: u, b: v, c: u * k, d: v * k + 1}, rtol=1e-9)
+
+
+def test_compiled_sweeps_refuse_what_the_state_does_not_reproduce():
+    model = da.compile_model(cart(0.1, symbols("b")), formulation="minimal")
+    start = TURN | {"y_dot": math.tan(0.2) - 0.1 / math.cos(0.2), "theta_dot": [1.0, 0.0], "x_dot": [1.0, 0.98]}
+    start["y_dot"] = [(math.sin(0.2) - 0.1) / math.cos(0.2), 0.98 * math.tan(0.2)]
+    sweep = model.sweep((0, 1), start, {"b": 0.1 + 1e-9})
+    assert list(sweep.status) == [Status.INITIAL_STATE, Status.SUCCESS]

@@ -13,6 +13,7 @@ from typing import final
 
 from .graph import Graph, Node
 from .polynomial import Monomial, Polynomials, pythagorean, sign, times
+from .zero_tests import vanishes
 
 __all__ = ["DiagonalLessDyad", "diagonal_less_dyad"]
 
@@ -30,13 +31,22 @@ class DiagonalLessDyad:
     weights: tuple[Node, ...]
     values: tuple[Node, ...]
 
+    @property
+    def regular(self) -> bool:
+        """Whether the matrix is not singular at every place, up to the rounding of decimals."""
+        return not any(vanishes(pivot) for pivot in (*self.diagonal, self._rest()))
+
+    def _rest(self) -> Node:
+        """Return what the determinant is times the product of the diagonal."""
+        terms = zip(self.weights, self.diagonal, self.values, strict=True)
+        return 1 - self.scale * self.graph.sum(w / d * w * (g * g) for w, d, g in terms)
+
     def solve(self, b: Sequence[Node]) -> list[Node]:
         """Return A^-1 b."""
         graph = self.graph
         shares = [w / d for w, d in zip(self.weights, self.diagonal, strict=True)]
         along = graph.sum(s * (g * x) for s, g, x in zip(shares, self.values, b, strict=True))
-        part = graph.sum(s * w * (g * g) for s, w, g in zip(shares, self.weights, self.values, strict=True))
-        lift = self.scale * along / (1 - self.scale * part)
+        lift = self.scale * along / self._rest()
         return [x / d + s * (g * lift) for x, d, s, g in zip(b, self.diagonal, shares, self.values, strict=True)]
 
 

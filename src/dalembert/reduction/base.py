@@ -184,4 +184,6 @@ def solve_inertia(
     graph = equations.graph
     moving = ~graph.mask(equations.symbols.parameters)
     parts = diagonal_less_dyad(graph, matrix, moving)
-    return (parts or factorize_inertia(graph, matrix, names, equations.name)).solve(demand)
+    if parts is not None and parts.regular:
+        return parts.solve(demand)
+    return factorize_inertia(graph, matrix, names, equations.name).solve(demand)

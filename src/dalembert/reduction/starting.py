@@ -3,7 +3,8 @@
 What the constraints fix may be left out: missing coordinates solve the holonomic constraints,
 which they must enter linearly, and missing rates the velocity constraints, both by least squares
 written out on the graph. What is given is checked against the constraints, each relative to the
-size of its terms, and what the tolerance lets pass is projected away.
+size of its terms, and what the tolerance lets pass is projected away. Where that changes a value
+by more than `REPRODUCED`, as a constraint with a small coefficient can, the start is refused too.
 """
 
 from __future__ import annotations
@@ -18,19 +19,22 @@ from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
+from ..ir.zero_tests import TOLERANCE as ROUNDING
+from ..ir.zero_tests import terms_of
 from ..once import deriving
 from ..scene.model import Entry
 from .base import ReducedSystem
 from .reactions import independent_columns
 
-__all__ = ["TOLERANCE", "Start", "start_tangents", "starting"]
+__all__ = ["REPRODUCED", "TOLERANCE", "Start", "start_tangents", "starting"]
 
 TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""
 
+REPRODUCED = 1e-6
+"""Relative change of a given value up to which the state counts as that value."""
+
 _NOTHING = 1e-4
-_PIVOT = 1e-13
-"""Share of a row of the constraint Jacobian below which a pivot does not count."""
 _RANK = 1e-18
 """Square of the share of the constraint Jacobian below which a column does not count."""
 
@@ -50,7 +54,9 @@ class Start:
     labels : tuple of (str, str)
         "positions" or "rates", and the label of the constraint; or "coordinates left out" or "rates left out", and
         the name of what the constraints must fix, which they do where the first number is at most the second; or
-        "pivots" and the label of a constraint, which the formulation can hold under the same condition.
+        "pivots" and the label of a constraint, which the formulation can hold under the same condition; or
+        "coordinates changed" or "rates changed" and the name of a given value, what the state changes it by, and how
+        much it may.
     """
 
     kernel: Kernel
@@ -139,9 +145,14 @@ class _Starting:
         labels += self.fixed_labels
         for label, pivot in self.system.pivots:
             (row,) = (self.graph.adopt(row.jacobian) for row in self.rows if row.label == label)
+            (slope,) = self.graph.adopt([pivot])
             size = self.graph.sum(self.graph.call("abs", entry) for entry in self._at(row))
-            checks += [self.graph.node(_PIVOT) * size, self.graph.call("abs", self.graph.adopt([pivot])[0])]
+            size = self.graph.call("max", size, terms_of(self.graph, slope))
+            checks += [self.graph.node(ROUNDING) * size, self.graph.call("abs", slope)]
             labels.append(("pivots", label))
+        for kind, name, change, limit in self._changed(state):
+            checks += [change, limit]
+            labels.append((kind, name))
         kernel = lower_kernel(self.graph, "start", [*state, *checks], self._inputs(), arguments=("t", "y", "c"))
         return Start(kernel, self.given, tuple(labels))
 
@@ -234,6 +245,28 @@ class _Starting:
         terms = self._at([graph.call("abs", a * x) for a, x in zip(row, around, strict=True) if not a.is_zero])
         size = graph.sum([graph.node(scale), *terms])
         return graph.node(TOLERANCE) * graph.call("max", size, graph.node(_NOTHING))
+
+    def _changed(self, state: Sequence[Node]) -> list[tuple[str, str, Node, Node]]:
+        """Return the kind and the name of the given values that the state may change, by what, and by how much."""
+        graph, system, symbols = self.graph, self.system, self.symbols
+        if not self.rows:
+            return []
+        at_state = dict(zip(graph.adopt(system.inputs), state, strict=True))
+        size = graph.sum(graph.call("abs", rate) for rate in self._at(self.qdot))
+        rates_may = graph.node(REPRODUCED) * graph.call("max", size, graph.node(_NOTHING))
+        found = []
+        for kind, names, nodes in (
+            ("coordinates changed", symbols.coordinates, system.coordinates),
+            ("rates changed", symbols.rates, system.rates),
+        ):
+            values = graph.substitute(graph.adopt(nodes), at_state)
+            for name, value in zip(names, values, strict=True):
+                given = graph.input(name)
+                change = value - given
+                if name in self.given and not change.is_zero:
+                    own = graph.node(REPRODUCED) * (graph.one + graph.call("abs", given))
+                    found.append((kind, name, change, own if kind.startswith("coord") else rates_may))
+        return found
 
     def _state(self) -> list[Node]:
         """Return the state of the formulation, projected onto the constraints where the formulation can."""

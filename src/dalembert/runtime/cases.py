@@ -170,6 +170,20 @@ class Cases:
             y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps, settings.watch
         ), status
 
+    def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
+        """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
+        c = self.constants(block)
+        t = np.broadcast_to(_part(self._begin, block), (len(c),))
+        given = np.empty((len(c), len(self.start.given)))
+        for i, name in enumerate(self.start.given):
+            given[:, i] = _part(self.initial[name], block)
+        checks = interpret_rows(self.start.kernel, t, given, c)[:, len(self.program.layout.state) :]
+        lost = np.zeros(len(c), bool)
+        for i, (kind, _) in enumerate(self.start.labels):
+            if kind == "pivots":
+                lost |= ~(checks[:, 2 * i] <= checks[:, 2 * i + 1])
+        return lost
+
     def _refine(self, c: FloatArray, t: FloatArray, given: FloatArray, out: FloatArray, some: NDArray[np.intp]) -> None:
         """Write constants and starts of some cases as they are made for each alone."""
         parameters = len(self.program.layout.parameters)

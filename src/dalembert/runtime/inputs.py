@@ -26,9 +26,11 @@ __all__ = [
     "given_values",
     "initial_state",
     "parameter_vector",
+    "pivots_vanish",
     "prepare_rows",
     "resolve",
     "resolve_names",
+    "vanishing_pivots",
     "warn_below_floor",
 ]
 
@@ -171,6 +173,28 @@ def _told(program: Program, p: FloatArray) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=False))
 
 
+def vanishing_pivots(start: Start, t: float, values: Mapping[str, float], p: FloatArray) -> list[str]:
+    """Return the labels of constraints that a formulation divides by something that vanishes at parameters p (n_p,)."""
+    given = [float(values[name]) for name in start.given]
+    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": p.tolist()}), dtype=float)
+    return _lost_pivots(start, out[len(out) - 2 * len(start.labels) :].reshape(-1, 2))
+
+
+def pivots_vanish(program: Program, p: FloatArray, labels: Iterable[str]) -> InitialStateError:
+    """Return the error of a formulation that divides constraints by something that vanishes at parameters p."""
+    return InitialStateError(
+        f"at these parameters ({_told(program, p)}) the constraint {list_names(labels)} follows from the others or"
+        f" says nothing, or says it of other coordinates than elsewhere, and the formulation {program.formulation!r}"
+        ' divides by what vanishes there. Use formulation="projected", which leaves out what follows from the others,'
+        " or remove the constraint"
+    )
+
+
+def _lost_pivots(start: Start, checks: FloatArray) -> list[str]:
+    rows = zip(start.labels, checks.tolist(), strict=True)
+    return [name for (kind, name), (least, pivot) in rows if kind == "pivots" and not least <= pivot]
+
+
 def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatArray, program: Program) -> FloatArray:
     """Return the state y (n_y,) of the formulation at time t from values by name, which `start` expects.
 
@@ -191,17 +215,9 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
                 f"initial values are missing for the {what} {list_names(loose)}: the constraints do not fix them at"
                 " this configuration, and nothing defaults to zero"
             )
-    lost = [
-        name
-        for (kind, name), (least, pivot) in zip(start.labels, checks, strict=True)
-        if kind == "pivots" and not least <= pivot
-    ]
+    lost = _lost_pivots(start, checks)
     if lost:
-        raise InitialStateError(
-            f"at these parameters ({_told(program, c)}) the constraint {list_names(lost)} follows from the others or"
-            f" says nothing, and the formulation {program.formulation!r} divides by what vanishes there. Use"
-            ' formulation="projected", which leaves out what follows from the others, or remove the constraint'
-        )
+        raise pivots_vanish(program, c, lost)
     for what in ("positions", "rates"):
         faults = [
             f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
@@ -224,7 +240,31 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
             " coordinates are singular at this configuration, or because the constraints do not fix there what was"
             " left out. Start elsewhere, give every rate, or choose other coordinates"
         )
+    _refuse_changes(start, checks, values)
     return y
+
+
+def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float]) -> None:
+    """Raise for given values that the state does not reproduce, although they pass for consistent."""
+    rows = list(zip(start.labels, checks.tolist(), strict=True))
+    for what in ("coordinates", "rates"):
+        changed = [
+            f"{name}: {values[name]:.6g} was given, and the constraints make it {values[name] + change:.6g}"
+            f" (tolerance {limit:.1e})"
+            for (kind, name), (change, limit) in rows
+            if kind == f"{what} changed" and abs(change) > limit
+        ]
+        if changed:
+            held = "positions" if what == "coordinates" else "rates"
+            left = {label: abs(v) / limit for (kind, label), (v, limit) in rows if kind == held and limit > 0.0}
+            worst = max(left, key=lambda label: left[label], default="")
+            why = next((pair for (kind, label), pair in rows if kind == held and label == worst), (0.0, 0.0))
+            raise InitialStateError(
+                f"the initial {what} are not those of any motion that the constraints allow:\n  "
+                + "\n  ".join(changed)
+                + f"\n{worst} fixes them by a small coefficient (residual {why[0]:.3g}, tolerance {why[1]:.1e}).\n"
+                f"Correct the {what}, or leave out those that the constraints fix: they are solved for"
+            )
 
 
 def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:

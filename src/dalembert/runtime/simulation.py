@@ -36,7 +36,7 @@ from .keeping import kept_names, kept_values, refuse_jumps, refuse_unknown
 from .monitors import conserved
 from .prepared import PreparedRun
 from .recording import Record
-from .singular import indeterminate, judged, redundant, searched, singular_start, still_redundant
+from .singular import indeterminate, judged, nearly_redundant, redundant, searched, singular_start, still_redundant
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -168,6 +168,12 @@ class Simulated(Held):
         rtol, atol = tolerances(rtol, atol)
         chosen = self._method(method, rtol, atol)
         t0, t1 = span_of(t_span)
+        divisible = self._divisible(t0, initial, parameters)
+        if divisible is not self:
+            options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+            options |= {"events": events, "error_estimate": error_estimate}
+            return divisible.simulate(t_span, initial, parameters, **options)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
         inputs.warn_below_floor(rtol, atol, self._program, chosen)
@@ -254,8 +260,9 @@ class Simulated(Held):
             return self
         where = (self._program, problem.t0, problem.y0, problem.constants, self._enforced)
         found = redundant(*where)
-        if found is None:
-            statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, singular_start(*where))
+        note = singular_start(*where) if found is None else nearly_redundant(*where) if found else ""
+        if found is None or note:
+            statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
             status = Status.SINGULAR_CONFIGURATION
             y0 = problem.y0[np.newaxis]
             t0 = np.array([problem.t0])
@@ -263,14 +270,49 @@ class Simulated(Held):
             return run.of_scene(self.stages.scene)
         if not found:
             return self
+        return self._without(found)
+
+    def _divisible(self, t0: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]) -> Simulated:
+        """Return the model without the constraints that this one divides by something that vanishes at the parameters.
+
+        Raises
+        ------
+        InitialStateError
+            Where one of them does not follow from the others there.
+        """
+        if not self.stages.reduced.pivots:
+            return self
+        p = self.parameter_vector(parameters)
+        values = inputs.given_values(self.layout, initial)
+        labels = inputs.vanishing_pivots(self._start(values), t0, values, p)
+        if not labels:
+            return self
+        fewer = self._without(tuple(self.layout.constraints.index(label) for label in labels))
+        further = fewer._divisible(t0, initial, parameters)
+        if further is not fewer:
+            return further
+        program, rows = fewer._program, range(len(self.layout.constraints))
+        c = inputs.constants(program, p)
+        y = inputs.initial_state(fewer._start(values), t0, values, c, program)
+        left_out = fewer.stages.reduced.left_out
+        rest = [i for i in rows if i not in left_out]
+        found = redundant(program, t0, y, c, rows)
+        follow = found is not None and len(found) == len(left_out) and redundant(program, t0, y, c, rest) == ()
+        if not follow:
+            raise inputs.pivots_vanish(self._program, p, labels)
+        return fewer
+
+    def _without(self, found: tuple[int, ...]) -> Simulated:
+        """Return the model that does not enforce some constraints, compiled once for each set of them."""
         from ..recompiling import recompile
 
         without = tuple(sorted({*found, *self.stages.reduced.left_out}))
 
         def make() -> Simulated:
-            labels = [self.layout.constraints[i] for i in found]
+            dropped = tuple(sorted({*found, *self._dropped}))
+            labels = [self.layout.constraints[i] for i in dropped]
             fewer = recompile(self.stages, without)
-            fewer._dropped = found
+            fewer._dropped = dropped
             fewer._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
             return fewer
 

@@ -26,6 +26,7 @@ __all__ = [
     "indeterminate",
     "judged",
     "judged_cases",
+    "nearly_redundant",
     "redundant",
     "searched",
     "singular_start",
@@ -36,6 +37,9 @@ __all__ = [
 
 _LOST = 1e-7
 """Share below which rank is lost."""
+
+_ROUNDED = 1e-11
+"""Share below which a constraint follows from the others up to rounding; larger differences are meant."""
 
 _NEAR = 0.05
 """Share below which a run that failed is taken to have failed for it."""
@@ -80,8 +84,8 @@ def _shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
     return found
 
 
-def _dependent(j: FloatArray) -> list[int]:
-    """Return the rows of a Jacobian with rows of length one that follow from those before them."""
+def _dependent(j: FloatArray, share: float = _LOST) -> list[int]:
+    """Return the rows of a Jacobian with rows of length one of which less than a share is new."""
     basis: list[FloatArray] = []
     found = []
     for i, row in enumerate(j):
@@ -90,7 +94,7 @@ def _dependent(j: FloatArray) -> list[int]:
             for direction in basis:
                 rest = rest - (rest @ direction) * direction
         length = float(np.linalg.norm(rest))
-        if length < _LOST:
+        if length < share:
             found.append(i)
         else:
             basis.append(rest / length)
@@ -120,6 +124,25 @@ def redundant(
         if np.all(np.isfinite(near)) and len(_dependent(near / lengths)) < len(lost):
             return None
     return tuple(enforced[i] for i in lost)
+
+
+def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+    """Return where constraints are so nearly dependent that double precision does not tell, or nothing.
+
+    They do not follow from each other: what they differ by is more than rounding, and is lost when it is squared.
+    """
+    times, rows = np.array([t]), list(enforced)
+    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
+    j = _jacobians(program, times, _closed(program, t, x, c)[np.newaxis], c, rows)
+    if not np.all(np.isfinite(j)):
+        return ""
+    j = j[0] / _lengths(j)[:, np.newaxis]
+    if len(_dependent(j, _ROUNDED)) == len(_dependent(j)):
+        return ""
+    return (
+        f"{_where(program, t, y, c, enforced)}, by more than rounding: which motions they allow cannot be told with"
+        " this formulation in double precision. Make them equal or more different, or use formulation='minimal'"
+    )
 
 
 def unlike(
@@ -156,17 +179,24 @@ def _around(program: Program, t: float, y: FloatArray, c: FloatArray, j: FloatAr
     for direction in [*free, np.sum(free, axis=0)]:
         x = x0.copy()
         x[:n] += _NEARBY * direction
-        for _ in range(8):
-            if "position_residual" not in program:
-                break
-            left = interpret_rows(program.kernel("position_residual"), times, x[np.newaxis], c)[0]
-            whole = interpret_rows(program.kernel("constraint_jacobian"), times, x[np.newaxis], c)[0]
-            rows = whole.reshape(-1, n)[: len(left)]
-            if not (np.all(np.isfinite(left)) and np.all(np.isfinite(rows))):
-                break
-            x[:n] -= np.linalg.pinv(rows, rcond=1e-5) @ left
-        found.append(x)
+        found.append(_closed(program, t, x, c))
     return found
+
+
+def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
+    """Return coordinates and rates x (2 n_q,) with the coordinates moved onto the constraints."""
+    times, n = np.array([t]), len(program.layout.coordinates)
+    if "position_residual" not in program:
+        return x
+    x = x.copy()
+    for _ in range(8):
+        left = interpret_rows(program.kernel("position_residual"), times, x[np.newaxis], c)[0]
+        whole = interpret_rows(program.kernel("constraint_jacobian"), times, x[np.newaxis], c)[0]
+        rows = whole.reshape(-1, n)[: len(left)]
+        if not (np.all(np.isfinite(left)) and np.all(np.isfinite(rows))):
+            break
+        x[:n] -= np.linalg.pinv(rows, rcond=1e-5) @ left
+    return x
 
 
 def _where(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:

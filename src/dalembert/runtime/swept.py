@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, FloatArray
-from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
+from ..errors import InitialStateError, OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..integrators.status import Status
 from ..ir.program import Layout
 from ..results.estimate import TIGHTER
@@ -134,6 +134,12 @@ class Swept(Simulated):
         if grid is not None:
             initial, parameters = with_grid(self.layout, grid, initial, parameters)
         cases = Cases(self._program, self._start, t_span, initial, parameters)
+        divisible = self._divisible_cases(cases)
+        if divisible is not self:
+            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
+            options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
+            return divisible._begin_sweep(*given, **options)
         settings = agreed(
             cases,
             t_eval=t_eval,
@@ -153,7 +159,7 @@ class Swept(Simulated):
         first = next((problem for problem in tried if problem is not None), None)
         able = self if first is None else self._independent(first, chosen, begin)
         if isinstance(able, Swept) and able is not self:
-            options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+            options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
             options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
             options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
             return able._begin_sweep(*given, **options)
@@ -179,6 +185,23 @@ class Swept(Simulated):
 
         return estimated
 
+    def _divisible_cases(self, cases: Cases) -> Swept:
+        """Return the model without the constraints that this one divides by what vanishes in every case.
+
+        Where it vanishes in some cases only, those have a status.
+        """
+        if not self.stages.reduced.pivots or not np.any(cases.lost_pivots(slice(0, 1))):
+            return self
+        if not np.all(cases.lost_pivots(slice(0, cases.count))):
+            return self
+        initial, parameters = ({n: float(v[0]) for n, v in t.items()} for t in (cases.initial, cases.parameters))
+        try:
+            able = self._divisible(float(cases.span["start"][0]), initial, parameters)
+        except (InitialStateError, ValueInputError):
+            return self
+        assert isinstance(able, Swept)
+        return able
+
     def _keeping_cases(
         self,
         wanted: Any,
@@ -203,6 +226,8 @@ class Swept(Simulated):
     def _apart(self, cases: Cases, settings: Settings) -> Settings:
         """Return settings that set apart cases in which other constraints follow from others than in the first."""
         rows = sorted({*self._enforced, *self._dropped})
+        if self._dropped and not self._enforced:  # `minimal` enforces all others
+            rows = list(range(len(self.layout.constraints)))
         if cases.count < 2 or len(rows) < 2 or not self.layout.state:
             return settings
         block, status = cases.block(slice(0, cases.count), settings)
