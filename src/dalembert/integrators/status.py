@@ -22,6 +22,7 @@ class Status(enum.IntEnum):
     CONTACT_AMBIGUOUS = 13
     SINGULAR_COORDINATES = 14
     ASSUMPTION = 15
+    TIMES_IN_NO_ORDER = 16
 
     @property
     def success(self) -> bool:
@@ -79,6 +80,10 @@ _MESSAGES = {
         "A value of this case contradicts what its symbol was declared to be, such as -1 with positive=True, and SymPy "
         "has simplified the scene with that: simulate this case alone to be told which, or declare the symbol without "
         "it (real=True) and compile anew."
+    ),
+    Status.TIMES_IN_NO_ORDER: (
+        "The times of the run are not finite, or go neither up nor down: give finite times in increasing or in "
+        "decreasing order."
     ),
     Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

@@ -62,7 +62,8 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step), paced=known.paced)
-        return Pieces(taylor, alone, taylors, on_rows, _SeriesSteps(series, order, projections))
+        steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections)
+        return Pieces(taylor, alone, taylors, on_rows, steps)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
     one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved)
@@ -153,6 +154,10 @@ class _PairSteps:
         """Return the states at the ends of steps, on the constraints."""
         return _settled(self._projections, steps, self._stages(steps)[1])
 
+    def rates(self, steps: Steps) -> Rows:
+        """Return the rates of the states at the starts of steps."""
+        return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
+
     def _stages(self, steps: Steps) -> tuple[Rows, Rows]:
         """Return the slopes (stages, k) and the ends of steps before they are projected."""
         t, h, y, c, go = steps
@@ -223,6 +228,8 @@ class _SeriesSteps:
 
     Parameters
     ----------
+    rhs
+        From a condition to (t, y, c) -> rates, on rows.
     series
         From a condition to (t, y, c) -> coefficients of each component in turn, on rows.
     order
@@ -231,13 +238,19 @@ class _SeriesSteps:
         From a condition to what moves the end of a step.
     """
 
-    def __init__(self, series: Conditional, order: int, projections: Callable[[Any], Projections]) -> None:
+    def __init__(
+        self, rhs: Conditional, series: Conditional, order: int, projections: Callable[[Any], Projections]
+    ) -> None:
         self.in_turn = None
-        self._series, self._order, self._projections = series, order, projections
+        self._rhs, self._series, self._order, self._projections = rhs, series, order, projections
 
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
         return _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
+
+    def rates(self, steps: Steps) -> Rows:
+        """Return the rates of the states at the starts of steps."""
+        return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
 
     def _ends(self, steps: Steps, y: Rows, c: Rows) -> Rows:
         """Return the ends of steps before they are projected."""

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from ...errors import OptionError, UnknownNameError, list_names, unknown_name
+from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.motion import Limits, Motion
@@ -18,7 +19,9 @@ from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
 from ...ir.taylor import order_for
 from ...once import once
+from ...values import times_of
 from ..printers import JAX
+from .elapsed import in_elapsed_time
 from .kernels import Kernels, compile_kernel, stacked
 from .pieces import SERVED, pieces_of
 
@@ -60,13 +63,15 @@ class Solved(NamedTuple):
 class Solve:
     """``solve(t, initial, p)`` integrates from t[0] and returns a `Solved` at the times t.
 
-    The arguments are JAX arrays or numbers, and every one but t may be differentiated: t (n_t,) sorted in either
+    The arguments are JAX arrays or numbers, and every one may be differentiated: t (n_t,) sorted in either
     direction; `initial` a mapping of the names `given` to scalars, an array (n_given,) in their order, or the state
     y (n_y,) where nothing was named; p a mapping of all parameters to scalars, or an array (n_p,). Steps are
-    chosen from the values alone: derivatives are those of the steps taken, at fixed sizes.
+    chosen from the values alone: derivatives are those of the steps taken, at fixed sizes, and those by a time are
+    rates. Derivatives of what a run did not reach are NaN.
 
     Nothing is checked inside a trace: an initial state that contradicts a constraint by more than rounding is
-    projected where the formulation projects, and taken as it is elsewhere.
+    projected where the formulation projects, and taken as it is elsewhere. Of times in no order, which are an error
+    where they are known, all states are NaN, and the status says so.
 
     The function is traced in double precision only: set ``jax.config.update("jax_enable_x64", True)``, or call inside
     ``with jax.enable_x64(True):``.
@@ -114,6 +119,7 @@ class Solve:
         self._program, self._start, self._method = program, start, method
         self.given = program.layout.state if start is None else start.given
         self._kernels = _kernels(program)
+        self._elapsed = _elapsed(program)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -126,12 +132,12 @@ class Solve:
                 "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        t = jnp.asarray(t, dtype=float)
+        t = _times(t)
         c = self._kernels.constants(_vector("parameter", p, self._program.layout.parameters))
         y0 = _vector("initial value", initial, self.given)
         if self._begin is not None:
             y0 = self._begin(t[0], y0, c)[: len(self._program.layout.state)]
-        y, status = self._integrate(t, y0, c)
+        y, status = self._integrate(t - t[0], y0, c if self._elapsed is self._kernels else jnp.append(c, t[0]))
         q, outputs = self._on_rows("expand", t, y, c), self._on_rows("outputs", t, y, c)
         n = len(self._program.layout.coordinates)
         return Solved(t, y, q[:, :n], q[:, n:], outputs, status)
@@ -142,17 +148,31 @@ class Solve:
         return jax.vmap(self._kernels[kernel], (0, 0, None))(t, y, c)
 
     def _integrate(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
+        """Return the states (n_t, n_y) at elapsed times t (n_t,), and the status."""
         options = self._options
         if METHODS.get(self._method, METHODS["tsit5"]).ends:
-            return implicit_motion(self._kernels, self._method, t, y0, c, **options)
+            return implicit_motion(self._elapsed, self._method, t, y0, c, **options)
         rtol, atol = options["rtol"], options["atol"]
         tolerance = clipped_tolerance(rtol, atol)
         floor = max(atol / tolerance, 1e-300)
         limits = Limits(rtol, max(atol, SMALLEST_SCALE), floor, options["max_step"], options["max_steps"])
-        pieces = pieces_of(
-            self._program, self._kernels, self._method, order_for(tolerance) if self._method == "taylor" else 0
-        )
+        order = order_for(tolerance) if self._method == "taylor" else 0
+        pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
         return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c)
+
+
+def _times(t: Any) -> Any:
+    """Return the times as an array, checked where they are known."""
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(t))
+    times = jnp.atleast_1d(jnp.asarray(t, dtype=float)) if traced else times_of("t", t)
+    if times.ndim != 1 or not len(times):
+        raise ValueInputError(f"t must be times (n_t,), the first of which is the start, not of shape {times.shape}")
+    if traced:
+        return times
+    steps = np.diff(times)
+    if not np.all(np.isfinite(times)) or not (np.all(steps >= 0.0) or np.all(steps <= 0.0)):
+        raise ValueInputError(f"t must be finite times in increasing order, or in decreasing order, not {t!r}")
+    return jnp.asarray(times)
 
 
 def _vector(kind: str, values: Any, names: tuple[str, ...]) -> Any:
@@ -181,6 +201,15 @@ def _kernels(program: Program) -> Kernels:
     engine = backend.load(backend.render(program, cache=False), cache=False)
     kernels: Kernels = engine.kernels  # type: ignore[attr-defined]
     return kernels
+
+
+@once
+def _elapsed(program: Program) -> Kernels:
+    """Return the kernels of a program in the time since the start of a run."""
+    counted = in_elapsed_time(program)
+    if counted is program:
+        return _kernels(program)
+    return Kernels(counted, {kernel.name: compile_kernel(kernel, JAX) for kernel in counted})
 
 
 @once

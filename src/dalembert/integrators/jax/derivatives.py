@@ -14,10 +14,22 @@ from typing import Any, NamedTuple, Protocol, final
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 
 from .lanes import Rows
 
-__all__ = ["CHUNK", "Linear", "Record", "Steps", "jacobians", "pulled", "pulled_over", "pushed", "pushed_over"]
+__all__ = [
+    "CHUNK",
+    "Linear",
+    "Record",
+    "Steps",
+    "instantiate",
+    "jacobians",
+    "pulled",
+    "pulled_over",
+    "pushed",
+    "pushed_over",
+]
 
 CHUNK = 16
 """Steps that are differentiated together."""
@@ -91,6 +103,13 @@ class Linear(Protocol):
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
         """Return the cotangents of the constants, from the cotangents within all steps."""
+
+
+def instantiate(tangent: Any) -> Any:
+    """Return a tangent or cotangent as an array, also where JAX knows that it is zero."""
+    if isinstance(tangent, SymbolicZero):
+        return jnp.zeros(tangent.shape, tangent.dtype)
+    return tangent
 
 
 def jacobians(function: Any, y: Rows) -> Any:

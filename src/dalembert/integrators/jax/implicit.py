@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..status import Status
+from .motion import in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def implicit_motion(
     max_steps: int,
 ) -> tuple[Any, Any]:
     """Return the states (n_t, n_y) at the times t, and the status; see `dalembert.integrators.jax.motion`."""
+    given, (t, ordered) = t, in_order(jax.lax.stop_gradient(t))
     direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
     settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, max_step)
     still = jax.lax.stop_gradient
@@ -67,6 +69,50 @@ def implicit_motion(
     results = diffrax.RESULTS
     status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)
     status = jnp.where(solution.result == results.successful, int(Status.SUCCESS), status)
+    status = jnp.where(ordered, status, int(Status.TIMES_IN_NO_ORDER))
+    known = ordered & jnp.all(jnp.isfinite(y), axis=1)
     if ends:
-        y = jnp.where((jnp.arange(len(t)) == 0)[:, None] | (status == int(Status.SUCCESS)), y, jnp.nan)
-    return jnp.where(jnp.isfinite(y), y, jnp.nan), status
+        known &= (jnp.arange(len(t)) == 0) | (status == int(Status.SUCCESS))
+    rates = jax.vmap(kernels["rhs"], (0, 0, None))(t, still(y), still(c))
+    y = _following(y, given, rates)
+    return (_lost_pushed if mode == "forward" else _lost_pulled)(y, known, (y0, c, given)), status
+
+
+@jax.custom_jvp
+def _following(y: Any, t: Any, rates: Any) -> Any:
+    """Return states (n_t, n_y), which change with their times (n_t,) by their rates."""
+    return y
+
+
+@_following.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    (y, _, rates), (dy, dt, _) = values, tangents
+    return y, dy + dt[:, None] * rates
+
+
+def _lost(y: Any, known: Any, sources: Any) -> Any:
+    """Return states (n_t, n_y), NaN where they are not known, and then with derivatives NaN by all `sources`."""
+    return jnp.where(known[:, None], y, jnp.nan)
+
+
+_lost_pushed = jax.custom_jvp(_lost)
+_lost_pulled = jax.custom_vjp(_lost)
+
+
+@_lost_pushed.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    return _lost(*values), _lost(tangents[0], *values[1:])
+
+
+def _keeping(*values: Any) -> tuple[Any, Any]:
+    return _lost(*values), values[1:]
+
+
+def _pulled(kept: Any, given: Any) -> tuple[Any, None, Any]:
+    known, sources = kept
+    failed = jnp.any(~known[:, None] & (given != 0.0))
+    lost = jax.tree.map(lambda source: jnp.where(failed, jnp.nan, jnp.zeros_like(source)), sources)
+    return jnp.where(known[:, None], given, 0.0), None, lost
+
+
+_lost_pulled.defvjp(_keeping, _pulled)

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, final
+from typing import Any, NamedTuple, Protocol, final
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 
 from ...once import once_property
-from .derivatives import CHUNK, Linear, Record, Steps, pulled, pulled_over, pushed, pushed_over
+from ..status import Status
+from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over
 from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun
 
-__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended"]
+__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "in_order"]
 
 
 class Stepping(Linear, Protocol):
@@ -27,6 +29,9 @@ class Stepping(Linear, Protocol):
 
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, n_y rows (k,)."""
+
+    def rates(self, steps: Steps) -> Rows:
+        """Return the rates of the states at the starts of steps, n_y rows (k,)."""
 
 
 @final
@@ -61,6 +66,24 @@ class Limits:
     floor: float
     max_step: float
     max_steps: int
+
+
+@final
+class _Way(NamedTuple):
+    """How a run went: its record, which times it reached (n_t,), and for more than two times the steps over them.
+
+    These are the numbers of the attempts, and the steps cut at the times.
+    """
+
+    record: Record
+    known: Any
+    passing: tuple[Any, Steps] | None
+
+
+def in_order(t: Any) -> tuple[Any, Any]:
+    """Return times (n_t,) by which to run, and whether they are those given: finite, and going one way."""
+    ordered = jnp.all(jnp.isfinite(t)) & (jnp.all(t[1:] >= t[:-1]) | jnp.all(t[1:] <= t[:-1]))
+    return jnp.where(ordered, t, 0.0), ordered
 
 
 def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
@@ -121,12 +144,10 @@ class Motion:
     def __call__(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
         """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0], and the status.
 
-        States that were not reached are NaN.
+        States that were not reached are NaN, and so are all derivatives of what is computed from them.
         """
-        y, reached, status = self._passing(lax.stop_gradient(t), y0, c)
-        forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
-        known = forward * (t - reached) <= 0.0
-        return jnp.where(known[:, None], y, jnp.nan), status.astype(int)
+        y, status = self._passing(t, y0, c)
+        return y, status.astype(int)
 
     # -- the run --------------------------------------------------------------------------
 
@@ -174,58 +195,81 @@ class Motion:
     # -- its derivatives ------------------------------------------------------------------
 
     @once_property
-    def _passing(self) -> Callable[..., tuple[Any, ...]]:
-        """The function (t, y0, c) -> states (n_t, n_y), the time reached, the status as a number."""
+    def _passing(self) -> Callable[..., tuple[Any, Any]]:
+        """The function (t, y0, c) -> states (n_t, n_y), the status as a number."""
 
         def primal(t: Any, y0: Any, c: Any) -> Any:
-            return self._run(t, y0, c, 0 if len(t) <= 2 else self._room)[0]
-
-        def push(values: Any, tangents: Any) -> Any:
-            (t, y0, c), (_, dy, dc) = values, tangents
-            out, record, passed = self._run(t, y0, c, self._room)
-            along, end = pushed(self._pieces.steps, record, c, dy, dc, keep=passed is not None)
-            if passed is None:
-                dy = jnp.stack([dy, end])[: len(t)]
-            else:
-                at, steps = passed
-                dy = pushed_over(self._pieces.steps, steps, along[at], dc)
-            return out, (dy, *(jnp.zeros_like(value) for value in out[1:]))
-
-        def ahead(t: Any, y0: Any, c: Any) -> Any:
-            out, record, passed = self._run(t, y0, c, self._room)
-            return out, (t, record, passed, c)
-
-        def back(kept: Any, cotangents: Any) -> Any:
-            (t, record, passed, c), y = kept, cotangents[0]
-            if passed is None:
-                none = jnp.zeros(0, dtype=int), jnp.zeros((0, y.shape[1]))
-                first, share = pulled(self._pieces.steps, record, c, *none, y[1] if len(t) > 1 else 0.0 * y[0])
-                return 0.0 * t, first + y[0], share
-            at, steps = passed
-            starts, extra = pulled_over(self._pieces.steps, steps, y)
-            first, share = pulled(self._pieces.steps, record, c, at, starts, jnp.zeros_like(y[0]))
-            return 0.0 * t, first, share + extra
+            y, status, _ = self._run(t, y0, c, 0 if len(t) <= 2 else self._room)
+            return y, status
 
         if self._forward:
             forward = jax.custom_jvp(primal)
-            forward.defjvp(push)
+            forward.defjvp(self._push, symbolic_zeros=True)
             return forward
         reverse = jax.custom_vjp(primal)
-        reverse.defvjp(ahead, back)
+        reverse.defvjp(self._ahead, self._back, symbolic_zeros=True)
         return reverse
 
-    def _run(self, t: Any, y0: Any, c: Any, room: int) -> tuple[Any, Record, Any]:
-        """Return what `_passing` does, the record, and for more than two times which steps pass over them.
+    def _push(self, values: Any, tangents: Any) -> Any:
+        """Return what `_passing` does, and its change."""
+        (t, y0, c), (dt, dy, dc) = values, tangents
+        dy, dc = instantiate(dy), instantiate(dc)
+        y, status, way = self._run(t, y0, c, self._room)
+        along, end = pushed(self._pieces.steps, way.record, c, dy, dc, keep=way.passing is not None)
+        if way.passing is None:
+            dy = jnp.stack([dy, end])[: len(t)]
+        else:
+            at, steps = way.passing
+            dy = pushed_over(self._pieces.steps, steps, along[at], dc)
+        if not isinstance(dt, SymbolicZero):
+            dy = dy + dt[:, None] * self._rates(t, y, c)
+        return (y, status), (jnp.where(way.known[:, None], dy, jnp.nan), jnp.zeros_like(status))
 
-        These are the numbers of the attempts, and the steps cut at the times.
-        """
+    def _ahead(self, t: Any, y0: Any, c: Any) -> Any:
+        """Return what `_passing` does, and what `_back` needs; states only where the times are differentiated."""
+        y, status, way = self._run(t.value, y0.value, c.value, self._room)
+        return (y, status), (way, t.value, y if t.perturbed else None, c.value)
+
+    def _back(self, kept: Any, cotangents: Any) -> Any:
+        """Return the cotangents of the times (n_t,), of the first state (n_y,) and of the constants (n_c,)."""
+        (way, t, y, c), given = kept, instantiate(cotangents[0])
+        known, steps = way.known[:, None], self._pieces.steps
+        # What is asked of states that were not reached has no answer, however little else it has to do with them.
+        failed = jnp.any(~known & (given != 0.0))
+        given = jnp.where(known, given, 0.0)
+        if way.passing is None:
+            none = jnp.zeros(0, dtype=int), jnp.zeros((0, given.shape[1]))
+            first, share = pulled(steps, way.record, c, *none, given[1] if len(t) > 1 else 0.0 * given[0])
+            first = first + given[0]
+        else:
+            at, passing = way.passing
+            starts, extra = pulled_over(steps, passing, given)
+            first, share = pulled(steps, way.record, c, at, starts, jnp.zeros_like(given[0]))
+            share = share + extra
+        times = jnp.zeros_like(t)
+        if y is not None:
+            times = jnp.where(way.known, jnp.sum(given * self._rates(t, y, c), axis=1), 0.0)
+        return tuple(jnp.where(failed, jnp.nan, cotangent) for cotangent in (times, first, share))
+
+    def _rates(self, t: Any, y: Any, c: Any) -> Any:
+        """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
+        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), tuple(c), jnp.isfinite(t[0]))
+        return jnp.stack(self._pieces.steps.rates(steps), axis=1)
+
+    def _run(self, t: Any, y0: Any, c: Any, room: int) -> tuple[Any, Any, _Way]:
+        """Return the states (n_t, n_y), NaN where they were not reached, the status, and the way there."""
+        t, ordered = in_order(t)
         record = self._one(room, t[0], t[-1], y0, c)
-        if len(t) <= 2:
-            return (jnp.stack([y0, record.end])[: len(t)], record.reached, record.status), record, None
+        record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        known = ordered & (forward * (t - record.reached) <= 0.0)
+        if len(t) <= 2:
+            y = jnp.stack([y0, record.end])[: len(t)]
+            return jnp.where(known[:, None], y, jnp.nan), record.status, _Way(record, known, None)
         times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
         at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
         begins = record.t[at]
-        steps = Steps(begins, t - begins, tuple(record.y[at].T), tuple(c), record.count > 0)
-        y = jnp.stack(self._pieces.steps(steps), axis=1)
-        return (y, record.reached, record.status), record, (at, steps)
+        size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
+        steps = Steps(begins, size, tuple(record.y[at].T), tuple(c), record.count > 0)
+        y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
+        return y, record.status, _Way(record, known, (at, steps))
