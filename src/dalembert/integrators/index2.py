@@ -74,6 +74,7 @@ class _Run:
             rejected=self.rejected,
             evaluations=self.evaluations,
             dense=dense if self.problem.dense else None,
+            end=self.t,
         )
 
     def _dense(self) -> PiecewisePolynomial:

@@ -108,6 +108,8 @@ class Solution:
         Continuous output over the accepted steps, where the problem asked for it.
     near
         The states (n_t, n_y) with angles less some turns, which have more digits, where they were kept so.
+    end
+        Time that the run reached; None where it is the last of the recorded times, or of the continuous output.
     """
 
     status: Status
@@ -118,6 +120,7 @@ class Solution:
     evaluations: int
     dense: "DenseOutput | None" = None
     near: FloatArray | None = None
+    end: float | None = None
 
     @property
     def success(self) -> bool:
@@ -219,8 +222,10 @@ class JoinedOutput(DenseOutput):
         order = np.argsort(step, kind="stable")
         groups = np.split(order, np.flatnonzero(np.diff(step[order])) + 1)
         found = [self.parts[int(step[group[0]])](times[group]) for group in groups if len(group)]
-        values = np.empty((len(times), found[0].shape[1] if found else 0))
-        values[order] = np.concatenate(found) if found else values
+        if not found:
+            return self.parts[0](times)
+        values = np.empty((len(times), found[0].shape[1]))
+        values[order] = np.concatenate(found)
         return values
 
 
@@ -229,8 +234,10 @@ def prescribed(problem: IntegrationProblem) -> Solution:
     times = np.array([problem.t0, problem.t1]) if problem.t_eval is None else problem.t_eval
     knots = np.array([problem.t0, problem.t1])
     dense = PiecewisePolynomial(knots, np.empty((1, 1, 0))) if problem.dense else None
-    empty = np.empty((len(times), 0))
-    return Solution(status=Status.SUCCESS, t=times, y=empty, steps=0, rejected=0, evaluations=0, dense=dense)
+    y = np.empty((len(times), 0))
+    return Solution(
+        status=Status.SUCCESS, t=times, y=y, steps=0, rejected=0, evaluations=0, dense=dense, end=problem.t1
+    )
 
 
 def validate(problem: IntegrationProblem) -> None:

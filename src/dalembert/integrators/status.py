@@ -1,6 +1,7 @@
 """How an integration ended."""
 
 import enum
+from collections.abc import Sequence
 
 
 class Status(enum.IntEnum):
@@ -33,6 +34,27 @@ class Status(enum.IntEnum):
     def message(self) -> str:
         """What happened and what to do about it, in one sentence."""
         return _MESSAGES[self]
+
+    def message_for(self, formulations: Sequence[str], methods: str) -> str:
+        """Return the message for a run in these formulations by these methods: without advice that it has followed."""
+        said = self.message
+        for advice, followed in (
+            (_PROJECTED, "projected" in formulations),
+            (_IMPLICIT, all(method.strip() in IMPLICIT_METHODS for method in methods.split(","))),
+        ):
+            if followed:
+                said = said.replace(*advice)
+        return said
+
+
+IMPLICIT_METHODS = ("radau", "bdf", "lsoda", "kvaerno5")
+"""Integration methods that stiff problems do not slow down."""
+
+_PROJECTED = 'use formulation="projected", which passes through most of them, end', "end"
+_IMPLICIT = (
+    "raise max_steps, loosen rtol and atol, or choose an implicit method if the problem is stiff",
+    "raise max_steps, or loosen rtol and atol",
+)
 
 
 _MESSAGES = {
@@ -73,8 +95,8 @@ _MESSAGES = {
     ),
     Status.SINGULAR_COORDINATES: (
         "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn "
-        'it about the same line there. Compile with orientation="quaternion", declare the attitude with '
-        "dalembert.free_orientation, or choose other angles."
+        'it about the same line there. Compile with orientation="quaternion" where the angles only orient the body, '
+        "declare the attitude with dalembert.free_orientation, or choose other angles."
     ),
     Status.ASSUMPTION: (
         "A value of this case contradicts what its symbol was declared to be, such as -1 with positive=True, and SymPy "

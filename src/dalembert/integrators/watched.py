@@ -156,6 +156,7 @@ class _Run:
             rejected=self.rejected,
             evaluations=self.evaluations,
             dense=dense if self.problem.dense else None,
+            end=self.t,
         ), self.occurrences
 
     def _sampled(

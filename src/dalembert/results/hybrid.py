@@ -61,6 +61,8 @@ class HybridTrajectory(Motion):
         Both, side by side.
     status : Status
         How the run ended.
+    t_end : float
+        Time that the run reached [s], recorded or not.
     stats : RunStatistics
         What it cost.
     phases : tuple of Phase
@@ -101,6 +103,15 @@ class HybridTrajectory(Motion):
         """Return this motion with the events that occurred on it."""
         self.events = events
         return self
+
+    @property
+    def t_end(self) -> float:
+        """Time that the run reached [s]."""
+        return self.phases[-1].t1
+
+    @property
+    def _formulations(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for part in self._whole for name in part.motion._formulations))
 
     @property
     def constraint_violation(self) -> FloatArray:

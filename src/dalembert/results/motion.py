@@ -57,6 +57,8 @@ class Motion(ABC):
         Coordinates and their rates.
     status : Status
         How the run ended.
+    t_end : float
+        Time that the run reached [s], recorded or not.
     stats : RunStatistics
         What it cost.
     """
@@ -91,6 +93,16 @@ class Motion(ABC):
         """The scene, and constants that begin with its parameters; None where the motion does not know them."""
 
     @property
+    @abstractmethod
+    def t_end(self) -> float:
+        """Time that the run reached [s]."""
+
+    @property
+    @abstractmethod
+    def _formulations(self) -> tuple[str, ...]:
+        """The formulations that the run was made in."""
+
+    @property
     def success(self) -> bool:
         """Whether the end of the span, or a terminal event, was reached."""
         return self.status.success
@@ -98,8 +110,8 @@ class Motion(ABC):
     @property
     def message(self) -> str:
         """How the run ended, as a sentence."""
-        note = self.stats.note
-        return f"{self.status.message} Note: {note}." if note else self.status.message
+        note, said = self.stats.note, self.status.message_for(self._formulations, self.stats.method)
+        return f"{said} Note: {note}." if note else said
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -116,8 +116,8 @@ class CaseResults(ABC):
         """Return the cases that did not reach their end, and why."""
         failed = np.flatnonzero(~self.success)
         return [
-            CaseFailure(int(i), Status(self.status[i]), Status(self.status[i]).message, float(self.t[i]))
-            for i in failed
+            CaseFailure(int(i), status, status.message_for((self._formulation,), self.stats.method), float(self.t[i]))
+            for i, status in ((i, Status(self.status[i])) for i in failed)
         ]
 
     @property

@@ -48,13 +48,16 @@ class Trajectory(Motion):
     Attributes
     ----------
     t : ndarray (n_t,)
-        Recorded times [s]; after a failure they end where the run did.
+        Recorded times [s]: those of ``t_eval`` that the run reached, or the ends of its steps. A run that ended early,
+        by a failure or a terminal event, may have reached none of them.
     y : ndarray (n_t, n_y)
         State of the formulation.
     q, qdot : ndarray (n_t, n_q)
         Coordinates and their rates.
     status : Status
         How the run ended.
+    t_end : float
+        Time that the run reached [s], recorded or not.
     stats : RunStatistics
         What it cost.
     events : EventRecords
@@ -81,6 +84,7 @@ class Trajectory(Motion):
         self._monitors: Monitors | None = None
         self._near: FloatArray | None = None
         self._scene: Scene | None = None
+        self._end: float | None = None
         self.status, self.stats = status, stats
         self.t, self.y = t, y
         size = len(program.layout.coordinates)
@@ -91,6 +95,24 @@ class Trajectory(Motion):
         """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
         self._estimate = ErrorEstimate(self, twin)
         return self
+
+    def ended_at(self, t: float | None) -> Trajectory:
+        """Return this motion with the time that its run reached, where that is not the last of the recorded ones."""
+        self._end = t
+        return self
+
+    @property
+    def t_end(self) -> float:
+        """Time that the run reached [s]; that of the last row where it is not known."""
+        if self._dense is not None:
+            return float(self._dense.knots[-1])
+        if self._end is not None:
+            return self._end
+        return float(self.t[-1]) if len(self.t) else float("nan")
+
+    @property
+    def _formulations(self) -> tuple[str, ...]:
+        return (self._program.formulation,)
 
     def with_monitors(self, monitors: Monitors) -> Trajectory:
         """Return this motion with what gives first integrals from (c, t, q, qdot) when they are asked for."""
@@ -232,12 +254,13 @@ class Trajectory(Motion):
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
         y = projected(self._program, self._c, times, self._dense(times))
         motion = Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
-        motion.of_scene(self._scene)
+        motion.of_scene(self._scene).ended_at(self._end)
         return motion if self._monitors is None else motion.with_monitors(self._monitors)
 
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
         """Return states y (k, n_y) of this scene at times t (k,), by name."""
-        return Trajectory(self._program, self._c, self.status, t, y, self.stats, None).of_scene(self._scene)
+        motion = Trajectory(self._program, self._c, self.status, t, y, self.stats, None)
+        return motion.of_scene(self._scene).ended_at(self._end if self._dense is None else self.t_end)
 
     def rows(self, some: NDArray[np.intp]) -> Trajectory:
         """Return the motion at some of the recorded times, by number (k,)."""

@@ -32,11 +32,16 @@ _FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, S
 
 
 def locked(
-    program: Program, found: Gimbals, solution: Solution, c: FloatArray, steps: Solution
+    program: Program,
+    found: Gimbals,
+    solution: Solution,
+    c: FloatArray,
+    steps: Solution,
+    span: tuple[float, float],
 ) -> tuple[Solution, str]:
     """Return a run ended before the first attitude at which its angles are singular, and where that was.
 
-    `steps` is the same run with its accepted steps for records.
+    `steps` is the same run with its accepted steps for records, `span` its start and end as they were asked for.
     """
     if len(steps.t) == 0:
         return solution, ""
@@ -54,7 +59,7 @@ def locked(
         return replace(solution, status=Status.SINGULAR_COORDINATES), note
     t = _located(found, group, steps, place, values, c)
     note = _where(program, found, group, (t, steps.y[place]), c, value)
-    return cut(solution, t, Status.SINGULAR_COORDINATES), note
+    return cut(solution, t, span, Status.SINGULAR_COORDINATES), note
 
 
 def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: FloatArray) -> float:

@@ -26,6 +26,7 @@ class Record:
         self._steps = self._rejected = self._evaluations = 0
         self._status = Status.SUCCESS
         self._wanted = 0
+        self._end = float(problem.t0)
 
     def add(self, part: Solution) -> None:
         """Take down a stretch."""
@@ -33,6 +34,7 @@ class Record:
         self._rejected += part.rejected
         self._evaluations += part.evaluations
         self._status = part.status
+        self._end = self._end if part.end is None else part.end
         t_eval = self._problem.t_eval
         if t_eval is None:
             first = 1 if self._times else 0
@@ -41,7 +43,7 @@ class Record:
         elif part.dense is not None and len(part.t):
             forward = 1.0 if self._problem.t1 >= self._problem.t0 else -1.0
             rest = t_eval[self._wanted :]
-            inside = rest[(rest - part.t[-1]) * forward <= 0.0]
+            inside = rest[(rest - self._end) * forward <= 0.0]
             states = projected(self._program, self._problem.constants, inside, part.dense(inside))
             for k in (0, -1):
                 states[inside == part.t[k]] = part.y[k]
@@ -59,4 +61,5 @@ class Record:
             rejected=self._rejected,
             evaluations=self._evaluations,
             dense=None,
+            end=self._end,
         )

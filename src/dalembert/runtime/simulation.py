@@ -66,15 +66,15 @@ class Simulated(Held):
         """Return a run ended where its angles lock or its constraints lose rank, and a note on where that is."""
         if self._gimbals is None and not self._enforced:
             return solution, ""
-        c, steps = problem.constants, self._steps(problem, method, solution)
+        c, steps, span = problem.constants, self._steps(problem, method, solution), (problem.t0, problem.t1)
         if self._gimbals is not None:
-            solution, where = locked(self._program, self._gimbals, solution, c, steps)
+            solution, where = locked(self._program, self._gimbals, solution, c, steps, span)
             if where:
                 return solution, f"{where}; {remedy(self.stages.scene)}"
         if self._enforced:
             where = ""
             if solution.status is not Status.SINGULAR_CONFIGURATION:
-                solution, where = judged(self._program, solution, c, self._enforced, steps)
+                solution, where = judged(self._program, solution, c, self._enforced, steps, span)
             loose = indeterminate(self._program, problem.t0, problem.y0, c)
             return solution, "; ".join(text for text in (where, loose) if text)
         return solution, ""
@@ -356,8 +356,9 @@ class Simulated(Held):
         note = "; ".join(text for text in (note, where) if text)
         if self._note:
             tolerance = 1e3 * (problem.rtol + problem.atol)
+            left_out, span = self.stages.reduced.left_out, (problem.t0, problem.t1)
             solution, broken = still_redundant(
-                self._program, solution, problem.constants, self.stages.reduced.left_out, max(tolerance, 1e-6)
+                self._program, solution, problem.constants, left_out, max(tolerance, 1e-6), span
             )
             note = "; ".join(text for text in (self._note, note, broken) if text)
         statistics = RunStatistics(
@@ -371,6 +372,7 @@ class Simulated(Held):
         )
         c = problem.constants
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+        run.ended_at(solution.end)
         warn_of_motion(self.layout.assumptions, self.layout.coordinates, run.t, run.__getitem__)
         run.with_monitors(self._monitors).with_near(solution.near).of_scene(self.stages.scene)
         return run if watch is None else run.with_events(watch.labels, occurrences)
@@ -398,9 +400,9 @@ class Simulated(Held):
 
     def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
         """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
-        record, where = Record(self._program, problem), ""
+        record, where, span = Record(self._program, problem), "", (problem.t0, problem.t1)
         for part in self._engine.stretches(replace(problem, t_eval=None, dense=True), method):
-            found, where = judged(self._program, part, problem.constants, self._enforced, part)
+            found, where = judged(self._program, part, problem.constants, self._enforced, part, span)
             record.add(found)
             if found.status is Status.SINGULAR_CONFIGURATION:
                 break

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
 from ..errors import list_names
-from ..integrators.problem import IntegrationProblem, PiecewisePolynomial, Solution
+from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution
 from ..integrators.status import Status
 from ..integrators.watched import integrate_watched
 from ..ir.interpret import interpret_rows
@@ -221,13 +221,19 @@ def singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enf
 
 
 def judged(
-    program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int], steps: Solution
+    program: Program,
+    solution: Solution,
+    c: FloatArray,
+    enforced: Sequence[int],
+    steps: Solution,
+    span: tuple[float, float],
 ) -> tuple[Solution, str]:
     """Return a run ended where it met a singular configuration, and where that was.
 
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
     for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
-    are refused where they would change their branch. `steps` is the same run with its accepted steps for records.
+    are refused where they would change their branch. `steps` is the same run with its accepted steps for records,
+    `span` its start and end as they were asked for.
     """
     if len(steps.t) == 0:
         return solution, ""
@@ -235,7 +241,7 @@ def judged(
         crossing = _crossing(program, solution, c, enforced)
         if crossing is not None:
             t, y = crossing
-            return cut(solution, t), _where(program, t, y, c, enforced)
+            return cut(solution, t, span), _where(program, t, y, c, enforced)
     if not solution.success and solution.status is not Status.MAX_STEPS:
         j = _at_states(program, steps.t, steps.y, c, enforced)
         if _shares(j[-1:], _lengths(j))[0] < _NEAR:
@@ -255,6 +261,8 @@ def _crossing(
     """Return the first time and state at which rank is lost."""
     t, y = solution.t, solution.y
     dense = solution.dense
+    if dense is None and not len(t):
+        return None
     if dense is not None:
         knots = dense.knots
         parts = np.linspace(0.0, 1.0, _PER_STEP, endpoint=False)
@@ -309,7 +317,9 @@ def judged_cases(
         wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
         times = forward * np.union1d(forward * solution.t, forward * wanted)
         states = solution.y if solution.dense is None else solution.dense(times)
-        found, _ = judged(program, replace(solution, t=times, y=states), block.c[i], enforced, solution)
+        found, _ = judged(
+            program, replace(solution, t=times, y=states), block.c[i], enforced, solution, (problem.t0, problem.t1)
+        )
         if found.status is not Status.SINGULAR_CONFIGURATION:
             continue
         steps = max(1, int(np.sum((solution.t - found.t[-1]) * forward <= 0.0)))
@@ -328,21 +338,28 @@ def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationPr
     return integrate_watched(lambda part: engine.stretches(part, method), problem, watched)[0]
 
 
-def cut(solution: Solution, t: float, status: Status = Status.SINGULAR_CONFIGURATION) -> Solution:
-    """Return a run that ends before time t with the status of a singular configuration, or another."""
-    forward = solution.t[-1] >= solution.t[0]
-    kept = solution.t < t if forward else solution.t > t
-    kept[0] = True
-    dense = solution.dense
-    if isinstance(dense, PiecewisePolynomial):
-        steps = max(1, int(np.sum(dense.knots < t if forward else dense.knots > t)) - 1)
-        dense = PiecewisePolynomial(dense.knots[: steps + 1], dense.coefficients[:steps])
+def cut(
+    solution: Solution, t: float, span: tuple[float, float], status: Status = Status.SINGULAR_CONFIGURATION
+) -> Solution:
+    """Return a run over a span that ends before time t with the status of a singular configuration, or another.
+
+    Its start is kept where it was recorded, and nothing that lies behind its end.
+    """
+    forward = span[1] >= span[0]
+    kept = (solution.t < t if forward else solution.t > t) | (solution.t == span[0])
+    dense = None if solution.dense is None else JoinedOutput(np.array([span[0], t]), [solution.dense])
     near = None if solution.near is None else solution.near[kept]
-    return replace(solution, status=status, t=solution.t[kept], y=solution.y[kept], dense=dense, near=near)
+    times = solution.t[kept]
+    return replace(solution, status=status, t=times, y=solution.y[kept], dense=dense, near=near, end=t)
 
 
 def still_redundant(
-    program: Program, solution: Solution, c: FloatArray, left_out: Sequence[int], tolerance: float
+    program: Program,
+    solution: Solution,
+    c: FloatArray,
+    left_out: Sequence[int],
+    tolerance: float,
+    span: tuple[float, float],
 ) -> tuple[Solution, str]:
     """Return a run ended before constraints that were left out as redundant come to be violated by more than rounding.
 
@@ -359,7 +376,7 @@ def still_redundant(
     first = int(np.argmax(wrong))
     label = program.layout.constraints[places[int(np.argmax(left[first]))]]
     note = f"at t = {solution.t[first]:.6g} {label} no longer follows from the others, as it did around the start"
-    return cut(solution, float(solution.t[first])), note
+    return cut(solution, float(solution.t[first]), span), note
 
 
 def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> str:

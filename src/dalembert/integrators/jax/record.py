@@ -81,6 +81,7 @@ class Record:
             rejected=self.rejected,
             evaluations=evaluations,
             dense=self._dense(knots, states) if self._problem.dense else None,
+            end=float(knots[-1]),
         )
 
     def _coefficients(self, states: FloatArray, stages: FloatArray) -> FloatArray:

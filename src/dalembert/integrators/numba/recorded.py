@@ -281,6 +281,7 @@ def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[Fl
         rejected=int(counts[REJECTED]),
         evaluations=int(counts[EVALUATIONS]),
         dense=_dense_output(problem, np.concatenate(pieces)) if problem.dense else None,
+        end=float(run.numbers[T]),
     )
 
 

@@ -131,6 +131,7 @@ class _Record:
     def __init__(self, problem: IntegrationProblem, order: int, projected: bool) -> None:
         self.problem, self.order, self.projected = problem, order, projected
         self.steps = 0
+        self.end = float(problem.t0)
         self.knots = [np.array([problem.t0])]
         self.series: list[FloatArray] = []
         self.times: list[FloatArray] = []
@@ -154,6 +155,7 @@ class _Record:
         if count == 0:
             return
         self.steps += count
+        self.end = float(times[-1])
         self.wound |= bool(np.any(turns))
         ends = rows[:, :n]
         wanted = self.problem.t_eval
@@ -203,4 +205,5 @@ class _Record:
             evaluations=self.steps,
             dense=dense,
             near=np.concatenate(self.near) if self.wound else None,
+            end=self.end,
         )

@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from dalembert.errors import OptionError
-from dalembert.integrators.gains import BRANCH, SLOW
+from dalembert.integrators.gains import BRANCH, SLOW, SMALLEST_SCALE
 from dalembert.integrators.problem import FloatArray, IntegrationProblem, Kernel, Kernels, Solution
 from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.integrators.status import Status
@@ -103,6 +103,7 @@ class _Run:
     calls: int = 0
     last_non_finite_call: int = -100
     counted: tuple[int, int, int] = (0, 0, 0)
+    end: float = 0.0
 
     def solution(self) -> Solution:
         """Run to the end and collect what was recorded."""
@@ -113,7 +114,8 @@ class _Run:
 
     def begin(self, y0: FloatArray) -> None:
         """Record the initial state."""
-        self._record_accepted(float(self.problem.t0), y0)
+        self.end = float(self.problem.t0)
+        self._record_accepted(self.end, y0)
         self.knots.append(float(self.problem.t0))
 
     def taken(self, status: Status, y0: FloatArray) -> Solution:
@@ -135,6 +137,7 @@ class _Run:
             rejected=self.rejected - rejected,
             evaluations=self.evaluations - evaluations,
             dense=self._dense_output(y0) if self.problem.dense else None,
+            end=self.end,
         )
 
     def statuses(self, y0: FloatArray) -> Iterator[Status]:
@@ -205,6 +208,7 @@ class _Run:
                 self.t.append(t)
                 self.y.append(state)
         self._record_accepted(solver.t, solver.y.copy())
+        self.end = float(solver.t)
         return Status.SUCCESS
 
     def _times_before(self, t_new: float) -> list[float]:
@@ -312,7 +316,7 @@ class _Run:
             y0,
             problem.t1,
             rtol=problem.rtol,
-            atol=problem.atol,
+            atol=max(problem.atol, SMALLEST_SCALE),
             max_step=problem.max_step,
             first_step=None if problem.first_step is None else min(problem.first_step, span),
             **known,
