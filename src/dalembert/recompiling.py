@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .compiler import compile_scene
 from .options import CompileOptions
@@ -14,7 +15,7 @@ from .stages import Stages
 if TYPE_CHECKING:
     from .runtime.model import CompiledModel
 
-__all__ = ["compile_mode", "recompile"]
+__all__ = ["compile_mode", "recompile", "recompile_elapsed"]
 
 
 def recompile(stages: Stages, without: tuple[int, ...] = (), kept: tuple[str, ...] | None = None) -> CompiledModel:
@@ -36,6 +37,14 @@ def recompile(stages: Stages, without: tuple[int, ...] = (), kept: tuple[str, ..
     """
     options = replace(stages.options, formulation=stages.program.formulation)
     return compile_mode(stages.scene, options, stages.mode, without, stages.kept if kept is None else kept)
+
+
+def recompile_elapsed(stages: Stages, watched: Sequence[Any]) -> CompiledModel:
+    """Return the model of the same scene in which time is counted from the start of each run.
+
+    `watched` are expressions of events and reductions in which time itself occurs.
+    """
+    return compile_mode(stages.scene.in_elapsed_time(watched), stages.options, stages.mode, (), stages.kept)
 
 
 def compile_mode(

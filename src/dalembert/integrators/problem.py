@@ -256,6 +256,19 @@ def validate(problem: IntegrationProblem) -> None:
         raise OptionError("; ".join(faults))
 
 
+def times_wanted(t0: float, t1: float, t_eval: FloatArray) -> None:
+    """Check times to record on a span.
+
+    Raises
+    ------
+    OptionError
+        Listing every fault.
+    """
+    faults = _wanted_faults(t0, t1, t_eval)
+    if faults:
+        raise OptionError("; ".join(faults))
+
+
 def _tolerance_faults(problem: IntegrationProblem) -> list[str]:
     faults = [
         f"{name} must be finite and not negative, not {value!r}"
@@ -282,8 +295,10 @@ def _time_faults(problem: IntegrationProblem) -> list[str]:
     t0, t1, t_eval = problem.t0, problem.t1, problem.t_eval
     if not (np.isfinite(t0) and np.isfinite(t1)):
         return [f"t0 and t1 must be finite, not {t0!r} and {t1!r}"]
-    if t_eval is None:
-        return []
+    return [] if t_eval is None else _wanted_faults(t0, t1, t_eval)
+
+
+def _wanted_faults(t0: float, t1: float, t_eval: FloatArray) -> list[str]:
     if np.ndim(t_eval) != 1:
         return [f"t_eval must be one-dimensional, not of shape {np.shape(t_eval)}"]
     faults = []

@@ -22,6 +22,7 @@ from ..ir.program import Kernel
 from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
+from ..scene.elapsed import START
 from ..scene.model import Entry
 from .base import ReducedSystem
 from .reactions import independent_columns
@@ -35,6 +36,8 @@ REPRODUCED = 1e-6
 """Relative change of a given value up to which the state counts as that value."""
 
 _NOTHING = 1e-4
+_ULPS = 4.0
+"""By how many spacings of doubles a user may have rounded a late time."""
 _RANK = 1e-18
 """Square of the share of the constraint Jacobian below which a column does not count."""
 
@@ -139,6 +142,8 @@ class _Starting:
         left += [(value, row, self.qdot, 0.0) for value, row in zip(self._at(velocity), jacobian, strict=True)]
         labels += [("rates", row.label) for row in self.rows]
         limits = [self._limit(row, around, scale) for _, row, around, scale in left]
+        if self.symbols.offsets:
+            limits = [a + b for a, b in zip(limits, self._late([*residual, *velocity]), strict=True)]
         state = self._state()
         checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
         checks += [self._at([node])[0] for pair in self.fixed for node in pair]
@@ -265,8 +270,18 @@ class _Starting:
                 change = value - given
                 if name in self.given and not change.is_zero:
                     own = graph.node(REPRODUCED) * (graph.one + graph.call("abs", given))
-                    found.append((kind, name, change, own if kind.startswith("coord") else rates_may))
+                    may = own if kind.startswith("coord") else rates_may
+                    if symbols.offsets:
+                        may = may + self._late([change])[0]
+                    found.append((kind, name, change, may))
         return found
+
+    def _late(self, residual: Sequence[Node]) -> list[Node]:
+        """Return what rounding of a late start, from which a user computes values, may leave of constraints."""
+        graph = self.graph
+        slopes = tangents(graph, residual, {graph.input(self.symbols.time): graph.one})
+        spacing = graph.node(_ULPS * 2.0**-52) * graph.input(START)
+        return [graph.call("abs", slope * spacing) for slope in self._at(slopes)]
 
     def _state(self) -> list[Node]:
         """Return the state of the formulation, projected onto the constraints where the formulation can."""

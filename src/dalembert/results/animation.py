@@ -46,7 +46,7 @@ def animate(motion: Motion, drawn: Skeleton, constants: FloatArray, fps: float, 
         if not 0.0 < value < math.inf:
             raise OptionError(f"{name} must be a positive number, not {value!r}")
     frames = _frames(motion, fps, speed)
-    positions, axes = drawn.at(frames.t, frames.q, constants)
+    positions, axes = drawn.at(frames.elapsed, frames.q, constants)
     kept = _plane(positions)
     figure = Figure(figsize=(6.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)

@@ -45,6 +45,12 @@ class EventRecord:
     def __len__(self) -> int:
         return len(self.t)
 
+    def counted_from(self, start: float) -> None:
+        """Count times, which are those since the start of the run, as that is."""
+        for motion in (self.before, self.after):
+            motion.counted_from(start)
+        self.t = self.before.t
+
     @property
     def y(self) -> FloatArray:
         """State (k, n_y) before jumps."""
@@ -73,6 +79,11 @@ class EventRecords(Mapping[str, EventRecord]):
         if name not in self._records:
             raise UnknownNameError(unknown_name("event", str(key), names))
         return self._records[name]
+
+    def counted_from(self, start: float) -> None:
+        """Count times, which are those since the start of the run, as that is."""
+        for record in self._records.values():
+            record.counted_from(start)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._records)

@@ -86,10 +86,11 @@ class HybridTrajectory(Motion):
     ) -> None:
         self._parts, self._whole, self._order = tuple(parts), tuple(whole), order
         self._name, self._layout = name, layout
-        self.phases = tuple(phases)
+        self.phases = self._own_phases = tuple(phases)
+        self._begin: float | None = None
         self.status, self.stats = status, stats
         self.events = EventRecords()
-        self.t = self._joined(lambda part: part.motion.t)
+        self.t = self.elapsed = self._joined(lambda part: part.motion.elapsed)
         self.q = self._joined(lambda part: part.motion.q)
         self.qdot = self._joined(lambda part: part.motion.qdot)
         self.y = np.hstack([self.q, self.qdot])
@@ -98,6 +99,23 @@ class HybridTrajectory(Motion):
         """Return what all parts give, in the order of the recorded times."""
         joined = np.concatenate([value(part) for part in self._parts])
         return joined if self._order is None else joined[self._order]
+
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> HybridTrajectory:
+        """Return this motion, whose times are those since its start, with times counted as that is [s].
+
+        `t` (n_t,) are the recorded ones as they were asked for, `note` what the statistics note instead.
+        """
+        self._begin = start
+        self.t = start + self.elapsed if t is None else t.copy()
+        self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
+        self.events.counted_from(start)
+        if note is not None:
+            self.stats = replace(self.stats, note=note)
+        return self
+
+    def _counted(self, motion: HybridTrajectory, t: FloatArray) -> HybridTrajectory:
+        """Return a part of this motion, at times t (k,), counted as this is."""
+        return motion if self._begin is None else motion.counted_from(self._begin, t)
 
     def with_events(self, events: EventRecords) -> HybridTrajectory:
         """Return this motion with the events that occurred on it."""
@@ -168,7 +186,7 @@ class HybridTrajectory(Motion):
             parts.append(replace(part, motion=part.motion.rows(rows[mine] - first)))
         back = np.argsort(np.concatenate(order), kind="stable")
         about = (self.status, self.stats, self._name, self._layout)
-        return HybridTrajectory(parts, self.phases, back, self._whole, *about)
+        return self._counted(HybridTrajectory(parts, self._own_phases, back, self._whole, *about), self.t[some])
 
     @property
     def _lasting(self) -> Sequence[Part]:
@@ -188,11 +206,18 @@ class HybridTrajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        times, lasting = times_of("t", t), self._lasting
+        given, lasting = times_of("t", t), self._lasting
         first, last = lasting[0].phase.t0, lasting[-1].phase.t1
-        forward = 1.0 if last >= first else -1.0
+        forward, times = 1.0 if last >= first else -1.0, given
+        if self._begin is not None:
+            times = given - self._begin
+            inside = np.clip(times, min(first, last), max(first, last))
+            times = np.where(np.abs(times - inside) <= 4.0 * np.spacing(np.abs(given)), inside, times)
         if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):
-            raise OptionError(f"times must lie within the span of the run, {first:g} to {last:g} s")
+            start = self._begin or 0.0
+            raise OptionError(
+                f"times must lie within the span of the run, {start + first:.12g} to {start + last:.12g} s"
+            )
         begins = np.array([part.phase.t0 for part in lasting]) * forward
         place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
         rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
@@ -206,7 +231,7 @@ class HybridTrajectory(Motion):
             parts = [Part(part.phase, part.motion.at(part.motion.t[:0], part.motion.y[:0]), part.violation)]
         order = np.argsort(np.concatenate(rows), kind="stable")
         about = (self.status, self.stats, self._name, self._layout)
-        return HybridTrajectory(parts, self.phases, order, self._whole, *about)
+        return self._counted(HybridTrajectory(parts, self._own_phases, order, self._whole, *about), given)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""

@@ -51,6 +51,8 @@ class Motion(ABC):
     ----------
     t : ndarray (n_t,)
         Recorded times [s].
+    elapsed : ndarray (n_t,)
+        The same in the time of the model that ran: since the start of the run, where it is counted so.
     y : ndarray (n_t, n)
         State.
     q, qdot : ndarray (n_t, n_q)
@@ -64,6 +66,7 @@ class Motion(ABC):
     """
 
     t: FloatArray
+    elapsed: FloatArray
     y: FloatArray
     q: FloatArray
     qdot: FloatArray
@@ -91,6 +94,10 @@ class Motion(ABC):
     @abstractmethod
     def _pictured(self) -> tuple[Scene, FloatArray] | None:
         """The scene, and constants that begin with its parameters; None where the motion does not know them."""
+
+    @abstractmethod
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Motion:
+        """Return this motion, whose times are those since its start, with times counted as that is [s]."""
 
     @property
     @abstractmethod

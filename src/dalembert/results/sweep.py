@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
@@ -85,6 +85,7 @@ class CaseResults(ABC):
         self.reduced: dict[str, FloatArray] = {}
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = t_eval
+        self._own_t, self._own_t_eval = self.t, t_eval
         self.axes, self.stats = dict(axes), stats
 
     @abstractmethod
@@ -105,6 +106,29 @@ class CaseResults(ABC):
             name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
             for i, name in enumerate(names)
         }
+        return self
+
+    def counted_from(
+        self, starts: FloatArray, t_eval: FloatArray | None, parameters: Sequence[str], crossings: Sequence[str]
+    ) -> Self:
+        """Return this sweep, whose times are those since the start of each case, with times counted as that is [s].
+
+        Parameters
+        ----------
+        starts : ndarray (n_case,) or (1,)
+        t_eval : ndarray (n_t,) or None
+            Times of the samples, as they were asked for.
+        parameters : sequence of str
+            Names of the parameters that were given; others, which the elapsed time adds, are left out.
+        crossings : sequence of str
+            Names of the reductions that are times.
+        """
+        self.t, self.t_eval = starts + self._own_t, t_eval
+        self.parameters = {name: values for name, values in self.parameters.items() if name in parameters}
+        self.events = {
+            name: EventCounts(each.count, starts + each.first, starts + each.last) for name, each in self.events.items()
+        }
+        self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
         return self
 
     @property
@@ -222,11 +246,28 @@ class Sweep(CaseResults):
         super().__init__(program.name, program.formulation, program.layout, varied, ends, t_eval, axes, stats)
         self._program, self._constants = program, constants
         self._estimate: ErrorEstimate | None = None
+        self._twin: Sweep | None = None
         self.y, self.samples = y, samples
+
+    def with_cases(self, some: NDArray[np.bool_], other: Sweep, starts: FloatArray) -> Sweep:
+        """Return this sweep with some cases (n_case,) of another, whose times are not those since the starts."""
+        self._own_t[some] = (other.t - starts)[some]
+        for name in ("t", "status", "steps", "y"):
+            getattr(self, name)[some] = getattr(other, name)[some]
+        for name, counts in self.events.items():
+            for part in ("count", "first", "last"):
+                getattr(counts, part)[some] = getattr(other.events[name], part)[some]
+        for name, values in self.reduced.items():
+            values[some] = other.reduced[name][some]
+        seconds = self.stats.run_seconds + other.stats.run_seconds
+        self.stats = replace(self.stats, steps=int(self.steps.sum()), run_seconds=seconds)
+        for mine, theirs in [] if self._twin is None or other._twin is None else [(self._twin, other._twin)]:
+            mine.with_cases(some, theirs, starts)
+        return self
 
     def with_twin(self, twin: Sweep) -> Sweep:
         """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
-        self._estimate = ErrorEstimate(self, twin)
+        self._estimate, self._twin = ErrorEstimate(self, twin), twin
         return self
 
     @property
@@ -247,11 +288,11 @@ class Sweep(CaseResults):
         return tuple(dict.fromkeys((*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)))
 
     def _final(self, key: Any) -> FloatArray:
-        return self._values(key, self.y[:, np.newaxis, :], self.t[:, np.newaxis])[:, 0]
+        return self._values(key, self.y[:, np.newaxis, :], self._own_t[:, np.newaxis])[:, 0]
 
     def _sampled(self, key: Any) -> FloatArray:
-        assert self.samples is not None and self.t_eval is not None
-        return self._values(key, self.samples, np.broadcast_to(self.t_eval, self.samples.shape[:2]))
+        assert self.samples is not None and self._own_t_eval is not None
+        return self._values(key, self.samples, np.broadcast_to(self._own_t_eval, self.samples.shape[:2]))
 
     def _values(self, key: Any, y: FloatArray, t: FloatArray) -> FloatArray:
         """Return values (n_case, n_t) of something at states (n_case, n_t, n_y), a block of cases at a time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -86,7 +87,8 @@ class Trajectory(Motion):
         self._scene: Scene | None = None
         self._end: float | None = None
         self.status, self.stats = status, stats
-        self.t, self.y = t, y
+        self.t, self.elapsed, self.y = t, t, y
+        self._begin: float | None = None
         size = len(program.layout.coordinates)
         x = interpret_rows(program.kernel("expand"), t, y, constants)
         self.q, self.qdot = x[:, :size], x[:, size:]
@@ -104,11 +106,29 @@ class Trajectory(Motion):
     @property
     def t_end(self) -> float:
         """Time that the run reached [s]; that of the last row where it is not known."""
-        if self._dense is not None:
-            return float(self._dense.knots[-1])
-        if self._end is not None:
-            return self._end
-        return float(self.t[-1]) if len(self.t) else float("nan")
+        end = self._end if self._dense is None else float(self._dense.knots[-1])
+        if end is None:
+            end = float(self.elapsed[-1]) if len(self.elapsed) else float("nan")
+        return end if self._begin is None else self._begin + end
+
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Trajectory:
+        """Return this motion, whose times are those since its start, with times counted as that is [s].
+
+        Parameters
+        ----------
+        start : float
+            Time of the start.
+        t : ndarray (k,), optional
+            The recorded times, and perhaps more behind them, as they were asked for.
+        note : str, optional
+            What the statistics note in place of what they do.
+        """
+        self._begin = start
+        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
+        self.events.counted_from(start)
+        if note is not None:
+            self.stats = replace(self.stats, note=note)
+        return self
 
     @property
     def _formulations(self) -> tuple[str, ...]:
@@ -135,7 +155,7 @@ class Trajectory(Motion):
             size = len(self._program.layout.coordinates)
             kernel = self._program.kernel("expand")
             y = self._nearer(angles_in(kernel, size))
-            self.qdot = interpret_rows(kernel, self.t, y, self._c)[:, size:]
+            self.qdot = interpret_rows(kernel, self.elapsed, y, self._c)[:, size:]
         return self
 
     def _nearer(self, angles: Iterable[int]) -> FloatArray:
@@ -155,7 +175,7 @@ class Trajectory(Motion):
         """
         if self._monitors is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
-        return self._monitors(self._c, self.t, self.q, self.qdot)
+        return self._monitors(self._c, self.elapsed, self.q, self.qdot)
 
     @property
     def error_estimate(self) -> ErrorEstimate:
@@ -214,12 +234,12 @@ class Trajectory(Motion):
             for i in angles_in(self._program.kernel(kernel)):
                 if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:
                     x[:, i] = self._near[:, layout.state.index(layout.coordinates[i])]
-        return interpret_rows(self._program.kernel(kernel), self.t, x, self._c)
+        return interpret_rows(self._program.kernel(kernel), self.elapsed, x, self._c)
 
     @cached_property
     def _outputs(self) -> FloatArray:
         kernel = self._program.kernel("outputs")
-        return interpret_rows(kernel, self.t, self._nearer(angles_in(kernel)), self._c)
+        return interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel)), self._c)
 
     @cached_property
     def _energies(self) -> FloatArray:
@@ -252,19 +272,36 @@ class Trajectory(Motion):
         times = times_of("t", t)
         if self._dense is None:
             raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
-        y = projected(self._program, self._c, times, self._dense(times))
-        motion = Trajectory(self._program, self._c, self.status, times, y, self.stats, self._dense)
+        own = self._own(times)
+        y = projected(self._program, self._c, own, self._dense(own))
+        motion = Trajectory(self._program, self._c, self.status, own, y, self.stats, self._dense)
         motion.of_scene(self._scene).ended_at(self._end)
+        if self._begin is not None:
+            motion.counted_from(self._begin, times)
         return motion if self._monitors is None else motion.with_monitors(self._monitors)
 
+    def _own(self, times: FloatArray) -> FloatArray:
+        """Return times since the start of the run, as known of recorded ones; rounding takes none out of it."""
+        if self._begin is None or self._dense is None:
+            return times
+        own = times - self._begin
+        if len(self.t):
+            sign = 1.0 if self.t[-1] >= self.t[0] else -1.0
+            near = np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.t) - 1)
+            own = np.where(self.t[near] == times, self.elapsed[near], own)
+        first, last = sorted((float(self._dense.knots[0]), float(self._dense.knots[-1])))
+        inside = np.clip(own, first, last)
+        return np.where(np.abs(own - inside) <= 4.0 * np.spacing(np.abs(times)), inside, own)
+
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
-        """Return states y (k, n_y) of this scene at times t (k,), by name."""
+        """Return states y (k, n_y) of this scene at times t (k,) of the model that ran, by name."""
         motion = Trajectory(self._program, self._c, self.status, t, y, self.stats, None)
-        return motion.of_scene(self._scene).ended_at(self._end if self._dense is None else self.t_end)
+        return motion.of_scene(self._scene).ended_at(self._end if self._dense is None else float(self._dense.knots[-1]))
 
     def rows(self, some: NDArray[np.intp]) -> Trajectory:
         """Return the motion at some of the recorded times, by number (k,)."""
-        return self.at(self.t[some], self.y[some])
+        motion = self.at(self.elapsed[some], self.y[some])
+        return motion if self._begin is None else motion.counted_from(self._begin, self.t[some])
 
     def with_events(self, names: Sequence[str], occurrences: Sequence[Occurrence]) -> Trajectory:
         """Return this motion with the events that occurred on it."""

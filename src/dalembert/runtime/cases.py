@@ -22,7 +22,7 @@ from . import inputs
 from .assumed import ROUNDING, contradicts, refuse_contradictions
 from .events import EventCode
 
-__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem"]
+__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of"]
 
 
 def available_threads() -> int:
@@ -72,10 +72,7 @@ class Cases:
             raise UnknownNameError(
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
             )
-        try:
-            first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
-        except (TypeError, ValueError):
-            raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
+        first, last = spans_of(t_span)
         self.span = {"start": first, "end": last}
         self.count = self._count()
         self.refused = self._refused()
@@ -192,6 +189,21 @@ class Cases:
             out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
 
 
+def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
+    """Return starts and ends, (k,) or (1,), of the cases of a sweep.
+
+    Raises
+    ------
+    ValueInputError
+        For what are no numbers or arrays.
+    """
+    try:
+        first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
+    except (TypeError, ValueError):
+        raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
+    return first, last
+
+
 def agreed(
     cases: Cases,
     *,
@@ -218,8 +230,8 @@ def agreed(
     if count < 1:
         raise OptionError(f"threads must be at least 1, not {threads!r}")
     IntegrationProblem(
-        t0=float(cases.span["start"][0]),
-        t1=float(cases.span["end"][0]),
+        t0=_finite(cases.span["start"]),
+        t1=_finite(cases.span["end"]),
         y0=np.zeros(0),
         constants=np.zeros(0),
         rtol=rtol,
@@ -229,6 +241,12 @@ def agreed(
         max_steps=max_steps,
     )
     return Settings(times, method, rtol, atol, max_step, max_steps, count, progress)
+
+
+def _finite(times: FloatArray) -> float:
+    """Return the first of some times that is finite, or the first where none is: others are those of their cases."""
+    finite = np.isfinite(times)
+    return float(times[int(np.argmax(finite))]) if len(times) else 0.0
 
 
 def _columns(

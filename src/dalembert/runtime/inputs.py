@@ -96,7 +96,9 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
     return names
 
 
-def warn_below_floor(rtol: float, atol: float, program: Program | None = None, method: str = "") -> None:
+def warn_below_floor(
+    rtol: float, atol: float, program: Program | None = None, method: str = "", *, stacklevel: int = 3
+) -> None:
     """Warn of tolerances below what a method reaches in double precision, for components of size 1."""
     floor, what = FLOOR, "double precision"
     if program is not None and "stages" in program:
@@ -109,7 +111,7 @@ def warn_below_floor(rtol: float, atol: float, program: Program | None = None, m
             " the size of the state, and below it steps get shorter while errors do not. Give one of them at least"
             f" {floor:g}",
             PrecisionWarning,
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 

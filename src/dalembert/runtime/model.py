@@ -19,9 +19,10 @@ from ..results.sensitivity import Sensitivity
 from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .comparing import compare
+from .elapsed import begins_elsewhere, elapsed_times
 from .held import span_of
 from .linear import linearized
-from .sensitivity import Variation, chosen_names, vary
+from .sensitivity import Variation, chosen_names, through_offsets, vary
 from .swept import Swept
 
 if TYPE_CHECKING:
@@ -167,6 +168,39 @@ class CompiledModel(Swept):
             For input that is wrong.
         """
         t0, t1 = span_of(t_span)
+        options: dict[str, Any] = {"of": of, "method": method, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        other = self._counting(t0, t1)[0] if begins_elsewhere(t0, t1) else None
+        if other is None:
+            return self._sensitivity((t0, t1), initial, parameters, wrt=wrt, t_eval=t_eval, **options)
+        assert isinstance(other, CompiledModel)
+        times = None if t_eval is None else times_of("t_eval", t_eval)
+        options["t_eval"] = elapsed_times(t0, t1, times)
+        offsets = other.stages.equations.symbols.offsets
+        given = self._with_offsets(other, t0, parameters)
+        wanted = wrt if isinstance(wrt, str) or not offsets else list(wrt)
+        more = (*([wanted] if isinstance(wanted, str) else wanted), *(offset.name for offset in offsets))
+        found = other._sensitivity((0.0, t1 - t0), initial, given, wrt=more if offsets else wanted, **options)
+        if offsets:
+            p = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
+            found = through_offsets(found, offsets, t0, p)
+        return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
+
+    def _sensitivity(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        wrt: Iterable[Any],
+        of: Iterable[Any] | None,
+        t_eval: Any,
+        method: str,
+        rtol: float,
+        atol: float,
+        max_steps: int,
+    ) -> Sensitivity:
+        """Simulate with derivatives, as `sensitivity` does, in the time of this model."""
+        t0, t1 = t_span
         rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         values = inputs.given_values(self.layout, initial)

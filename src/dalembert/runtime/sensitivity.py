@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -18,12 +18,13 @@ from ..once import deriving
 from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
+from ..scene.elapsed import Offset
 from . import inputs
 
 if TYPE_CHECKING:
     from ..compiler import Stages
 
-__all__ = ["Variation", "chosen_names", "vary"]
+__all__ = ["Variation", "chosen_names", "through_offsets", "vary"]
 
 
 @final
@@ -73,6 +74,20 @@ class Variation:
             solution.steps,
             {},
         )
+
+
+def through_offsets(
+    found: Sensitivity, offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]
+) -> Sensitivity:
+    """Return derivatives by what was asked for, of which the parameters `offsets`, last in `wrt`, are functions."""
+    count = len(found.wrt) - len(offsets)
+    jacobians = found.jacobians[:, :, :count].copy()
+    for place, offset in enumerate(offsets, start=count):
+        depends = {symbol.name for symbol in offset.symbols}
+        for i, name in enumerate(found.wrt[:count]):
+            if name in depends:
+                jacobians[:, :, i] += found.jacobians[:, :, place] * offset.derivative(name, start, parameters)
+    return replace(found, wrt=found.wrt[:count], jacobians=jacobians)
 
 
 @deriving

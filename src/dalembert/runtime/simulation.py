@@ -27,6 +27,7 @@ from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .assembly import assembled
 from .assumed import warn_of_motion
+from .elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_values
 from .evaluation import rows_of
 from .events import EventCode
 from .gains import with_gains
@@ -56,6 +57,7 @@ class Simulated(Held):
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._keepers: dict[tuple[str, ...], Simulated] = {}
+        self._counters: dict[tuple[Any, ...], Simulated] = {}
 
     @derived_property
     def _gimbals(self) -> Gimbals | None:
@@ -118,8 +120,10 @@ class Simulated(Held):
         Parameters
         ----------
         t_span : (float, float)
-            Start and end [s]; the end may lie before the start. Let time begin near zero: ends of steps are rounded as
-            times are, 2e-7 s where seconds are counted from 1970.
+            Start and end [s]; the end may lie before the start. A run is computed in the time since its start, so that
+            what is rounded of late times is no more than each ``t - t0`` as given, and the times of events, which are
+            rounded to doubles: 2e-7 s where seconds are counted from 1970. A scene that contains time itself is
+            compiled once more for runs whose times are more than 16 times as large as their spans.
         initial : mapping of symbols or names to numbers
             Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
             be left out.
@@ -157,13 +161,72 @@ class Simulated(Held):
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
+        options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
+        options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense, "error_estimate": error_estimate}
+        options |= {"project_invariants": project_invariants}
+        t0, t1 = span_of(t_span)
+        if not begins_elsewhere(t0, t1):
+            return self._simulate((t0, t1), initial, parameters, t_eval=t_eval, events=events, **options)
+        other, events, _ = self._counting(t0, t1, events)
+        if other is None:
+            return self._simulate((t0, t1), initial, parameters, t_eval=t_eval, events=events, **options)
+        times = None if t_eval is None else times_of("t_eval", t_eval)
+        own = elapsed_times(t0, t1, times)
+        given = self._with_offsets(other, t0, parameters)
+        run = other._simulate((0.0, t1 - t0), initial, given, t_eval=own, events=events, **options)
+        return run.counted_from(t0, times, noted_from(run.stats.note, t0))
+
+    def _counting(self, t0: Any, t1: Any, events: Any = (), reduce: Any = None) -> tuple[Simulated | None, Any, Any]:
+        """Return the model that runs a span, or many, in the time since its start; None where time is left as it is.
+
+        Events and reductions are returned as it takes them.
+        """
+        found = asked(self.stages.equations.symbols, (t0, t1), events, reduce)
+        if found is None:
+            return None, events, reduce
+        if not found.other:
+            return self, events, reduce
+        if found.watched:
+            self._events(events, reduce)  # what is wrong with them is said of them as they were given
+        from ..recompiling import recompile_elapsed
+
+        other = derived_once(self._counters, found.watched, lambda: recompile_elapsed(self.stages, found.watched))
+        return other, found.events, found.reductions
+
+    def _with_offsets(self, other: Simulated, start: float, parameters: Mapping[Any, Any]) -> Mapping[Any, Any]:
+        """Return parameters with those that another model of the scene has for a start."""
+        offsets = other.stages.equations.symbols.offsets
+        if not offsets:
+            return parameters
+        values = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
+        return {**parameters, **offset_values(offsets, start, values)}
+
+    def _simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+        error_estimate: bool = False,
+        events: Any = (),
+        project_invariants: Any = False,
+    ) -> Trajectory:
+        """Simulate one trajectory, as `simulate` does, in the time of this model."""
         if project_invariants is not False:
             refuse_jumps(events, self.layout.aliases)
             keeper, further = self._keeping(project_invariants, span_of(t_span)[0], initial, parameters)
             options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
             options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
             options |= {"events": events, "error_estimate": error_estimate}
-            return keeper.simulate(t_span, initial, {**parameters, **further}, **options)
+            return keeper._simulate(t_span, initial, {**parameters, **further}, **options)
         begin = time.perf_counter()
         rtol, atol = tolerances(rtol, atol)
         chosen = self._method(method, rtol, atol)
@@ -176,7 +239,7 @@ class Simulated(Held):
             return divisible.simulate(t_span, initial, parameters, **options)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
-        inputs.warn_below_floor(rtol, atol, self._program, chosen)
+        inputs.warn_below_floor(rtol, atol, self._program, chosen, stacklevel=4)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
@@ -200,7 +263,7 @@ class Simulated(Held):
             options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
             options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
             options |= {"events": events, "error_estimate": error_estimate}
-            return able.simulate(t_span, initial, parameters, **options)
+            return able._simulate(t_span, initial, parameters, **options)
         problem = with_gains(self._program, lambda pilot: self._engine.integrate(pilot, chosen), problem, parameters)
         run = self._run(problem, chosen, begin, watch, automatic=method == "auto")
         if error_estimate:
@@ -231,6 +294,21 @@ class Simulated(Held):
         names = kept_names(wanted, self.stages.equations, self._program, self._conservable, c, t0, y)
         left_out = self.stages.reduced.left_out
         return derived_once(self._keepers, names, lambda: recompile(self.stages, left_out, names)), names
+
+    def _prepared_by(self, other: Simulated, t_span: tuple[float, float], options: Mapping[str, Any]) -> PreparedRun:
+        """Return a prepared run in the time since its start, by this model or another one of the scene."""
+        t0, t1 = t_span
+        kept = other.prepare((0.0, t1 - t0), **options)
+        offsets = other.stages.equations.symbols.offsets
+        if not offsets:
+            return kept
+        extended = extension(other.layout.parameters, self.layout.parameters, offsets, t0)
+
+        def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
+            final = kept(state, extended(p))
+            return final, kept.status
+
+        return PreparedRun(PreparedStates(run), kept.method, self.layout, partial(self.prepare, t_span, **options))
 
     def _prepared_keeping(self, wanted: Any, t_span: tuple[float, float], options: Mapping[str, Any]) -> Prepared:
         """Return a prepared run that keeps first integrals, made when it is first called."""
@@ -266,8 +344,12 @@ class Simulated(Held):
             status = Status.SINGULAR_CONFIGURATION
             y0 = problem.y0[np.newaxis]
             t0 = np.array([problem.t0])
-            run = Trajectory(self._program, problem.constants, status, t0, y0, statistics, None)
-            return run.of_scene(self.stages.scene)
+            if problem.t_eval is not None:
+                t0 = problem.t_eval[problem.t_eval == problem.t0]
+            run = Trajectory(
+                self._program, problem.constants, status, t0, np.repeat(y0, len(t0), axis=0), statistics, None
+            )
+            return run.of_scene(self.stages.scene).with_monitors(self._monitors).ended_at(problem.t0)
         if not found:
             return self
         return self._without(found)
@@ -502,6 +584,12 @@ class Simulated(Held):
             For options that do not exist, and integrals that are not known or that the formulation cannot keep.
         """
         t0, t1 = span_of(t_span)
+        if begins_elsewhere(t0, t1):
+            other, _, _ = self._counting(t0, t1)
+            if other is not None:
+                options = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
+                options["project_invariants"] = project_invariants
+                return self._prepared_by(other, (t0, t1), options)
         rtol, atol = tolerances(rtol, atol)
         further = {"max_step": max_step, "max_steps": max_steps, "project_invariants": project_invariants}
         again = partial(self.prepare, (t0, t1), method=method, rtol=rtol, atol=atol, **further)

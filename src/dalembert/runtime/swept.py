@@ -16,14 +16,16 @@ from ..ir.program import Layout
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
-from ..values import option, tolerances, whole
+from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .assumed import warn_of_motion
-from .cases import Cases, Settings, agreed, single_problem
+from .cases import Cases, Settings, agreed, single_problem, spans_of
+from .elapsed import begins_elsewhere, elapsed_times, far, offset_columns
 from .gains import give_gains
 from .gimbal import locked_cases
 from .held import NO_ESTIMATE
 from .keeping import kept_values, refuse_jumps
+from .reductions import reduction_table
 from .simulation import Simulated
 from .singular import judged_cases, searched, unlike
 from .sweeping import begin_cases, fitted
@@ -59,7 +61,7 @@ class Swept(Simulated):
         Parameters
         ----------
         t_span : (float or array_like (n_case,), float or array_like (n_case,))
-            Start and end [s], for all cases or one each. Let time begin near zero, as for `simulate`.
+            Start and end [s], for all cases or one each. Late times lose no digits, as for `simulate`.
         initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
             Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
             status of its case, not an error.
@@ -99,10 +101,60 @@ class Swept(Simulated):
         options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
         options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
         options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
+        options["project_invariants"] = project_invariants
+        starts, lasts = spans_of(t_span)
+        together = len(starts) == len(lasts) == 1
+        if not begins_elsewhere(starts, lasts) or not (together or t_eval is None):
+            return self._sweep(t_span, initial, parameters, **options)
+        other, options["events"], options["reduce"] = self._counting(starts, lasts, events, reduce)
+        if other is None:
+            return self._sweep(t_span, initial, parameters, **options)
+        assert isinstance(other, Swept)
+        times = None if t_eval is None else times_of("t_eval", t_eval)
+        options["t_eval"] = elapsed_times(float(starts[0]), float(lasts[0]), times)
+        given = self._with_offset_columns(other, t_span, initial, parameters, grid)
+        near = ~far(starts, lasts) if other is not self else np.zeros(1, bool)
+        begins = np.where(near, np.nan, starts) - starts  # NaN is not run
+        run = other._sweep((begins, lasts - starts), initial, given, **options)
+        table = reduction_table(reduce, self.layout.aliases)
+        crossings = [name for name, each in table.items() if each.kind == "first crossing"]
+        run = run.counted_from(starts, times, self.layout.parameters, crossings)
+        if not np.any(near):
+            return run
+        options |= {"events": events, "reduce": reduce, "t_eval": t_eval}
+        rest = self._sweep((np.where(near, starts, np.nan), lasts), initial, parameters, **options)
+        return run.with_cases(np.broadcast_to(near, len(run)), rest, starts)
+
+    def _with_offset_columns(
+        self,
+        other: Swept,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        grid: Grid | None,
+    ) -> Mapping[Any, Any]:
+        """Return parameters with those that another model of the scene has for the start of each case."""
+        offsets = other.stages.equations.symbols.offsets
+        if not offsets:
+            return parameters
+        whole = (initial, parameters) if grid is None else with_grid(self.layout, grid, initial, parameters)
+        cases = Cases(self._program, self._start, t_span, *whole)
+        return {**parameters, **offset_columns(offsets, cases.span["start"], cases.parameters)}
+
+    def _sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        project_invariants: Any = False,
+        **options: Any,
+    ) -> Sweep:
+        """Simulate many cases, as `sweep` does, in the time of this model."""
         if project_invariants is not False:
-            refuse_jumps(events, self.layout.aliases)
-            keeper, further = self._keeping_cases(project_invariants, t_span, initial, parameters, grid)
-            return keeper.sweep(t_span, initial, {**parameters, **further}, **options)
+            refuse_jumps(options["events"], self.layout.aliases)
+            keeper, further = self._keeping_cases(project_invariants, t_span, initial, parameters, options["grid"])
+            return keeper._sweep(t_span, initial, {**parameters, **further}, **options)
         return self._begin_sweep(t_span, initial, parameters, **options)()
 
     def _begin_sweep(

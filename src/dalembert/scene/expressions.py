@@ -11,9 +11,11 @@ from typing import Any, final
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
+from sympy.physics.vector import dynamicsymbols
 
 from ..errors import list_names
 from ..ir.graph import Graph, Node
+from .elapsed import ElapsedTime
 
 __all__ = ["ExpressionReader", "short"]
 
@@ -61,10 +63,13 @@ class ExpressionReader:
         Where the nodes go.
     leaves : mapping of SymPy object to Node
         Time, coordinates and rates.
+    clock : ElapsedTime, optional
+        Rewrites what is read, where time is counted from the start of the run.
     """
 
-    def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
-        self.graph = graph
+    def __init__(self, graph: Graph, leaves: Mapping[Any, Node], clock: ElapsedTime | None = None) -> None:
+        self.graph, self.clock = graph, clock
+        self.timed = False
         self.leaves = dict(leaves)
         self.parameters: dict[str, sp.Symbol] = {}
         self.unknowns: dict[str, sp.Symbol] = {}
@@ -82,11 +87,26 @@ class ExpressionReader:
             e = None
         if not isinstance(e, sp.Basic):
             return self.fault(f"{expression!r} is not a SymPy expression")
+        if self.clock is not None:
+            e = self._elapsed(e, self.clock)
         self.graph.written = True
         try:
             return self._read(e)
         finally:
             self.graph.written = False
+
+    def watch(self, e: Any) -> None:
+        """Let an expression, read later by another reader, have the parameters that it needs in elapsed time."""
+        if self.clock is not None:
+            self._elapsed(e, self.clock)
+
+    def _elapsed(self, e: Any, clock: ElapsedTime) -> Any:
+        """Return an expression in the elapsed time; what it has to be given for that become parameters."""
+        found = clock(e)
+        for offset in clock.offsets.values():
+            for symbol in (offset.symbol, *offset.symbols):
+                self._read(symbol)
+        return found
 
     def define(self, leaves: Mapping[Any, Node]) -> None:
         """Let SymPy objects be read as these nodes from now on, whatever they were read as before."""
@@ -112,6 +132,7 @@ class ExpressionReader:
     def _new(self, e: Any) -> Node:
         g = self.graph
         if e in self.leaves:
+            self.timed |= e == dynamicsymbols._t
             return self.leaves[e]
         if e.is_Rational:
             return g.const(Fraction(int(e.p), int(e.q)))

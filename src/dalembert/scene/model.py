@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..ir.graph import Graph, Node
+from .elapsed import Offset
 
 __all__ = [
     "Action",
@@ -233,6 +234,10 @@ class SymbolTable:
         Other values that a start may be given in.
     assumptions : mapping of str to tuple of str
         Name -> what its symbol was declared to be, such as "positive", where that excludes numbers.
+    timed : bool
+        Whether time itself occurs in the scene or its outputs.
+    offsets : tuple of Offset
+        Parameters that stand for what expressions of time are at the start of a run, where time is counted from there.
     """
 
     time: str
@@ -243,6 +248,8 @@ class SymbolTable:
     aliases: Mapping[str, str]
     entries: tuple[Entry, ...] = ()
     assumptions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    timed: bool = False
+    offsets: tuple[Offset, ...] = ()
 
 
 @final

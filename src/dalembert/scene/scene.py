@@ -138,6 +138,7 @@ class Scene:
         self.orientations: tuple[FreeOrientation, ...] = ()
         self.speeds: tuple[Expr, ...] = ()
         self.kinematic_equations: tuple[Expr, ...] = ()
+        self.elapsed: tuple[Expr, ...] | None = None
         self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
         self.lagrangian: Expr | None = None
 
@@ -171,6 +172,15 @@ class Scene:
         """Return an independent scene with the same contents."""
         twin = Scene(self.name, frame=self.frame, origin=self.origin, coordinates=self.coordinates)
         twin.__dict__.update(self.__dict__)
+        return twin
+
+    def in_elapsed_time(self, watched: Sequence[Expr] = ()) -> Scene:
+        """Return the same scene with time counted from the start of each run, for runs far from zero.
+
+        Expressions that are watched contain time, too; what they are at the start is a parameter, as for the scene.
+        """
+        twin = self.copy()
+        twin.elapsed = tuple(watched)
         return twin
 
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:

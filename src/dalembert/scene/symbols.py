@@ -12,6 +12,7 @@ from sympy.physics.vector import dynamicsymbols
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
+from .elapsed import ElapsedTime
 from .entries import entries_of
 from .expressions import ExpressionReader
 from .model import SymbolTable
@@ -44,8 +45,11 @@ class SymbolReader:
         self.graph = Graph()
         self.faults: list[str] = []
         self.coordinates = self._coordinates()
-        self.expressions = ExpressionReader(self.graph, self._leaves())
+        clock = None if scene.elapsed is None else ElapsedTime()
+        self.expressions = ExpressionReader(self.graph, self._leaves(), clock)
         self._impose()
+        for e in scene.elapsed or ():
+            self.expressions.watch(e)
         self.speeds, self._starts, self._names = read_speeds(
             self.expressions, self.coordinates, scene.speeds, scene.kinematic_equations, self.faults.append
         )
@@ -122,7 +126,16 @@ class SymbolReader:
             aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
         return SymbolTable(
-            TIME, coordinates, rates, parameters, unknowns, aliases, entries, self._assumptions(parameters)
+            TIME,
+            coordinates,
+            rates,
+            parameters,
+            unknowns,
+            aliases,
+            entries,
+            self._assumptions(parameters),
+            self.expressions.timed,
+            () if self.expressions.clock is None else tuple(self.expressions.clock.offsets.values()),
         )
 
     def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:

@@ -23,7 +23,8 @@ from ...results.hybrid_sweep import HybridSweep
 from ...scene import Scene
 from ...values import option, times_of, tolerances, whole
 from .. import inputs
-from ..cases import Cases, agreed
+from ..cases import Cases, agreed, spans_of
+from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
@@ -63,6 +64,7 @@ class HybridModel(Evaluated):
     def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
         self._scene, self._options, self._equations = scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
+        self._counters: dict[tuple[Any, ...], HybridModel] = {}
         self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
         self._modes = Modes(equations, self._laws, self._model, self._engine)
         self.contacts = tuple(contact.name for contact in equations.contacts)
@@ -262,6 +264,58 @@ class HybridModel(Evaluated):
         """
         self._refuse(project_invariants, error_estimate)
         t0, t1 = span_of(t_span)
+        options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
+        options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense}
+        other, own, _ = self._counting(t0, t1, events) if begins_elsewhere(t0, t1) else (None, events, None)
+        if other is None:
+            return self._simulate((t0, t1), initial, parameters, t_eval=t_eval, events=events, **options)
+        times = None if t_eval is None else times_of("t_eval", t_eval)
+        wanted = elapsed_times(t0, t1, times)
+        given: Mapping[Any, Any] = parameters
+        if other is not self:
+            values = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
+            given = {**parameters, **offset_values(other._equations.symbols.offsets, t0, values)}
+        run = other._simulate((0.0, t1 - t0), initial, given, t_eval=wanted, events=own, **options)
+        if times is not None and wanted is not None:
+            times = times[(wanted - run.t_end) * (1.0 if t1 >= t0 else -1.0) <= 0.0]
+        return run.counted_from(t0, times, noted_from(run.stats.note, t0))
+
+    def _counting(self, t0: Any, t1: Any, events: Any = (), reduce: Any = None) -> tuple[HybridModel | None, Any, Any]:
+        """Return the model that runs in the time since a start, as that of a scene without contacts does."""
+        found = asked(self._equations.symbols, (t0, t1), events, reduce)
+        if found is None:
+            return None, events, reduce
+        if not found.other:
+            return self, events, reduce
+        self._events(events)
+
+        def make() -> HybridModel:
+            from ...compiler import compile_scene
+
+            model = compile_scene(self._scene.in_elapsed_time(found.watched), self._options)
+            assert isinstance(model, HybridModel)
+            return model
+
+        return derived_once(self._counters, found.watched, make), found.events, found.reductions
+
+    def _simulate(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t_eval: Any,
+        method: str,
+        rtol: float,
+        atol: float,
+        first_step: float | None,
+        max_step: float,
+        max_steps: int,
+        dense: bool,
+        events: Any,
+    ) -> HybridTrajectory:
+        """Simulate one trajectory, as `simulate` does, in the time of this model."""
+        t0, t1 = t_span
         rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
@@ -336,6 +390,48 @@ class HybridModel(Evaluated):
             For input that is wrong for all cases; with contacts `error_estimate` and `project_invariants` are.
         """
         self._refuse(project_invariants, error_estimate)
+        options: dict[str, Any] = {"grid": grid, "method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+        options |= {"max_steps": max_steps, "threads": threads, "progress": progress}
+        starts, lasts = spans_of(t_span)
+        together = len(starts) == len(lasts) == 1
+        other, own, table = None, events, reduce
+        if begins_elsewhere(starts, lasts) and (together or t_eval is None):
+            other, own, table = self._counting(starts, lasts, events, reduce)
+        if other is None:
+            return self._sweep(t_span, initial, parameters, t_eval=t_eval, events=own, reduce=table, **options)
+        times = None if t_eval is None else times_of("t_eval", t_eval)
+        wanted = elapsed_times(float(starts[0]), float(lasts[0]), times)
+        given = parameters
+        if other is not self:
+            whole = (initial, parameters) if grid is None else with_grid(self.layout, grid, initial, parameters)
+            model = self._model(self._plain(CLOSED))
+            cases = Cases(model.stages.program, model._start, t_span, *whole)
+            given = {**parameters, **offset_columns(other._equations.symbols.offsets, starts, cases.parameters)}
+        spans = (starts - starts, lasts - starts)
+        run = other._sweep(spans, initial, given, t_eval=wanted, events=own, reduce=table, **options)
+        reductions = reduction_table(reduce, self.layout.aliases)
+        crossings = [name for name, each in reductions.items() if each.kind == "first crossing"]
+        return run.counted_from(starts, times, self.layout.parameters, crossings)
+
+    def _sweep(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        grid: Grid | None,
+        t_eval: Any,
+        method: str,
+        rtol: float,
+        atol: float,
+        max_step: float,
+        max_steps: int,
+        threads: int | None,
+        progress: bool,
+        events: Any,
+        reduce: Any,
+    ) -> HybridSweep:
+        """Simulate many cases, as `sweep` does, in the time of this model."""
         rtol, atol = tolerances(rtol, atol)
         max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
         inputs.warn_below_floor(rtol, atol)

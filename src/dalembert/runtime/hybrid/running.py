@@ -197,7 +197,9 @@ class _Run:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        return model.simulate((self.t, t1), initial, self._parameters(self.now, mode), events=events, **self._options())
+        return model._simulate(
+            (self.t, t1), initial, self._parameters(self.now, mode), events=events, **self._options()
+        )
 
     def _parameters(self, now: Instants, mode: Mode) -> dict[str, float]:
         """Return the parameters of a mode."""
@@ -351,7 +353,7 @@ class _Run:
         model = self.modes.model(mode)
         names = (*model.layout.coordinates, *model.layout.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
-        run = model.simulate((self.t, self.t), initial, self.request.parameters, method=self.request.options["method"])
+        run = model._simulate((self.t, self.t), initial, self.request.parameters, method=self.request.options["method"])
         self.parts.append(Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode)))
 
     def _joined(self, status: Status) -> HybridTrajectory:
