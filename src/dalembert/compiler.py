@@ -6,10 +6,12 @@ Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSyst
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from .errors import EnergyWarning
 from .ir.lower import lower
 from .mechanics.derive import derive
 from .naming import rate_name
@@ -125,6 +127,8 @@ def compile_scene(
     if kept:
         reduced = watch("keep", lambda: keeping(reduced, kept))
     program = watch("lower", lambda: lower(reduced))
+    if program.energy_note and {"energy", "potential_energy"} & set(names):
+        warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
     engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))

@@ -93,7 +93,7 @@ class CacheWarning(UserWarning):
 
 
 class EnergyWarning(UserWarning):
-    """A potential energy has no load that exerts its force."""
+    """A potential energy is not that of the loads, or the energy is asked for and a load has no known potential."""
 
 
 class PrecisionWarning(UserWarning):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from dalembert.ir.sampling import values_of
 from oracles.lagrange_any import lagrange_scene
 from scene.builders import FREE, four_bar
 
@@ -61,6 +62,7 @@ def test_mass_matrix_is_symmetric_and_positive(name):
         assert np.linalg.eigvalsh(mass).min() > -1e-12 * np.abs(mass).max()
 
 
+@pytest.mark.filterwarnings("ignore::dalembert.errors.EnergyWarning")  # loads that follow their bodies
 @pytest.mark.parametrize("name", [n for n in FREE if n != "piecewise forces"])
 def test_kinetic_energy_and_gravity_potential(name):
     """Recorded at the start of a run of zero length, which every scene survives."""
@@ -72,6 +74,11 @@ def test_kinetic_energy_and_gravity_potential(name):
     trajectory = model.simulate((0.6, 0.6), initial, p)
     kinetic, potential = oracle.energies(0.6, q, qdot, p)
     assert trajectory["kinetic_energy"][0] == pytest.approx(kinetic, rel=1e-12)
+    loads = model.stages.equations.load_energy
+    if loads.potential is not None:  # that of loads is tested in test_load_potentials
+        graph, values = loads.potential.graph, dict(zip((*layout.coordinates, *layout.rates), (*q, *qdot), strict=True))
+        inputs = {graph.input(key): value for key, value in (values | p | {"t": 0.6}).items()}
+        potential += values_of([loads.potential], inputs)[0]
     assert trajectory["potential_energy"][0] == pytest.approx(potential, rel=1e-12, abs=1e-12)
     assert trajectory["energy"][0] == pytest.approx(kinetic + potential, rel=1e-12)
 

@@ -17,6 +17,7 @@ from .program import Assignment, Kernel, Layout, Load, Operand, Program
 from .rewriting import rewritten
 
 if TYPE_CHECKING:
+    from ..mechanics.equations import EquationsOfMotion
     from ..reduction import ReducedSystem
 
 __all__ = ["lower", "lower_kernel"]
@@ -54,7 +55,7 @@ def lower(system: ReducedSystem) -> Program:
         "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
         "forcing": equations.forcing,
         "accelerations": tuple(graph.substitute(system.accelerations, back)),
-        "energy": (equations.kinetic_energy, equations.potential_energy),
+        "energy": (equations.kinetic_energy, equations.potential_energy),  # and that of loads, see below
         "constraint_jacobian": tuple(entry for row in rows for entry in row.jacobian),
         "position_residual": tuple(row.position for row in rows if row.position is not None),
         "velocity_residual": tuple(residuals),
@@ -64,7 +65,11 @@ def lower(system: ReducedSystem) -> Program:
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
     kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still))]
     kernels += [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
-    kernels += [lower_kernel(graph, name, nodes, scene) for name, nodes in on_scene.items() if nodes]
+    for name, nodes in on_scene.items():
+        if name == "energy" and equations.load_energy.potential is not None:
+            kernels.append(_energies(equations, scene))
+        elif nodes:
+            kernels.append(lower_kernel(graph, name, nodes, scene))
     if system.stages is not None:
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
         kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole))
@@ -87,7 +92,15 @@ def lower(system: ReducedSystem) -> Program:
         assumptions=dict(symbols.assumptions),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
-    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.sudden)
+    note = equations.load_energy.incomplete(equations.name)
+    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.sudden, note)
+
+
+def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int | None]]) -> Kernel:
+    """Return the kernel of the energies with that of loads, on a graph of its own: no other kernel depends on it."""
+    graph = Graph()
+    places = {graph.input(str(node.payload)): place for node, place in inputs.items()}
+    return lower_kernel(graph, "energy", equations.energies(graph), places)
 
 
 def lower_kernel(

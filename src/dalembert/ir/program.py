@@ -126,6 +126,7 @@ class Program:
     """The kernels of one scene in one formulation, and what their arrays hold.
 
     Where the scene is `sudden`, what its series do not show may happen in reactions, too, that no rate depends on.
+    `energy_note` is what those are warned of who ask for the energy.
     """
 
     name: str
@@ -134,6 +135,7 @@ class Program:
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
     sudden: bool = False
+    energy_note: str = ""
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

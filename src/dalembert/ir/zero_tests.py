@@ -17,7 +17,7 @@ from .algebra import TOLERANCE, Algebra
 from .graph import Graph, Node, UnitName
 from .ops import OPERATIONS
 
-__all__ = ["TOLERANCE", "magnitude", "terms_of", "vanishes"]
+__all__ = ["TOLERANCE", "agree", "magnitude", "terms_of", "vanishes"]
 
 _ROUNDING = 0.01
 """What an operation of this test rounds, as a share of its result: 1e-15 after `TOLERANCE`."""
@@ -46,6 +46,34 @@ def vanishes(node: Node) -> bool:
         if not (math.isfinite(value) and math.isfinite(size)):
             continue
         if size == 0.0 or abs(value) > TOLERANCE * size:
+            return False
+        found += 1
+        if found == _POINTS:
+            return True
+    return False
+
+
+def agree(first: Sequence[Node], second: Sequence[Node]) -> bool:
+    """Whether two vectors are equal: exactly, or but for the rounding of the decimal numbers in them.
+
+    A component may be what rounding has left of a difference, which SymPy has evaluated: the largest component counts.
+    """
+    rest = [a - b for a, b in zip(first, second, strict=True) if a is not b and not (a - b).is_zero]
+    if not rest:
+        return True
+    graph = rest[0].graph
+    if not graph.decimals:
+        return False
+    found = 0
+    for draw in range(_DRAWS):
+        sampled = [_sampled(graph, node, draw) for node in rest]
+        if not all(decimal for _, _, decimal in sampled):
+            return False
+        sizes = [size for _, size, _ in sampled]
+        sizes += [abs(_sampled(graph, node, draw)[0]) for node in (*first, *second)]
+        if not all(map(math.isfinite, sizes)):
+            continue
+        if any(abs(value) > TOLERANCE * max(sizes) for value, _, _ in sampled):
             return False
         found += 1
         if found == _POINTS:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
-from ..errors import EnergyWarning, SceneError, list_names
+from ..errors import SceneError
 from ..ir.branches import sudden
 from ..ir.derivatives import tangents
 from ..ir.graph import Node
@@ -15,10 +14,11 @@ from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityCho
 from .given import given_powers
 from .kinematics import Kinematics
 from .lagrangian import lagrangian_powers
+from .load_energy import load_energy, warn_of_silent_potential
 from .quasi_velocities import velocity_groups
 from .quaternions import quaternion_groups
 from .slip_checks import require_conjugate_slip
-from .virtual_power import Powers, powers
+from .virtual_power import powers
 
 __all__ = ["derive"]
 
@@ -37,8 +37,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     else:
         power = powers(kinematics) if model.given is None else given_powers(kinematics)
     forcing, reactions = _split(model, power.forcing)
-    if model.lagrangian is None:
-        _warn_of_potential(kinematics, power, forcing)
+    silent = () if model.lagrangian is not None else warn_of_silent_potential(kinematics, power, forcing)
     holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
@@ -61,30 +60,8 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
         sudden=sudden(model.graph, terms, moving),
+        load_energy=load_energy(kinematics, power, silent, rows),
     )
-
-
-def _warn_of_potential(kinematics: Kinematics, power: Powers, forcing: Sequence[Node]) -> None:
-    """Warn of a potential energy along which no load acts: bodies say it, as in SymPy, without any force."""
-    graph, model = kinematics.graph, kinematics.model
-    if all(said.is_zero for said in model.potentials):
-        return
-    rest = power.potential_energy - power.weighing
-    still = graph.substitute(list(forcing), dict.fromkeys(kinematics.qdot, graph.zero))
-    silent = []
-    for q, force, name in zip(kinematics.q, still, model.symbols.coordinates, strict=True):
-        slope, weight = (tangents(graph, [node], {q: graph.one})[0] for node in (rest, power.weighing))
-        if not slope.is_zero and (force + weight).is_zero:
-            silent.append(name)
-    if silent:
-        warnings.warn(
-            f"scene {model.name!r}: the potential energy of its bodies depends on {list_names(silent)}, along which no"
-            " load acts. As in SymPy's System and KanesMethod it exerts no force, and counts in the energies alone: add"
-            " the load that it stands for, minus its gradient, with add_loads, or remove it (that of"
-            " apply_uniform_gravity need not be given)",
-            EnergyWarning,
-            stacklevel=2,
-        )
 
 
 def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
+from ..errors import list_names
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
 
 __all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
-__all__ += ["Watchpoint"]
+__all__ += ["LoadEnergy", "Watchpoint"]
 
 
 @final
@@ -136,6 +137,40 @@ class VelocityGroup:
 
 @final
 @dataclass(frozen=True)
+class LoadEnergy:
+    """The potential energy of given loads, and the loads that it leaves out.
+
+    Attributes
+    ----------
+    potential : Node or None
+        On a graph of its own; None where no load has one, or bodies declare it.
+    included : tuple of str
+        Names of the loads that are in it.
+    rates, time, unknown : tuple of str
+        Names of loads that are not in it, or not wholly: those that depend on rates, those that depend on time
+        explicitly, and those that act at rest and have no potential that was found.
+    """
+
+    potential: Node | None = None
+    included: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+    time: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+
+    def incomplete(self, scene: str) -> str:
+        """Return what a warning says to those who ask for the energy; empty where only work is done that has none."""
+        if not self.unknown:
+            return ""
+        return (
+            f'scene {scene!r}: "energy" is without the work of {list_names(self.unknown)}: no potential energy is known'
+            " for these loads, because they have none or because it was not found. If they have one, declare it:"
+            " set potential_energy of a body to it. For others, such as forces that follow a body, the energy changes"
+            " by their work"
+        )
+
+
+@final
+@dataclass(frozen=True)
 class EquationsOfMotion:
     """M(q, t) q_ddot = forcing(t, q, q_dot) + reactions . X + J^T lam, with constraints that vanish.
 
@@ -162,6 +197,8 @@ class EquationsOfMotion:
         Whether reactions that are not determined are the least ones, and not an error.
     sudden : bool
         Whether what the scene says has kinks, jumps or exponential functions in state or time.
+    load_energy : LoadEnergy
+        The potential energy of its loads, on another graph, which is part of the energy.
     """
 
     name: str
@@ -182,6 +219,14 @@ class EquationsOfMotion:
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
     sudden: bool = False
+    load_energy: LoadEnergy = field(default_factory=LoadEnergy)
+
+    def energies(self, graph: Graph) -> tuple[Node, Node]:
+        """Return kinetic and potential energy, loads included, as nodes of a graph."""
+        kinetic, potential = graph.adopt([self.kinetic_energy, self.potential_energy])
+        if self.load_energy.potential is not None:
+            potential = potential + graph.adopt([self.load_energy.potential])[0]
+        return kinetic, potential
 
     @property
     def time(self) -> Node:

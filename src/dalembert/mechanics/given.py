@@ -14,7 +14,7 @@ from ..errors import SceneError
 from ..ir.derivatives import tangents
 from ..ir.graph import Node
 from ..ir.linear import Matrix
-from ..ir.rounding import agree
+from ..ir.zero_tests import agree
 from ..scene.model import Components, GivenBody, GivenLoad, Pieces, SceneModel
 from . import vectors as vec
 from .kinematics import Kinematics

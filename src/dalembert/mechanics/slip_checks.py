@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Sequence
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..ir.graph import Node, unit_names
 from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
-from ..ir.rounding import evaluate, random_inputs
 from .equations import ConstraintRow
 from .kinematics import Kinematics
+from .manifold import agree_on_manifold
 from .quaternions import quaternion_groups
 
 __all__ = ["require_conjugate_slip"]
-
-FloatArray = NDArray[np.float64]
-_POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
-_TOLERANCE = 1e-9
-"""Relative size of the part of a slip velocity that counts as zero at points that satisfy the constraints."""
 
 
 def require_conjugate_slip(
@@ -58,7 +49,8 @@ def require_conjugate_slip(
     rest = [p - j for p, j in zip(power, row.jacobian, strict=True)]
     if all(node.is_zero for node in rest) or _in_span(kinematics, rest, constraints):
         return
-    if not _in_span_on_manifold(kinematics, power, row.jacobian, constraints):
+    positions = [other.position for other in constraints if other.position is not None]
+    if not agree_on_manifold(kinematics.q, power, row.jacobian, positions, [row.jacobian for row in constraints]):
         raise SceneError(
             name,
             [
@@ -96,58 +88,3 @@ def _in_span(kinematics: Kinematics, rest: Sequence[Node], constraints: Sequence
     if base:
         rest = [r - v for r, v in zip(rest, matvec(graph, transpose(base), weights), strict=True)]
     return all(node.is_zero for node in rest)
-
-
-def _in_span_on_manifold(
-    kinematics: Kinematics, power: Sequence[Node], slip: Sequence[Node], constraints: Sequence[ConstraintRow]
-) -> bool:
-    """Whether the difference is such a combination at random positions that satisfy the constraints."""
-    q, size = kinematics.q, len(kinematics.q)
-    positions = [row.position for row in constraints if row.position is not None]
-    jacobian = [node for row in constraints for node in row.jacobian]
-    nodes = [*positions, *jacobian, *power, *slip]
-    found = 0
-    for seed in range(_DRAWS):
-        draw = random.Random(seed)
-        values = random_inputs([*nodes, *q], draw)
-        place = _consistent(nodes, q, len(positions), values | {x: draw.uniform(-1.5, 1.5) for x in q})
-        if place is None:
-            continue
-        flat = _numbers(nodes, place)[len(positions) :]
-        if not np.all(np.isfinite(flat)):
-            continue
-        rows, (p, s) = flat[: len(jacobian)].reshape(-1, size), flat[len(jacobian) :].reshape(2, size)
-        rest = p - s
-        if len(rows):
-            rest = rest - rows.T @ np.linalg.lstsq(rows.T, rest, rcond=1e-10)[0]
-        if np.abs(rest).max() > _TOLERANCE * max(np.abs(p).max(), np.abs(s).max()):
-            return False
-        found += 1
-        if found == _POINTS:
-            return True
-    return False
-
-
-def _consistent(
-    nodes: Sequence[Node], q: Sequence[Node], count: int, values: dict[Node, float]
-) -> dict[Node, float] | None:
-    """Return values with coordinates moved onto the first `count` nodes' zeros by Newton's method, or None."""
-    size = len(q)
-    for _ in range(_ITERATIONS):
-        if not count:
-            return values
-        flat = _numbers(nodes[: count + count * size], values)
-        if not np.all(np.isfinite(flat)):
-            return None
-        residual, rows = flat[:count], flat[count:].reshape(count, size)
-        step = np.linalg.lstsq(rows, residual, rcond=1e-10)[0]
-        largest = float(np.abs(step).max())
-        x = np.array([values[node] for node in q]) - step / max(1.0, largest)
-        values = values | dict(zip(q, map(float, x), strict=True))
-        if largest < 1e-14 * max(1.0, float(np.abs(x).max())):
-            return values if np.abs(residual).max() < 1e-11 else None
-    return None
-
-
-def _numbers(nodes: Sequence[Node], values: dict[Node, float]) -> FloatArray:
-    return np.array([value for value, _ in evaluate(nodes, values)])

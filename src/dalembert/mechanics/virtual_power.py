@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..ir.derivatives import tangents
 from ..ir.graph import Node
 from ..ir.linear import Matrix
+from ..ir.zero_tests import agree
 from ..scene.model import Components
 from . import vectors as vec
 from .kinematics import Kinematics, Motion, Pose
@@ -72,7 +74,7 @@ def powers(kinematics: Kinematics) -> Powers:
         if not vec.is_zero(gravity):
             weight = -body.mass * vec.dot(gravity, kinematics.position(pose))
             weighing = weighing + weight
-            if said.is_zero or graph.freed_of(said - weight, kinematics.q) is None:
+            if said.is_zero or not _same_slopes(kinematics, said, weight):
                 potential = potential + weight
     _add_actions(kinematics, bodies, wrenches)
     size = len(kinematics.q)
@@ -91,6 +93,14 @@ def powers(kinematics: Kinematics) -> Powers:
             if pose.parent is not None:
                 _add_screw(wrenches, pose.parent, _carry_screw(pose, wrench))
     return Powers(mass_matrix, forcing, kinetic, potential, weighing)
+
+
+def _same_slopes(kinematics: Kinematics, a: Node, b: Node) -> bool:
+    """Whether two potential energies differ by a constant, up to the rounding of decimals."""
+    if kinematics.graph.freed_of(a - b, kinematics.q) is not None:
+        return True
+    slopes = [[tangents(kinematics.graph, [x], {q: kinematics.graph.one})[0] for q in kinematics.q] for x in (a, b)]
+    return agree(slopes[0], slopes[1])
 
 
 def _add_actions(kinematics: Kinematics, bodies: list[Pose], wrenches: dict[Pose, Screw]) -> None:

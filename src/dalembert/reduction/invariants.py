@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
+from ..errors import list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import matvec
@@ -52,7 +53,7 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
     forcing = graph.adopt(equations.forcing)
     jacobian = [graph.adopt(row.jacobian) for row in equations.constraints]
     drifts = graph.adopt([row.drift for row in equations.constraints])
-    kinetic, potential = graph.adopt([equations.kinetic_energy, equations.potential_energy])
+    kinetic, potential = equations.energies(graph)
     mass = [graph.adopt(row) for row in equations.mass_matrix]
     time = graph.input(symbols.time)
     flow = dict(zip(q, qdot, strict=True)) | {time: graph.one}
@@ -91,13 +92,15 @@ def integrals(equations: EquationsOfMotion) -> dict[str, Node]:
     graph = equations.graph
     momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
     named = zip(equations.symbols.coordinates, momenta, strict=True)
-    found = {"energy": equations.kinetic_energy + equations.potential_energy}
+    kinetic, potential = equations.energies(graph)
+    found = {"energy": kinetic + potential}
     return found | {f"p_{name}": momentum for name, momentum in named if not momentum.is_zero}
 
 
 def why_not(equations: EquationsOfMotion, name: str) -> str:
     """Return why a candidate is not conserved, for messages."""
     graph, time = equations.graph, {equations.time: equations.graph.one}
+    loads = equations.load_energy
     moving = [row.label for row in equations.constraints if not row.drift.is_zero]
     if name != "energy":
         x = name.removeprefix("p_")
@@ -111,11 +114,13 @@ def why_not(equations: EquationsOfMotion, name: str) -> str:
         return f"a force acts along {x!r}, or the kinetic or potential energy depends on it"
     if moving:
         return f"constraints that move do work: {', '.join(moving)}"
-    energies = [equations.kinetic_energy, equations.potential_energy]
+    energies = equations.energies(graph)
     if not all(change.is_zero for change in tangents(graph, energies, time)):
         return "the scene is moved in a way that time prescribes"
     momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
     at_rest = graph.substitute(momenta, dict.fromkeys(equations.qdot, graph.zero))
     if not all(momentum.is_zero for momentum in at_rest):
         return "bodies are moved in a way that is prescribed"
-    return "forces without a potential energy do work, such as friction, dampers, or springs given as loads alone"
+    named = dict.fromkeys((*loads.rates, *loads.time, *loads.unknown))
+    which = f": {list_names(named)}" if named else ", such as friction"
+    return f"forces without a potential energy do work{which}"

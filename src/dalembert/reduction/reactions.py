@@ -70,8 +70,10 @@ def requested_outputs(
     """
     graph, symbols = equations.graph, equations.symbols
     undetermined = undetermined_unknowns(equations)
-    kinetic, potential = equations.kinetic_energy, equations.potential_energy
-    energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
+    energies: dict[str, Node] = {}
+    if set(requested) & {"energy", "kinetic_energy", "potential_energy"}:
+        kinetic, potential = equations.energies(graph)
+        energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
     nodes: dict[str, Node] = {}
     for name in requested:
         if name in equations.outputs:

@@ -6,11 +6,12 @@ name: components of its state, the outputs that were requested, and the energies
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
-from ..errors import ExpressionError, UnknownNameError, unknown_name
+from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_name
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.lower import lower_kernel
@@ -154,6 +155,7 @@ class _Reader:
     def __init__(self, scene: Scene, system: ReducedSystem) -> None:
         equations = system.equations
         self.symbols = equations.symbols
+        self.energy_note = equations.load_energy.incomplete(equations.name)
         self.expressions = reader_of(scene)
         self.graph: Graph = self.expressions.graph
         self.inputs = self.graph.adopt(system.inputs)
@@ -162,8 +164,7 @@ class _Reader:
         q, qdot = self.graph.adopt(system.coordinates), self.graph.adopt(system.rates)
         places = (*self.symbols.coordinates, *self.symbols.rates)
         self.table: dict[str, Node] = dict(zip(places, (*q, *qdot), strict=True))
-        energies = self.graph.adopt((equations.kinetic_energy, equations.potential_energy))
-        kinetic, potential = self._on_state(energies)
+        kinetic, potential = self._on_state(equations.energies(self.graph))
         outputs = dict(zip(system.outputs, self.graph.adopt(list(system.outputs.values())), strict=True))
         state = dict(zip(system.state, self.inputs, strict=True))
         named = zip(RESERVED_OUTPUTS, (kinetic + potential, kinetic, potential), strict=True)
@@ -185,6 +186,8 @@ class _Reader:
         """Return an expression, or what has a name, in terms of time, state and parameters."""
         if isinstance(expression, str):
             name = self.symbols.aliases.get(expression, expression)
+            if name in ("energy", "potential_energy") and self.energy_note:
+                warnings.warn(self.energy_note, EnergyWarning, stacklevel=2)
             node = self.graph.input(name if name in self.table else expression)
         else:
             node = self.expressions.read(expression, place, unknowns=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +11,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, OptionError
+from ..errors import EnergyWarning, MissingExtraError, OptionError
 from ..integrators.status import Status
-from ..ir.program import Layout
+from ..ir.program import Layout, Program
 from ..values import option
 
 if TYPE_CHECKING:
@@ -21,10 +22,16 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from .animation import Animation
 
-__all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "xarray_package"]
+__all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "warn_of_energy", "xarray_package"]
 
 FloatArray = NDArray[np.float64]
 ENERGIES = ("energy", "kinetic_energy", "potential_energy")
+
+
+def warn_of_energy(program: Program, name: str) -> None:
+    """Warn those who ask for an energy that is without the potential of some loads."""
+    if program.energy_note and name != "kinetic_energy":
+        warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
 
 
 @final

@@ -15,7 +15,7 @@ from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
 from .estimate import ErrorEstimate
-from .motion import ENERGIES, xarray_package
+from .motion import ENERGIES, warn_of_energy, xarray_package
 
 if TYPE_CHECKING:
     import xarray
@@ -324,6 +324,8 @@ class Sweep(CaseResults):
         for output in (name, text):
             if output in layout.outputs:
                 return "outputs", layout.outputs.index(output)
+        if name in ENERGIES:
+            warn_of_energy(self._program, name)
         if name == "energy":
             return "energy", None
         if name in ENERGIES:  # after the first, which is the sum of the others

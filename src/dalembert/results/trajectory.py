@@ -20,7 +20,7 @@ from ..ir.program import Program
 from ..values import times_of
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
-from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
+from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy, xarray_package
 
 if TYPE_CHECKING:
     import xarray
@@ -216,6 +216,7 @@ class Trajectory(Motion):
             if output in layout.outputs:
                 return self._outputs[:, layout.outputs.index(output)].copy()
         if name in ENERGIES:
+            warn_of_energy(self._program, name)
             kinetic, potential = self._energies.T
             energies: dict[str, FloatArray] = {
                 "energy": kinetic + potential,

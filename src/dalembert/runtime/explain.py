@@ -32,6 +32,7 @@ def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float
         *_stiff(methods),
         *_unforeseen(stages, methods),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
+        *_energy(stages),
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
         f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
         f"prepared      {layout.constants - len(layout.parameters)} expressions of parameters alone, once a run",
@@ -69,6 +70,26 @@ def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
         f"              a series may know nothing of {list_names(sorted(set(found.values())))} of state or time:"
         f" {list_names(series)} looks at the defect of its steps{rough}"
     ]
+
+
+def _energy(stages: Stages) -> list[str]:
+    """Return what the energy consists of, where loads act, and what it leaves out."""
+    loads = stages.equations.load_energy
+    lines = []
+    if loads.included:
+        lines.append(f"energy        with the potential energy of {list_names(loads.included)}")
+    left = [
+        (loads.rates, " (as far as it depends on rates)"),
+        (loads.time, " (depends on time)"),
+        (loads.unknown, " (no potential energy known)"),
+    ]
+    out = [f"{name}{why}" for names, why in left for name in names]
+    rubbing = [contact.name for contact in stages.equations.contacts if contact.tangential]
+    if rubbing:
+        out.append(f"the friction at {list_names(rubbing)}")
+    if out:
+        lines.append(f"{'              ' if lines else 'energy        '}without the work of {', '.join(out)}")
+    return lines
 
 
 def _projections(program: Program) -> list[str]:

@@ -11,7 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.rounding import agree
+from ..ir.zero_tests import agree
 from ..naming import rate_name
 from .belonging import foreign_points
 from .contacts import read_contacts

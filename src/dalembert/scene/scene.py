@@ -186,9 +186,10 @@ class Scene:
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:
         """Add bodies. A frame or mass centre that the body was not given is SymPy's own and must be located.
 
-        As in SymPy, the ``potential_energy`` of a body exerts no force: it says what loads do that are given beside it,
-        and counts in the energies. Where no load acts along a coordinate that it depends on, a warning says so. One
-        that is the body's own weight in the field of `apply_uniform_gravity` counts once.
+        As in SymPy, the ``potential_energy`` of a body exerts no force. It need not be given for loads that have one,
+        see `add_loads`; where it is given, it counts in the energies in place of that of the loads, and a warning
+        names the coordinates along which it is not theirs, or along which no load acts. One that is the body's own
+        weight in the field of `apply_uniform_gravity` counts once.
         """
         self.bodies += bodies
 
@@ -197,7 +198,13 @@ class Scene:
         self.joints += joints
 
     def add_loads(self, *loads: Any) -> None:
-        """Add given actions: ``Force``/``Torque`` of SymPy, or pairs (point, force) and (frame, torque)."""
+        """Add given actions: ``Force``/``Torque`` of SymPy, or pairs (point, force) and (frame, torque).
+
+        Those that have a potential energy, such as constant forces, springs along a coordinate or between points, and
+        torques that are a function of an angle, have it in ``"energy"``. What it leaves out is named by
+        ``model.explain()``: the work of what depends on rates (dampers, friction), of loads that depend on time, and of
+        others for which no potential energy is known. Who asks for the energy is warned of the last.
+        """
         self.loads += loads
 
     def add_holonomic_constraints(self, *constraints: Expr) -> None:

@@ -11,7 +11,7 @@ from sympy.physics.vector import dynamicsymbols
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix, matmul, matvec, transpose
-from ..ir.rounding import agree
+from ..ir.zero_tests import agree
 from ..naming import rate_name
 from .expressions import ExpressionReader
 

@@ -1,0 +1,158 @@
+"""The potential energy of a scene: that of gravity, that of loads, and what bodies declare in their place."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from itertools import combinations
+
+from ..errors import EnergyWarning, list_names
+from ..ir.algebra import Algebra
+from ..ir.derivatives import tangents
+from ..ir.graph import Graph, Node
+from ..ir.sampling import match
+from ..ir.zero_tests import agree
+from .equations import ConstraintRow, LoadEnergy
+from .given import load_powers
+from .kinematics import Kinematics
+from .load_potentials import LoadPart, given_parts, load_parts
+from .manifold import agree_on_manifold
+from .virtual_power import Powers
+
+__all__ = ["load_energy", "warn_of_silent_potential"]
+
+_COMBINED = 8
+"""Number of loads up to which every selection of them is compared with a declared potential energy."""
+
+
+def warn_of_silent_potential(kinematics: Kinematics, power: Powers, forcing: Sequence[Node]) -> tuple[int, ...]:
+    """Warn of a declared potential energy along which no load acts; return the numbers of those coordinates.
+
+    Bodies declare it, as in SymPy, without any force.
+    """
+    graph, model = kinematics.graph, kinematics.model
+    if all(declared.is_zero for declared in model.potentials):
+        return ()
+    still = graph.substitute(list(forcing), dict.fromkeys(kinematics.qdot, graph.zero))
+    silent = []
+    for i, (q, force) in enumerate(zip(kinematics.q, still, strict=True)):
+        slope, weight = (tangents(graph, [x], {q: graph.one})[0] for x in (power.potential_energy, power.weighing))
+        if not agree([slope], [weight]) and agree([force], [-weight]):
+            silent.append(i)
+    if silent:
+        names = [model.symbols.coordinates[i] for i in silent]
+        warnings.warn(
+            f"scene {model.name!r}: the potential energy of its bodies depends on {list_names(names)}, along which no"
+            " load acts. As in SymPy's System and KanesMethod it exerts no force, and counts in the energies alone: add"
+            " the load that it stands for, minus its gradient, with add_loads, or remove it (that of"
+            " apply_uniform_gravity need not be given)",
+            EnergyWarning,
+            stacklevel=2,
+        )
+    return tuple(silent)
+
+
+def load_energy(
+    kinematics: Kinematics, power: Powers, silent: Sequence[int], constraints: Sequence[ConstraintRow]
+) -> LoadEnergy:
+    """Return the potential energy of the loads of a scene, less what bodies declare themselves.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Its graph stays as it is.
+    power : Powers
+    silent : sequence of int
+        Numbers of coordinates that the declared potential energy depends on and no load acts along.
+    constraints : sequence of ConstraintRow
+        On velocities that they allow, a declared potential energy must have the power of its loads.
+    """
+    model = kinematics.model
+    if not model.actions and (model.given is None or not model.given.loads):
+        return LoadEnergy()
+    graph = Graph()
+    if model.given is None:
+        parts = load_parts(kinematics, graph)
+    else:
+        named = [(load.name, load_powers(kinematics, [load])) for load in model.given.loads]
+        parts = given_parts(kinematics, graph, named)
+    declared = _declared(kinematics, power, graph)
+    replaced = [] if declared is None else _replaced(kinematics, parts, declared, silent, constraints)
+    kept = [part for part in parts if part not in replaced]
+    counted = [part for part in kept if part.potential is not None and not part.potential.is_zero]
+    return LoadEnergy(
+        potential=graph.sum(part.potential for part in counted if part.potential is not None) if counted else None,
+        included=_names([*counted, *replaced]),
+        rates=_names([part for part in parts if part.rates]),
+        time=_names([part for part in kept if part.potential is None and part.time]),
+        unknown=_names([part for part in kept if part.potential is None and not part.time]),
+    )
+
+
+def _names(parts: Sequence[LoadPart]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for part in parts for name in part.names))
+
+
+def _declared(kinematics: Kinematics, power: Powers, graph: Graph) -> list[Node] | None:
+    """Return the slopes of the declared potential energy beside gravity, None where there is none."""
+    model = kinematics.model
+    if model.lagrangian is not None or all(declared.is_zero for declared in model.potentials):
+        return None
+    total, weight = graph.adopt([power.potential_energy, power.weighing])
+    q = [graph.input(name) for name in model.symbols.coordinates]
+    slopes = [tangents(graph, [total, weight], {x: graph.one}) for x in q]
+    rest = [graph.zero if agree([a], [b]) else a - b for a, b in slopes]
+    return None if all(slope.is_zero for slope in rest) else rest
+
+
+def _replaced(
+    kinematics: Kinematics,
+    parts: Sequence[LoadPart],
+    slopes: Sequence[Node],
+    silent: Sequence[int],
+    constraints: Sequence[ConstraintRow],
+) -> list[LoadPart]:
+    """Return the loads that a declared potential energy stands for; warn where it is not theirs."""
+    model, graph = kinematics.model, slopes[0].graph
+    loud = [i for i in range(len(slopes)) if i not in silent]
+    acting = [part for part in parts if any(not part.powers[i].is_zero and not slopes[i].is_zero for i in loud)]
+    if not acting:
+        return []
+    target = [slopes[i] for i in loud]
+    sizes = range(len(acting), 0, -1) if len(acting) <= _COMBINED else [len(acting)]
+    for size in sizes:
+        for some in combinations(acting, size):
+            if match(target, [-x for x in _total(graph, some, loud)]):
+                return list(some)
+    if constraints and not silent and _same_power(kinematics, slopes, acting, constraints):
+        return acting
+    differing = [
+        model.symbols.coordinates[i]
+        for i, slope, force in zip(loud, target, _total(graph, acting, loud), strict=True)
+        if not match([slope], [-force])
+    ]
+    warnings.warn(
+        f"scene {model.name!r}: the potential energy that its bodies declare is not that of their loads: along"
+        f" {list_names(differing)}, minus its derivative is not the force of {list_names(_names(acting))} at rest. The"
+        ' motion follows the loads, and "energy" the declared potential energy: correct one of them, or remove the'
+        " potential energy, which is derived from loads that have one",
+        EnergyWarning,
+        stacklevel=2,
+    )
+    return acting
+
+
+def _same_power(
+    kinematics: Kinematics, slopes: Sequence[Node], parts: Sequence[LoadPart], constraints: Sequence[ConstraintRow]
+) -> bool:
+    """Whether minus the slopes of a potential energy have the power of loads on velocities that constraints allow."""
+    graph = slopes[0].graph
+    assert isinstance(graph, Graph)
+    q = [graph.input(name) for name in kinematics.model.symbols.coordinates]
+    positions = graph.adopt([row.position for row in constraints if row.position is not None])
+    rows = [graph.adopt(row.jacobian) for row in constraints]
+    return agree_on_manifold(q, slopes, [-x for x in _total(graph, parts, range(len(q)))], positions, rows)
+
+
+def _total(graph: Algebra, parts: Sequence[LoadPart], places: Sequence[int]) -> list[Node]:
+    return [graph.sum(part.powers[i] for part in parts) for i in places]

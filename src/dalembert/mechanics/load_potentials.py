@@ -1,0 +1,327 @@
+"""Potential energies of given loads, derived on a graph of its own.
+
+The power coefficients Q_i of a load at zero rates are compared with candidates: Q = -dV/dq. Candidates are constant
+forces (V = -F . r), components of a force that are a function of their own coordinate of the point, central forces
+between two points, functions of one inner value u with Q parallel to grad u (a spring along a coordinate, a distance,
+the length of a pathway, a relative angle), and antiderivatives coordinate by coordinate. A candidate counts only where
+its gradient is Q.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.antiderivatives import Antiderivatives
+from ..ir.graph import Graph, Node
+from ..ir.sampling import directions, lost_at_zero, match, probe
+from ..scene.model import Action, Components
+from . import vectors as vec
+from .kinematics import Kinematics, Pose
+
+__all__ = ["LoadPart", "given_parts", "load_parts"]
+
+_TOGETHER = 4
+"""How many loads in a row may be those of one spring: two for one between points, more over a pathway."""
+_PAIRED = 6
+"""Up to how many loads without a potential are tried in pairs."""
+_POINTS = 3
+_SIZE = 40_000
+"""Nodes of the graph from which on no further potential is looked for."""
+
+
+@final
+@dataclass(frozen=True)
+class LoadPart:
+    """Loads that belong together, with their power coefficients and what is known of their potential energy.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What messages call the loads.
+    powers : tuple of Node, length n_q
+        Power coefficients at zero rates.
+    potential : Node or None
+        V with powers = -dV/dq; zero where they vanish, None where none was found.
+    rates, time : bool
+        Whether the loads depend on rates, and their power coefficients at zero rates on time explicitly.
+    """
+
+    names: tuple[str, ...]
+    powers: tuple[Node, ...]
+    potential: Node | None
+    rates: bool
+    time: bool
+
+
+@final
+@dataclass(frozen=True)
+class _Load:
+    """A load at zero rates on the graph of the search."""
+
+    name: str
+    powers: tuple[Node, ...]
+    rates: bool
+    force: Components | None = None
+    position: Components | None = None
+
+
+def load_parts(kinematics: Kinematics, graph: Graph) -> list[LoadPart]:
+    """Return the loads of a scene, those together that have one potential energy.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Its poses are read; its graph stays as it is.
+    graph : Graph
+        Where the results are.
+    """
+    search = _Search(kinematics, graph)
+    loads = [search.load(action) for action in kinematics.model.actions if action.kind != "screw"]
+    return search.parts(loads)
+
+
+def given_parts(kinematics: Kinematics, graph: Graph, named: Sequence[tuple[str, Sequence[Node]]]) -> list[LoadPart]:
+    """Return the loads of a scene that gives velocities; `named` are their names and power coefficients."""
+    search = _Search(kinematics, graph)
+    return search.parts([search.named(name, powers) for name, powers in named])
+
+
+@final
+class _Search:
+    """The loads of one scene on the graph of the search."""
+
+    def __init__(self, kinematics: Kinematics, graph: Graph) -> None:
+        self.kinematics, self.graph = kinematics, graph
+        symbols = kinematics.model.symbols
+        self.q = [graph.input(name) for name in symbols.coordinates]
+        self.rates = [graph.input(name) for name in symbols.rates]
+        self.time = graph.input(symbols.time)
+        self.moving = [*self.q, self.time]
+        self._mask = sum(x.deps for x in self.moving)
+        self._known: dict[int, Node] = {}
+        self._still: dict[int, Node] = {}
+
+    # -- loads onto the graph -------------------------------------------------------------
+
+    def adopt(self, nodes: Sequence[Node]) -> tuple[Node, ...]:
+        """Return nodes of the scene's graph on that of the search."""
+        self.graph.visit(nodes, self._known, lambda node: self.graph.adopt_one(node, self._known))
+        return tuple(self._known[node.index] for node in nodes)
+
+    def _vector(self, a: Components) -> Components:
+        x, y, z = self.adopt(a)
+        return x, y, z
+
+    def at_rest(self, nodes: Sequence[Node]) -> tuple[Node, ...]:
+        """Return nodes with all rates zero; ``ZeroDivisionError`` where they have no value there."""
+        return tuple(self.graph.substitute(list(nodes), dict.fromkeys(self.rates, self.graph.zero)))
+
+    def load(self, action: Action) -> _Load:
+        """Return a force or a torque with its power coefficients."""
+        kinematics, zero = self.kinematics, vec.zero(self.graph)
+        if action.kind == "force":
+            assert action.at is not None
+            pose = kinematics.pose(kinematics.carrier(action.at), action.at)
+        else:
+            assert action.target is not None
+            pose = next((p for p in kinematics.poses if p.frame == action.target), None) or kinematics.pose(
+                action.target, 0
+            )
+        given = kinematics.resolve(action.force or action.torque, pose.frame)
+        vector = self._vector(given)
+        rest = self._without_rates(vector)
+        if rest is None:
+            return _Load(action.name, (self.graph.zero,) * len(self.q), True)
+        still: Components = (rest[0], rest[1], rest[2])
+        rates = any(a is not b for a, b in zip(vector, still, strict=True))
+        screw = (still, zero) if action.kind == "force" else (zero, still)
+        force, place = self._to_root(pose, still) if action.kind == "force" else (None, None)
+        return _Load(action.name, self._powers(pose, screw), rates, force, place)
+
+    def named(self, name: str, powers: Sequence[Node]) -> _Load:
+        """Return a load of which only the power coefficients are known."""
+        whole = self.adopt(powers)
+        still = self._without_rates(whole)
+        zero = (self.graph.zero,) * len(self.q)
+        return _Load(name, still or zero, still is None or any(a is not b for a, b in zip(whole, still, strict=True)))
+
+    def _without_rates(self, nodes: Sequence[Node]) -> tuple[Node, ...] | None:
+        mask = sum(rate.deps for rate in self.rates)
+        if not any(node.deps & mask for node in nodes):
+            return tuple(nodes)
+        try:
+            return self.at_rest(nodes)
+        except ZeroDivisionError:
+            return None
+
+    def _powers(self, pose: Pose | None, screw: tuple[Components, Components]) -> tuple[Node, ...]:
+        """Return the power coefficients of a screw, carried from its pose to the origin."""
+        total = [self.graph.zero] * len(self.q)
+        resultant, moment = screw
+        while pose is not None:
+            if vec.is_zero(resultant) and vec.is_zero(moment):
+                break
+            for motion in pose.motions:
+                direction = self._vector(motion.direction)
+                power = vec.dot(direction, moment if motion.angular else resultant)
+                total[motion.coordinate] = total[motion.coordinate] + power
+            if pose.offset is not None:
+                moment = vec.add(moment, vec.cross(self._vector(pose.offset), resultant))
+            elif pose.rotation is not None:
+                rotation = [self._vector(row) for row in pose.rotation]
+                resultant, moment = vec.rotate_back(rotation, resultant), vec.rotate_back(rotation, moment)
+            pose = pose.parent
+        return tuple(total)
+
+    def _to_root(self, pose: Pose | None, a: Components) -> tuple[Components, Components]:
+        """Return a vector of a pose, and the position of its point, on the root frame."""
+        place = vec.zero(self.graph)
+        while pose is not None:
+            if pose.offset is not None:
+                place = vec.add(place, self._vector(pose.offset))
+            elif pose.rotation is not None:
+                rotation = [self._vector(row) for row in pose.rotation]
+                place, a = vec.rotate_back(rotation, place), vec.rotate_back(rotation, a)
+            pose = pose.parent
+        return a, place
+
+    # -- loads that belong together -------------------------------------------------------
+
+    def parts(self, loads: Sequence[_Load]) -> list[LoadPart]:
+        """Return the loads with potentials; where one alone has none, neighbours are tried together, then others."""
+        found: list[tuple[list[_Load], LoadPart]] = []
+        start = 0
+        while start < len(loads):
+            count, part = 1, self.part(loads[start : start + 1])
+            while part.potential is None and count < min(_TOGETHER, len(loads) - start):
+                count += 1
+                part = self.part(loads[start : start + count])
+            if part.potential is None:
+                count, part = 1, self.part(loads[start : start + 1])
+            found.append((list(loads[start : start + count]), part))
+            start += count
+        return [part for _, part in self._regrouped(found)]
+
+    def _regrouped(self, found: list[tuple[list[_Load], LoadPart]]) -> list[tuple[list[_Load], LoadPart]]:
+        """Join loads without a potential, by pairs and then all of them, where that has one."""
+        rest = [item for item in found if item[1].potential is None]
+        groups = [[a, b] for i, a in enumerate(rest) for b in rest[i + 1 :]] if len(rest) <= _PAIRED else []
+        for group in [*groups, rest] if len(rest) > 1 else []:
+            if any(item not in found for item in group):
+                continue
+            members = [load for item in group for load in item[0]]
+            joined = self.part(members)
+            if joined.potential is not None:
+                found = [item for item in found if item not in group] + [(members, joined)]
+        return found
+
+    def part(self, loads: Sequence[_Load]) -> LoadPart:
+        """Return loads taken together."""
+        g = self.graph
+        powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
+        rates = any(load.rates for load in loads)
+        time = any(power.deps & self.time.deps for power in powers)
+        potential: Node | None = None
+        if all(power.is_zero for power in powers):
+            potential = g.zero
+        elif len(g.nodes) < _SIZE and self._integrable(powers):
+            least: int | None = None
+            for candidate in self._candidates(loads, powers):
+                if match([-x for x in self._gradient(candidate)], powers):
+                    lost = lost_at_zero(candidate, powers, self.moving)
+                    if least is None or lost < least:
+                        potential, least = candidate, lost
+                    if not lost:
+                        break
+        return LoadPart(tuple(load.name for load in loads), powers, potential, rates, time)
+
+    def _gradient(self, node: Node) -> list[Node]:
+        tool = Antiderivatives(self.graph, self.moving)
+        return [tool.slope(node, x) if x.deps & node.deps else self.graph.zero for x in self.q]
+
+    # -- candidates -----------------------------------------------------------------------
+
+    def _candidates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Iterator[Node]:
+        """Yield potentials that loads may have."""
+        for way in (self._by_components, self._by_inner_value, self._by_coordinates):
+            try:
+                found = way(loads, powers)
+            except ZeroDivisionError:
+                continue
+            if found is not None:
+                yield found
+
+    def _by_components(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+        """Return V of forces whose components on the root frame are functions of that component of the position."""
+        tool = Antiderivatives(self.graph, self.moving)
+        total = self.graph.zero
+        for load in loads:
+            if load.force is None or load.position is None:
+                return None
+            for force, place in zip(load.force, load.position, strict=True):
+                if force.is_zero or not any(place.deps & x.deps for x in self.q):
+                    continue
+                found = tool.along(force, place)
+                if found is None:
+                    return None
+                total = total - found
+        return total
+
+    def _by_inner_value(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+        """Return V of power coefficients that are parallel to the gradient of a value: the simplest one found."""
+        tool = Antiderivatives(self.graph, self.moving)
+        still = Antiderivatives(self.graph, self.q)
+        best: tuple[tuple[int, float], Node] | None = None
+        values = [*self._distances(loads), *tool.inner_values(powers, self.moving)]
+        for u in still.with_gradient_along(values, powers):
+            slopes = ((power, still.slope(u, x)) for power, x in zip(powers, self.q, strict=True) if not power.is_zero)
+            place = next(((power, slope) for power, slope in slopes if not slope.is_zero), None)
+            found = None if place is None else tool.along(self.graph.div(*place), u)
+            if found is not None:
+                key = (lost_at_zero(found, powers, self.moving), found.cost)
+                best = min(best or (key, found), (key, found), key=lambda item: item[0])
+        return None if best is None else -best[1]
+
+    def _integrable(self, powers: Sequence[Node]) -> bool:
+        """Whether dQ_i/dq_j = dQ_j/dq_i at random points, without which there is no potential."""
+        if sum(not power.is_zero for power in powers) == 1 and len(self.q) == 1:
+            return True
+        for seed in range(_POINTS):
+            probes = probe(powers, self.q, seed)
+            if not all(math.isfinite(item.a + item.b) for item in probes):
+                continue
+            a, b = directions(self.q, seed)
+            left = sum(x * item.b for x, item in zip(a, probes, strict=True))
+            right = sum(x * item.a for x, item in zip(b, probes, strict=True))
+            size = max(max(abs(item.a), abs(item.b)) for item in probes)
+            if abs(left - right) > 1e-5 * len(powers) * size:
+                return False
+        return True
+
+    def _distances(self, loads: Sequence[_Load]) -> list[Node]:
+        """Return the distance of two points of forces, and its square."""
+        placed = [load.position for load in loads if load.position is not None]
+        if len(loads) != 2 or len(placed) != 2:
+            return []
+        d = vec.subtract(placed[0], placed[1])
+        square = vec.dot(d, d)
+        return [square, self.graph.call("sqrt", square)]
+
+    def _by_coordinates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+        """Return V by antiderivatives along one coordinate after the other."""
+        if any(power.deps & self.time.deps for power in powers):
+            return None
+        tool = Antiderivatives(self.graph, self.moving)
+        total = self.graph.zero
+        for power, x in zip(powers, self.q, strict=True):
+            rest = power + (tool.slope(total, x) if x.deps & total.deps else self.graph.zero)
+            if rest.is_zero:
+                continue
+            found = tool.by_input(rest, x)
+            if found is None:
+                return None
+            total = total - found
+        return total

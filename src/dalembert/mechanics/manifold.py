@@ -1,0 +1,93 @@
+"""Comparison of covectors at random positions that satisfy holonomic constraints."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ir.graph import Node
+from ..ir.sampling import random_inputs, values_of
+
+__all__ = ["agree_on_manifold"]
+
+FloatArray = NDArray[np.float64]
+_POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
+_TOLERANCE = 1e-9
+"""Relative size of a difference that counts as zero at positions that satisfy the constraints."""
+
+
+def agree_on_manifold(
+    q: Sequence[Node],
+    first: Sequence[Node],
+    second: Sequence[Node],
+    positions: Sequence[Node],
+    rows: Sequence[Sequence[Node]],
+) -> bool:
+    """Return whether two covectors have the same power on all velocities that constraints allow.
+
+    Parameters
+    ----------
+    q : sequence of Node
+        The coordinates; all nodes are of one graph.
+    first, second : sequence of Node, length n_q
+    positions : sequence of Node
+        Expressions that vanish, of the first of the constraints.
+    rows : sequence of sequence of Node
+        Rows of the constraint Jacobian.
+
+    Returns
+    -------
+    bool
+        Also False where no positions are found that satisfy the constraints.
+    """
+    size = len(q)
+    jacobian = [node for row in rows for node in row]
+    nodes = [*positions, *jacobian, *first, *second]
+    found = 0
+    for seed in range(_DRAWS):
+        draw = random.Random(seed)
+        values = random_inputs([*nodes, *q], draw)
+        place = _consistent(nodes, q, len(positions), values | {x: draw.uniform(-1.5, 1.5) for x in q})
+        if place is None:
+            continue
+        flat = _numbers(nodes, place)[len(positions) :]
+        if not np.all(np.isfinite(flat)):
+            continue
+        matrix, (p, s) = flat[: len(jacobian)].reshape(-1, size), flat[len(jacobian) :].reshape(2, size)
+        rest = p - s
+        if len(matrix):
+            rest = rest - matrix.T @ np.linalg.lstsq(matrix.T, rest, rcond=1e-10)[0]
+        if np.abs(rest).max() > _TOLERANCE * max(np.abs(p).max(), np.abs(s).max()):
+            return False
+        found += 1
+        if found == _POINTS:
+            return True
+    return False
+
+
+def _consistent(
+    nodes: Sequence[Node], q: Sequence[Node], count: int, values: dict[Node, float]
+) -> dict[Node, float] | None:
+    """Return values with coordinates moved onto the first `count` nodes' zeros by Newton's method, or None."""
+    size = len(q)
+    for _ in range(_ITERATIONS):
+        if not count:
+            return values
+        flat = _numbers(nodes[: count + count * size], values)
+        if not np.all(np.isfinite(flat)):
+            return None
+        residual, rows = flat[:count], flat[count:].reshape(count, size)
+        step = np.linalg.lstsq(rows, residual, rcond=1e-10)[0]
+        largest = float(np.abs(step).max())
+        x = np.array([values[node] for node in q]) - step / max(1.0, largest)
+        values = values | dict(zip(q, map(float, x), strict=True))
+        if largest < 1e-14 * max(1.0, float(np.abs(x).max())):
+            return values if np.abs(residual).max() < 1e-11 else None
+    return None
+
+
+def _numbers(nodes: Sequence[Node], values: dict[Node, float]) -> FloatArray:
+    return np.array(values_of(nodes, values))
