@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import dalembert as da
-from dalembert.errors import DalembertError, FormulationError
+from dalembert.errors import DalembertError, FormulationError, InitialStateError
 from dalembert.ir.interpret import interpret, interpret_rows
 from fuzz.description import Description, PointCondition
 from fuzz.scene_builder import scene_of
@@ -106,6 +106,7 @@ class _Comparison:
         self.parameters = {key: value for key, value in self.description.parameters.items() if key in known}
         if whole:
             self._guarded(f"{path} accelerations", "evaluate", lambda: self._accelerations(path, model))
+            self._guarded(f"{path} contradiction", "run", lambda: self._contradicted(f"{path} contradiction", model))
         run = self._guarded(path, "run", lambda: self._simulate(path, model, bound))
         if run is None or not whole:
             return
@@ -201,6 +202,26 @@ class _Comparison:
         self._compare_reactions(path, run)
         return run
 
+    def _contradicted(self, path: str, model: Any) -> None:
+        """Compare what becomes of a start with a rate that the constraints exclude: it must be refused by name."""
+        if self.verdict.kind not in SOLVABLE or not self.description.constraints:
+            return
+        n = len(self.description.coordinates)
+        rows = self.judge.rows_at_start()
+        j = int(np.argmax(np.abs(rows).max(axis=0)))
+        y = self.judge.states(self.judge.middle)[:, 0]
+        initial = {f"{name}_dot": y[n + i] for i, name in enumerate(self.description.coordinates)}
+        initial |= {name: y[i] for i, name in enumerate(self.description.coordinates)}
+        initial[f"{self.description.coordinates[j]}_dot"] += 0.3
+        if 0.3 * np.abs(rows[:, j]).max() < 1e-2:
+            return
+        try:
+            state = model.state(initial, self.parameters, t=self.span[0])
+        except InitialStateError:
+            self.report.add(path, "agree")
+            return
+        self.report.add(path, "WRONG", f"a start that contradicts the constraints is taken as {state}")
+
     def _comparable(self, path: str, text: str) -> bool:
         """Whether there is a reference motion; where there is none, judge that dalembert has one."""
         kind = self.verdict.kind
@@ -209,7 +230,8 @@ class _Comparison:
         elif kind in ("contradictory", "singular"):
             self.report.add(path, "WRONG", f"{self.report.verdict}, accepted with {text}")
         elif self.judge.motion.failed:
-            self.report.add(path, "set aside", self.judge.motion.failed)
+            lost = text != "SUCCESS" and (self.judge.motion.regular < 1e-5 or self.judge.motion.gap < 1e-4)
+            self.report.add(path, "refused rightly" if lost else "set aside", f"{self.judge.motion.failed}: {text}")
         elif len(self.judge.motion.ranks) > 1 or self.judge.motion.gap < 1e-5 or self.judge.motion.regular < 1e-9:
             self.report.add(path, "set aside", f"nearly singular on the way: {self._worst()}")
         else:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fuzz.dependent import DEPENDENT
 from fuzz.description import (
     GROUND,
     ZERO,
@@ -29,7 +30,7 @@ from fuzz.solving import consistent_position, consistent_rates, solved
 
 __all__ = ["VERSION", "generated"]
 
-VERSION = 1
+VERSION = 2
 """Raised whenever a seed gives another scene."""
 
 MOST = 7
@@ -59,9 +60,11 @@ class _Scene:
     def description(self) -> Description:
         """Return the finished description."""
         draw = self.draw
-        if draw.chance(0.3):
-            self.family = draw.pick(*FAMILIES)
-            FAMILIES[self.family](self)
+        kind = draw.rng.random()
+        if kind < 0.4:
+            families = DEPENDENT if kind < 0.12 else FAMILIES
+            self.family = draw.pick(*families)
+            families[self.family](self)
         else:
             self._tree()
             for _ in range(draw.pick(0, 0, 0, 1, 1, 2)):
@@ -281,7 +284,7 @@ class _Scene:
         trees = {"Distance": "length", "PointCondition": "value", "Equation": "expression"}
         field = trees[type(item).__name__]
         tree = getattr(item, field)
-        if not _has_fit(tree):
+        if not _has(tree, *FITS):
             return item
         draw = self.draw
         probe = _changed(plain, constraints=(_changed(item, **{field: _fill(tree, number(0))}),))
@@ -291,6 +294,8 @@ class _Scene:
         size = float(Reference(probe).equations(self.span[0], state, values).positions[0, 0])
         if isinstance(item, Distance):
             size = size**0.5
+        if _has(tree, ("exact fit",)):
+            return _changed(item, **{field: _fill(tree, number(repr(size)))})
         size = round(size, 2) or 0.1
         style = draw.style if draw.style != "mixed" else draw.pick("decimal", "rational", "parameter")
         whole = number(f"{round(size * 100)}/100") if style == "rational" else number(repr(size))
@@ -340,12 +345,16 @@ def _parameters_in(part: Any) -> set[str]:
     return set()
 
 
-def _has_fit(tree: Any) -> bool:
-    return tree == ("fit",) or any(isinstance(item, tuple) and _has_fit(item) for item in tree)
+FITS = (("fit",), ("exact fit",))
+"""What stands for a number with which the start satisfies a constraint: rounded to cents, or not."""
+
+
+def _has(tree: Any, *wanted: Any) -> bool:
+    return tree in wanted or any(isinstance(item, tuple) and _has(item, *wanted) for item in tree)
 
 
 def _fill(tree: Any, fit: Any) -> Any:
     """Return a tree with an expression in the place left for it."""
-    if tree == ("fit",):
+    if tree in FITS:
         return fit
     return tuple(_fill(item, fit) if isinstance(item, tuple) else item for item in tree)

@@ -73,7 +73,7 @@ def integrated(
     stops: list[float],
     *,
     rtol: float,
-    budget: int = 30_000,
+    budget: int = 8_000,
 ) -> Motion:
     """Return the motions from states y0 (2 n, C) at the first of some times, recorded at all of them."""
     n, count = reference.size, y0.shape[1]

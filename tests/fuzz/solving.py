@@ -70,8 +70,13 @@ def solved(e: Equations) -> Solved:
     return Solved(qdd, lam, rank, gap, rest, regular, scale, clash)
 
 
-def consistent_position(reference: Reference, t: float, q: Any, parameters: Any) -> tuple[Any, float]:
-    """Return the coordinates (n,) near a guess that satisfy the holonomic constraints, and what is left of them."""
+def consistent_position(
+    reference: Reference, t: float, q: Any, parameters: Any, *, least: float = 1e-10
+) -> tuple[Any, float]:
+    """Return the coordinates (n,) near a guess that satisfy the holonomic constraints, and what is left of them.
+
+    Corrections ignore directions whose singular value is below `least` of the largest.
+    """
     held = np.array(reference.holonomic, dtype=bool)
     q = np.array(q, dtype=float)
     if not held.any():
@@ -81,7 +86,7 @@ def consistent_position(reference: Reference, t: float, q: Any, parameters: Any)
         e = reference.equations(t, np.concatenate([q, np.zeros_like(q)])[:, None], parameters)
         residual, rows = e.positions[0, held], e.rows[0, held]
         left = float(np.max(np.abs(residual)))
-        step = np.linalg.lstsq(rows, -residual, rcond=1e-10)[0]
+        step = np.linalg.lstsq(rows, -residual, rcond=least)[0]
         size = float(np.max(np.abs(step)))
         if not np.isfinite(size):
             return q, np.inf

@@ -25,9 +25,9 @@ from fuzz.scene_builder import scene_of
 from fuzz.verdicts import Judge
 from oracles.sleigh_exact import sleigh_state
 
-AGREE = (3, 5, 6, 8, 14, 15, 19, 21, 38, 57, 64, 83, 89, 95)
-"""Trees, wheels, rolling bodies, loops; decimals, rational numbers, parameters; a redundant constraint among them."""
-SINGULAR = (1, 22, 85)
+AGREE = (2, 5, 6, 7, 12, 14, 15, 21, 24, 29, 39, 57, 66, 69, 72)
+"""Trees, wheels, rolling bodies, loops; decimals, rational numbers, parameters; redundant constraints among them."""
+REFUSED = {1: "singular", 22: "singular", 38: "empty constraint", 143: "contradictory"}
 
 
 @pytest.mark.parametrize("seed", AGREE)
@@ -37,15 +37,15 @@ def test_a_random_scene_agrees_with_the_reference(seed):
     assert len(report.paths) >= 4
 
 
-@pytest.mark.parametrize("seed", SINGULAR)
+@pytest.mark.parametrize("seed", REFUSED)
 def test_a_scene_without_one_motion_is_refused(seed):
     assert compared(generated(seed)).outcome == "refused rightly"
 
 
 def test_a_scene_that_differs_a_little_is_wrong(monkeypatch):
-    description = generated(3)
-    heavier = replace(description.bodies[0], mass=("mul", number("1.0001"), description.bodies[0].mass))
-    other = replace(description, bodies=(heavier, *description.bodies[1:]))
+    description = generated(14)
+    heavier = [replace(body, mass=("mul", number("1.0001"), body.mass)) for body in description.bodies]
+    other = replace(description, bodies=tuple(heavier))
     monkeypatch.setattr("fuzz.compare.scene_of", lambda _: scene_of(other))
     report = compared(description)
     assert report.paths["auto"][0] == report.paths["auto accelerations"][0] == report.outcome == "WRONG"
@@ -70,8 +70,7 @@ def test_the_reference_moves_a_sleigh_as_its_closed_form_does():
 
 
 def test_the_reference_knows_what_is_singular():
-    kinds = [Judge(generated(seed)).verdict.kind for seed in SINGULAR]
-    assert kinds == ["singular", "singular", "contradictory"]
+    assert {seed: Judge(generated(seed)).verdict.kind for seed in REFUSED} == REFUSED
 
 
 def test_a_pulse_that_no_step_meets_is_found():

@@ -59,10 +59,19 @@ class Judge:
             y[keys.index(d.variation.name)] = varied
         return y
 
-    def _single(self) -> tuple[Any, dict[str, Any]]:
+    @property
+    def middle(self) -> tuple[float, ...]:
+        """The value of the middle case."""
         assert self.description.variation is not None
-        middle = self.description.variation.values[2:3]
-        return self.states(middle), self.parameters(middle)
+        return self.description.variation.values[2:3]
+
+    def rows_at_start(self) -> Any:
+        """Return the constraint rows (m, n) at the start of the middle case."""
+        y, parameters = self._single()
+        return self.reference.equations(self.description.span[0], y, parameters).rows[0]
+
+    def _single(self) -> tuple[Any, dict[str, Any]]:
+        return self.states(self.middle), self.parameters(self.middle)
 
     @property
     def kinks(self) -> tuple[Kinks, ...]:
@@ -96,7 +105,7 @@ class Judge:
         if rank and s.gap[0] < 1e-5:
             return Verdict("unclear", f"singular value {s.gap[0]:.1e}")
         near = self._nearby(y[:n, 0], parameters)
-        if near is not None and int(near[0].rank[0]) != rank:
+        if near is not None and int(near[0].rank[0]) != rank and near[0].gap[0] > 1e-4:
             return Verdict("singular start", f"rank {rank}, {int(near[0].rank[0])} nearby")
         if empty and near is not None and np.abs(near[1][empty]).max() < 1e-12:
             return Verdict("empty constraint", f"constraint {empty[0]} says nothing of the motion")
@@ -112,7 +121,8 @@ class Judge:
         """Return second rates and constraint rows (m, n) at a consistent state near the start, None without one."""
         t, rng = self.description.span[0], np.random.default_rng(self.description.seed)
         with np.errstate(all="ignore"):
-            there, left = consistent_position(self.reference, t, q + rng.uniform(-0.03, 0.03, len(q)), parameters)
+            along, _ = consistent_rates(self.reference, t, q, rng.uniform(-1, 1, len(q)), parameters)
+            there, left = consistent_position(self.reference, t, q + 0.02 * along, parameters, least=1e-3)
             u, rates = consistent_rates(self.reference, t, there, rng.uniform(-1, 1, len(q)), parameters)
             if not left + rates < LEFT:
                 return None
