@@ -9,7 +9,7 @@ from sympy import Rational, cos, pi, sin, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError
+from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError, ValueInputError
 from dalembert.integrators.status import Status
 from dalembert.reduction import FORMULATIONS
 
@@ -156,6 +156,26 @@ def test_two_coordinates_of_one_motion_up_to_rounding_are_singular(formulation):
     scene.add_bodies(Particle("p", P, 1.3))
     with pytest.raises(SingularMassMatrixError):
         da.compile_model(scene, backend="numpy", formulation=formulation)
+
+
+@pytest.mark.parametrize("formulation", ALL)
+def test_two_coordinates_of_one_motion_by_parameters_are_singular(formulation):
+    a, b, c, d = symbols("a b c d")
+    u, v = q = dynamicsymbols("u v")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("one", frame=N, origin=O, coordinates=q)
+    scene.add_bodies(Particle("p", O.locatenew("P", (a * u + b * v) * N.x + (c * u + d * v) * N.y), 1.3))
+    scene.apply_uniform_gravity(-10 * N.y)
+    model = da.compile_model(scene, backend="numpy", formulation=formulation)
+    start = {"u": 0, "v": 0, "u_dot": 0, "v_dot": 0}
+    draw = random.Random(0)
+    for _ in range(5):
+        x, y, k = (draw.uniform(0.1, 3) for _ in range(3))
+        with pytest.raises((SingularMassMatrixError, ValueInputError)):
+            model.simulate((0, 1), start, {a: x, b: y, c: x * k, d: y * k})
+        assert model.simulate((0, 1), start, {a: x, b: y, c: x * k, d: y * k * (1 + 1e-5)}).success
+    sweep = model.sweep((0, 1), start, {"a": 1.1, "b": 0.7, "c": 1.1 * 2.31, "d": [0.7 * 2.31, 3.0]})
+    assert list(sweep.status) in ([Status.INITIAL_STATE, Status.SUCCESS], [Status.NON_FINITE, Status.SUCCESS])
 
 
 def test_masses_of_many_orders_are_regular():

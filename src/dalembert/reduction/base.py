@@ -20,6 +20,7 @@ __all__ = [
     "ReductionSettings",
     "StageSystem",
     "factorize_inertia",
+    "inertia_pivots",
     "solve_inertia",
 ]
 
@@ -114,6 +115,9 @@ class ReducedSystem:
         Numbers of constraints that follow from the others and are not enforced.
     pivots : tuple of (str, Node)
         Label of a constraint, and the function of the parameters that the formulation divides it by.
+    inertia : tuple of (str, Node)
+        Name of a coordinate or speed, and the pivot of the mass matrix for it, where that is a function of the
+        parameters that could vanish.
     """
 
     formulation: str
@@ -135,6 +139,7 @@ class ReducedSystem:
     regular: bool = True
     left_out: tuple[int, ...] = ()
     pivots: tuple[tuple[str, Node], ...] = ()
+    inertia: tuple[tuple[str, Node], ...] = ()
 
     @property
     def places(self) -> dict[Node, int]:
@@ -177,13 +182,23 @@ def factorize_inertia(graph: Graph, matrix: Matrix, names: Sequence[str], scene:
         ) from None
 
 
+def inertia_pivots(
+    equations: EquationsOfMotion, factors: Factorization, names: Sequence[str]
+) -> tuple[tuple[str, Node], ...]:
+    """Return the pivots of a mass matrix that are differences of functions of the parameters, with their names."""
+    moving = ~equations.graph.mask(equations.symbols.parameters)
+    rows = zip(factors.order, factors.lower, factors.pivots, strict=True)
+    return tuple((names[i], pivot) for i, below, pivot in rows if below and pivot.deps and not pivot.deps & moving)
+
+
 def solve_inertia(
     equations: EquationsOfMotion, matrix: Matrix, demand: Sequence[Node], names: Sequence[str]
-) -> list[Node]:
-    """Return matrix^-1 demand, by the structure of the matrix where it has one that saves work."""
+) -> tuple[list[Node], Factorization | None]:
+    """Return matrix^-1 demand, by the structure of the matrix where that saves work, else with its factors."""
     graph = equations.graph
     moving = ~graph.mask(equations.symbols.parameters)
     parts = diagonal_less_dyad(graph, matrix, moving)
     if parts is not None and parts.regular:
-        return parts.solve(demand)
-    return factorize_inertia(graph, matrix, names, equations.name).solve(demand)
+        return parts.solve(demand), None
+    factors = factorize_inertia(graph, matrix, names, equations.name)
+    return factors.solve(demand), factors

@@ -36,7 +36,7 @@ class GearGuptaLeimkuhler(Formulation):
         demand = [row.bias for row in saddle.rows]
         found = saddle.accelerations(demand, equations.name)
         note = "q and q_dot with multipliers at every stage of an implicit method, which hold positions and velocities"
-        reduced = reduce_saddle(self.name, equations, requested, found, [note], guarded=saddle.guarded)
+        reduced = reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)
         if not saddle.rows:
             return reduced
         return replace(

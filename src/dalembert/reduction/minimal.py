@@ -10,10 +10,10 @@ from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.derivatives import tangents
 from ..ir.forms import Forms
 from ..ir.graph import Node
-from ..ir.linear import matmul, matvec, transpose
+from ..ir.linear import Factorization, matmul, matvec, transpose
 from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
-from .base import Formulation, ReducedSystem, ReductionSettings, solve_inertia
+from .base import Formulation, ReducedSystem, ReductionSettings, inertia_pivots, solve_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
 from .unit_sphere import from_unit_sphere, normalisation, on_unit_sphere, unit_notes
@@ -24,11 +24,12 @@ __all__ = ["Minimal"]
 @final
 @dataclass(frozen=True)
 class _Motion:
-    """Rates of the state: of the kept coordinates, of the speeds, and what q_ddot is made of."""
+    """Rates of the state: of the kept coordinates, of the speeds, q_ddot, and the factors of the inertia."""
 
     coordinate_rates: tuple[Node, ...]
     speed_rates: tuple[Node, ...]
     accelerations: tuple[Node, ...]
+    factors: Factorization | None = None
 
 
 def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
@@ -48,8 +49,9 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
     if not p.speeds:
         accelerations = tuple(bias)
         speed_rates: list[Node] = []
+        factors = None
     elif plain:
-        speed_rates = solve_inertia(equations, mass, forcing, p.names)
+        speed_rates, factors = solve_inertia(equations, mass, forcing, p.names)
         accelerations = tuple(speed_rates)
     else:
         across = transpose(basis)
@@ -57,11 +59,11 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         inertia = matmul(graph, across, matmul(graph, mass, basis))
         demand = matvec(graph, across, load)
         drop_independent(graph, [*(entry for row in inertia for entry in row), *demand], equations.q)
-        speed_rates = solve_inertia(equations, inertia, demand, p.names)
+        speed_rates, factors = solve_inertia(equations, inertia, demand, p.names)
         drop_independent(graph, speed_rates, equations.q)
         moved = matvec(graph, basis, speed_rates)
         accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
-    return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations)
+    return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations, factors)
 
 
 @final
@@ -104,6 +106,7 @@ class Minimal(Formulation):
             outputs=wanted.outputs,
             undetermined=wanted.undetermined,
             pivots=best.pivots,
+            inertia=inertia_pivots(equations, motion.factors, best.names) if motion.factors else (),
             notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),
         )
 

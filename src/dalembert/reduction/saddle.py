@@ -16,7 +16,7 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.linear import Factorization, SingularMatrix, factorize
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia
+from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia, inertia_pivots
 from .reactions import requested_outputs
 
 __all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
@@ -148,11 +148,11 @@ def reduce_saddle(
     notes: Sequence[str],
     projection: Projection | None = None,
     *,
-    guarded: bool = False,
+    saddle: SaddlePoint,
 ) -> ReducedSystem:
     """Return the system with the state q, q_dot and the given accelerations."""
     plain = None
-    if guarded and requested:
+    if saddle.guarded and requested:
         unguarded = SaddlePoint.of(equations, guarded=False)
         plain = unguarded.accelerations([row.bias for row in unguarded.rows], equations.name)
     wanted = requested_outputs(equations, requested, {}, accelerations, plain)
@@ -170,6 +170,7 @@ def reduce_saddle(
         projection=projection,
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
+        inertia=inertia_pivots(equations, saddle.mass, equations.symbols.coordinates),
         notes=tuple(notes),
     )
 
@@ -191,7 +192,7 @@ class Projected(Formulation):
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
         return reduce_saddle(
-            self.name, equations, requested, found, [note], saddle.projection(equations), guarded=saddle.guarded
+            self.name, equations, requested, found, [note], saddle.projection(equations), saddle=saddle
         )
 
 
@@ -211,4 +212,4 @@ class Augmented(Formulation):
         note = "q and q_dot, accelerations from the saddle-point system, nothing done against drift"
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
-        return reduce_saddle(self.name, equations, requested, found, [note], guarded=saddle.guarded)
+        return reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)

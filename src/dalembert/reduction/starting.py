@@ -58,6 +58,7 @@ class Start:
         "positions" or "rates", and the label of the constraint; or "coordinates left out" or "rates left out", and
         the name of what the constraints must fix, which they do where the first number is at most the second; or
         "pivots" and the label of a constraint, which the formulation can hold under the same condition; or
+        "inertia" and the name of a coordinate or speed, whose inertia is regular under the same condition; or
         "coordinates changed" or "rates changed" and the name of a given value, what the state changes it by, and how
         much it may.
     """
@@ -155,6 +156,10 @@ class _Starting:
             size = self.graph.call("max", size, terms_of(self.graph, slope))
             checks += [self.graph.node(ROUNDING) * size, self.graph.call("abs", slope)]
             labels.append(("pivots", label))
+        for name, node in self.system.inertia:
+            (pivot,) = self.graph.adopt([node])
+            checks += [self.graph.node(ROUNDING) * terms_of(self.graph, pivot), self.graph.call("abs", pivot)]
+            labels.append(("inertia", name))
         for kind, name, change, limit in self._changed(state):
             checks += [change, limit]
             labels.append((kind, name))

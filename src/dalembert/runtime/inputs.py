@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from ..codegen.base import FloatArray
-from ..errors import InitialStateError, PrecisionWarning, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..errors import (
+    InitialStateError,
+    PrecisionWarning,
+    SingularMassMatrixError,
+    UnknownNameError,
+    ValueInputError,
+    list_names,
+    unknown_name,
+)
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
@@ -192,9 +200,9 @@ def pivots_vanish(program: Program, p: FloatArray, labels: Iterable[str]) -> Ini
     )
 
 
-def _lost_pivots(start: Start, checks: FloatArray) -> list[str]:
+def _lost_pivots(start: Start, checks: FloatArray, of: str = "pivots") -> list[str]:
     rows = zip(start.labels, checks.tolist(), strict=True)
-    return [name for (kind, name), (least, pivot) in rows if kind == "pivots" and not least <= pivot]
+    return [name for (kind, name), (least, pivot) in rows if kind == of and not least <= pivot]
 
 
 def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatArray, program: Program) -> FloatArray:
@@ -203,7 +211,10 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
     Raises
     ------
     InitialStateError
-        When a constraint is contradicted, with the nearest consistent state, or the state is not finite there.
+        When a constraint is contradicted, with the nearest consistent state, the state does not reproduce a given
+        value, or is not finite there.
+    SingularMassMatrixError
+        When the parameters make the mass matrix singular.
     """
     state = program.layout.state
     given = [float(values[name]) for name in start.given]
@@ -220,6 +231,12 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
     lost = _lost_pivots(start, checks)
     if lost:
         raise pivots_vanish(program, c, lost)
+    for name in _lost_pivots(start, checks, "inertia"):
+        raise SingularMassMatrixError(
+            f"at these parameters ({_told(program, c)}) the mass matrix is singular, up to rounding: {name!r} moves no"
+            " inertia of its own in a direction that is left free. Give the bodies it moves mass or inertia, drop the"
+            " coordinate, or add the constraint that fixes it"
+        )
     for what in ("positions", "rates"):
         faults = [
             f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
