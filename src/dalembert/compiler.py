@@ -109,6 +109,7 @@ def compile_scene(
     """Return the model of a scene by the stages; `recompiling` tells the arguments."""
     from .codegen import backend_named
     from .runtime.model import CompiledModel
+    from .runtime.segments import segmented
 
     names = _names(options.outputs)
     watch = Stopwatch()
@@ -131,7 +132,7 @@ def compile_scene(
         warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
     methods = chosen.serving(program)
     rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
-    engine = watch("load", lambda: chosen.load(rendered, cache=options.cache))
+    engine = watch("load", lambda: segmented(chosen.load(rendered, cache=options.cache), program))
     stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
     return CompiledModel(stages, engine, methods)
 

@@ -10,6 +10,7 @@ from difflib import get_close_matches
 
 __all__ = [
     "AssumptionWarning",
+    "BreakTimesError",
     "CacheWarning",
     "ConstraintError",
     "DalembertError",
@@ -63,6 +64,10 @@ class FormulationError(DalembertError, ValueError):
 
 class OptionError(DalembertError, ValueError):
     """An option has a value that is not allowed."""
+
+
+class BreakTimesError(DalembertError, ValueError):
+    """A condition on time changes too often within the span of a run."""
 
 
 class UnknownNameError(DalembertError, KeyError):

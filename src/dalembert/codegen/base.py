@@ -35,6 +35,7 @@ __all__ = [
     "PreparedStates",
     "RenderedModule",
     "growing_stretches",
+    "watched_case",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -263,6 +264,10 @@ class Engine(ABC):
         """
         return interpret_rows(kernel, t, y, c)
 
+    def course(self, problem: IntegrationProblem) -> Any:
+        """Return the constants along a run: those of the problem, or of its segments where they change."""
+        return problem.constants
+
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better.
 
@@ -315,6 +320,9 @@ class Engine(ABC):
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
         """Return a traced function that solves from given values, or from the state where `start` is None."""
         raise OptionError('solve_fn is for programs in JAX: compile with backend="jax"')
+
+    cuts: ClassVar[bool] = False
+    """Whether runs are cut in segments, also those without a state."""
 
     parallel: ClassVar[bool] = False
     """Whether `integrate_block` releases the interpreter, so that threads help."""
@@ -384,9 +392,10 @@ def watched_case(
     assert block.watch is not None
 
     def stretches(part: IntegrationProblem) -> Iterator[Solution]:
-        return engine.stretches(part, method) if len(part.y0) else iter([prescribed(part)])
+        return engine.stretches(part, method) if len(part.y0) or engine.cuts else iter([prescribed(part)])
 
-    watched = block.watch.watched(block.c[i])
+    constants = engine.course(problem)
+    watched = block.watch.watched(constants)
     solution, occurrences = integrate_watched(stretches, replace(problem, t_eval=None, dense=True), watched)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
@@ -396,7 +405,7 @@ def watched_case(
     ends = ((solution.t[0], solution.y[0]), (solution.t[-1], solution.y[-1]))
     for t, y in ends:
         result.samples[i, : len(reached)][reached == t] = y
-    result.totals[i] = block.watch.totals(block.c[i], solution.dense)
+    result.totals[i] = block.watch.totals(constants, solution.dense)
     for occurrence in occurrences:
         count, first, _ = result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3]
         row = count + 1, first if count else occurrence.t, occurrence.t

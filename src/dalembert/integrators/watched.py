@@ -68,12 +68,16 @@ class Watched:
         From times and interpolated states to states on the constraints.
     rules
         One an expression.
+    during
+        From two times to what is watched on a stretch between them, where that differs: expressions may jump where
+        stretches end.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]
     begins: Callable[[float, FloatArray], FloatArray]
     settle: Callable[[FloatArray, FloatArray], FloatArray]
     rules: Sequence[Rule]
+    during: Callable[[float, float], Watched] | None = None
 
 
 @final
@@ -225,14 +229,17 @@ class _Run:
         assert dense is not None
         knots = dense.knots
         sizes = np.diff(knots)
+        watched = self.watched
+        if watched.during is not None:
+            watched = watched.during(float(knots[0]), float(knots[-1]))
 
         def states(step: NDArray[np.intp], theta: FloatArray) -> tuple[FloatArray, FloatArray]:
             times = np.where(theta == 1.0, knots[step + 1], knots[step] + theta * sizes[step])
             times = np.clip(times, min(knots[0], knots[-1]), max(knots[0], knots[-1]))
-            return times, self.watched.settle(times, dense.within(step, theta))
+            return times, watched.settle(times, dense.within(step, theta))
 
         def sample(step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
-            return self.watched.values(*states(step, theta))
+            return watched.values(*states(step, theta))
 
         if not self.counts:
             self._take(stretch)

@@ -9,6 +9,7 @@ from .program import Assignment, Kernel, Operand
 
 __all__ = [
     "INVERSE",
+    "JUMPING",
     "LEAST_INVERSE",
     "LEAST_POWER",
     "kinked",
@@ -21,8 +22,9 @@ __all__ = [
 ]
 
 _CHOOSING = ("select", "min", "max")
-_JUMPING = ("less", "less_equal", "sign", "floor")
-_KINKED = {*_CHOOSING, *_JUMPING, "abs"}
+JUMPING = ("less", "less_equal", "sign", "floor")
+"""Operations with jumps."""
+_KINKED = {*_CHOOSING, *JUMPING, "abs"}
 _STEEP = {"exp", "sinh", "cosh", "tanh"}
 
 LEAST_POWER, LEAST_INVERSE = 6, 5
@@ -134,6 +136,6 @@ def only_in_branches(kernel: Kernel) -> frozenset[str]:
     """
     always = {output for output in kernel.outputs if isinstance(output, str)}
     for line in reversed(kernel.body):
-        if line.target in always and line.op not in (*_CHOOSING, *_JUMPING):
+        if line.target in always and line.op not in (*_CHOOSING, *JUMPING):
             always.update(arg for arg in line.args if isinstance(arg, str))
     return frozenset(line.target for line in kernel.body if line.target not in always)

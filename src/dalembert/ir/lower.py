@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import ExpressionError
 from ..naming import Namer
+from .conditions import CONDITION_TIME, Conditions
 from .forms import Forms
 from .graph import Graph, Node
 from .ops import OPERATIONS
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ..mechanics.equations import EquationsOfMotion
     from ..reduction import ReducedSystem
 
-__all__ = ["lower", "lower_kernel"]
+__all__ = ["decided", "lower", "lower_kernel"]
 
 PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
 ARGUMENTS = ("t", "y", "p")
@@ -87,13 +88,22 @@ def lower(system: ReducedSystem) -> Program:
         holonomic=sum(row.position is not None for row in rows),
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
-        defaults={**equations.defaults, **system.defaults},
+        defaults={**equations.defaults, **system.defaults, **({CONDITION_TIME: 0.0} if equations.conditions else {})},
         entries=tuple(name for entry in symbols.entries for name in entry.names),
         assumptions=dict(symbols.assumptions),
     )
     everything = (hoisted.prepare, *hoisted.kernels)
     note = equations.load_energy.incomplete(equations.name)
-    return Program(equations.name, system.formulation, layout, everything, system.notes, equations.sudden, note)
+    return Program(
+        equations.name,
+        system.formulation,
+        layout,
+        everything,
+        system.notes,
+        equations.sudden,
+        note,
+        decided(equations),
+    )
 
 
 def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int | None]]) -> Kernel:
@@ -101,6 +111,23 @@ def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int
     graph = Graph()
     places = {graph.input(str(node.payload)): place for node, place in inputs.items()}
     return lower_kernel(graph, "energy", equations.energies(graph), places)
+
+
+def decided(equations: EquationsOfMotion) -> Conditions | None:
+    """Return the conditions that are decided for segments of runs, None where there are none."""
+    if not equations.conditions:
+        return None
+    graph, parameters = equations.graph, equations.symbols.parameters
+    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
+    inputs |= {graph.input(name): ("p", i) for i, name in enumerate(parameters)}
+    functions = [condition.function for condition in equations.conditions]
+    within = graph.input(CONDITION_TIME).deps
+    return Conditions(
+        place=parameters.index(CONDITION_TIME),
+        functions=tuple(lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p")) for node in functions),
+        kinds=tuple(condition.kind for condition in equations.conditions),
+        nested=tuple(bool(node.deps & within) for node in functions),
+    )
 
 
 def lower_kernel(

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from .ops import ALL_OPERATIONS
+
+if TYPE_CHECKING:
+    from .conditions import Conditions
 
 __all__ = [
     "Assignment",
@@ -127,6 +130,7 @@ class Program:
 
     Where the scene is `sudden`, what its series do not show may happen in reactions, too, that no rate depends on.
     `energy_note` is what those are warned of who ask for the energy.
+    `conditions` are those that are decided once for each segment of a run, None where there are none.
     """
 
     name: str
@@ -136,6 +140,7 @@ class Program:
     notes: tuple[str, ...]
     sudden: bool = False
     energy_note: str = ""
+    conditions: Conditions | None = None
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""

@@ -61,6 +61,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
         sudden=sudden(model.graph, terms, moving),
         load_energy=load_energy(kinematics, power, silent, rows),
+        conditions=model.conditions,
     )
 
 

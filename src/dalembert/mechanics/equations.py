@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import list_names
+from ..ir.conditions import CONDITION_TIME, Condition
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
@@ -199,6 +200,8 @@ class EquationsOfMotion:
         Whether what the scene says has kinks, jumps or exponential functions in state or time.
     load_energy : LoadEnergy
         The potential energy of its loads, on another graph, which is part of the energy.
+    conditions : tuple of Condition
+        What is decided for a segment of a run at a time, because it depends on time and parameters alone.
     """
 
     name: str
@@ -228,6 +231,8 @@ class EquationsOfMotion:
             potential = potential + graph.adopt([self.load_energy.potential])[0]
         return kinetic, potential
 
+    conditions: tuple[Condition, ...] = ()
+
     @property
     def time(self) -> Node:
         """Time."""
@@ -241,4 +246,9 @@ class EquationsOfMotion:
     @property
     def moving(self) -> tuple[Node, ...]:
         """Every input that may change along a motion; what depends on none of them is a parameter."""
-        return (self.time, *self.q, *self.qdot)
+        return (*self.timing, *self.q, *self.qdot)
+
+    @property
+    def timing(self) -> tuple[Node, ...]:
+        """Time, and that of conditions where there are any."""
+        return (self.time, self.graph.input(CONDITION_TIME)) if self.conditions else (self.time,)

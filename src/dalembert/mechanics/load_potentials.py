@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.antiderivatives import Antiderivatives
+from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.sampling import directions, lost_at_zero, match, probe
 from ..scene.model import Action, Components
@@ -99,7 +100,8 @@ class _Search:
         self.q = [graph.input(name) for name in symbols.coordinates]
         self.rates = [graph.input(name) for name in symbols.rates]
         self.time = graph.input(symbols.time)
-        self.moving = [*self.q, self.time]
+        self.timing = [self.time, *([graph.input(CONDITION_TIME)] if CONDITION_TIME in symbols.parameters else [])]
+        self.moving = [*self.q, *self.timing]
         self._mask = sum(x.deps for x in self.moving)
         self._known: dict[int, Node] = {}
         self._still: dict[int, Node] = {}
@@ -223,7 +225,7 @@ class _Search:
         g = self.graph
         powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
         rates = any(load.rates for load in loads)
-        time = any(power.deps & self.time.deps for power in powers)
+        time = any(power.deps & time.deps for power in powers for time in self.timing)
         potential: Node | None = None
         if all(power.is_zero for power in powers):
             potential = g.zero
@@ -312,7 +314,7 @@ class _Search:
 
     def _by_coordinates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
         """Return V by antiderivatives along one coordinate after the other."""
-        if any(power.deps & self.time.deps for power in powers):
+        if any(power.deps & time.deps for power in powers for time in self.timing):
             return None
         tool = Antiderivatives(self.graph, self.moving)
         total = self.graph.zero

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import list_names
+from ..ir.conditions import CONDITION_TIME
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.linear import matvec
@@ -75,6 +76,12 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
     terms = [tangents(graph, nodes, direction) for direction in directions]
     sizes = [graph.sum(graph.call("abs", row[k]) for row in terms) for k in range(len(nodes))]
     rates = [graph.sum(row[k] for row in terms) for k in range(len(nodes))]
+    if equations.conditions:  # what conditions on time decide changes where they do
+        decided = graph.input(CONDITION_TIME)
+        for k, (name, (node, _)) in enumerate(found.items()):
+            if graph.freed_of(node, [decided]) is None:
+                found[name] = node, False
+                rates[k] = sizes[k] = sizes[k] + graph.one
     inputs: dict[Node, tuple[str, int | None]] = {time: ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
     inputs |= {node: ("y", i) for i, node in enumerate((*q, *qdot, *second))}

@@ -12,7 +12,7 @@ from typing import final
 
 from ..ir.derivatives import GUARDED, tangents
 from ..ir.graph import Graph, Node
-from ..ir.lower import lower_kernel
+from ..ir.lower import decided, lower_kernel
 from ..ir.passes import hoist_parameters
 from ..ir.program import Layout, Program
 from .base import ReducedSystem
@@ -101,7 +101,9 @@ class _Variational:
         )
         equations, everything = system.equations, (hoisted.prepare, *hoisted.kernels)
         name = f"{equations.name}, varied"
-        return Program(name, system.formulation, layout, everything, (), equations.sudden)
+        return Program(
+            name, system.formulation, layout, everything, (), equations.sudden, conditions=decided(equations)
+        )
 
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:
         graph = self.graph

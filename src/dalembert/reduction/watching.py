@@ -89,7 +89,7 @@ def watching(
     nodes = [reader.read(expression, f"{what} {expression}") for expression in expressions]
     graph, y, time = reader.graph, reader.inputs, reader.time
     for expression, node in zip(expressions, nodes, strict=True):
-        if moving and graph.freed_of(node, [*y, time]) is not None:
+        if moving and graph.freed_of(node, [*y, *graph.adopt(system.equations.timing)]) is not None:
             raise ExpressionError(
                 f"{what} {expression} is constant along every motion, so that nothing can be watched: write it in"
                 " coordinates, rates, outputs or time"

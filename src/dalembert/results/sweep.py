@@ -306,7 +306,7 @@ class Sweep(CaseResults):
         for first in range(0, len(y), max(1, _BLOCK // width)):
             block = slice(first, first + max(1, _BLOCK // width))
             count = len(y[block])
-            c = np.repeat(self._constants(block), width, axis=0)
+            c = self._constants(block, t[block])
             states, times = y[block].reshape(count * width, -1), t[block].ravel()
             if kernel == "energy":
                 states = interpret_rows(self._program.kernel("expand"), times, states, c)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import DenseOutput
+from ..integrators.segments import Constants, Segments, constants_at
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence
 from ..ir.interpret import interpret_rows
@@ -33,8 +34,9 @@ FloatArray = NDArray[np.float64]
 Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
 
 
-def projected(program: Program, c: FloatArray, t: FloatArray, y: FloatArray) -> FloatArray:
+def projected(program: Program, c: Constants, t: FloatArray, y: FloatArray) -> FloatArray:
     """Return interpolated states (k, n_y) at times t (k,) on the constraints, where the formulation projects."""
+    c = constants_at(c, t)
     for kernel in ("project_position", "project_velocity"):
         if kernel in program:
             for _ in range(2):
@@ -71,7 +73,7 @@ class Trajectory(Motion):
     def __init__(
         self,
         program: Program,
-        constants: FloatArray,
+        constants: Constants,
         status: Status,
         t: FloatArray,
         y: FloatArray,
@@ -90,7 +92,7 @@ class Trajectory(Motion):
         self.t, self.elapsed, self.y = t, t, y
         self._begin: float | None = None
         size = len(program.layout.coordinates)
-        x = interpret_rows(program.kernel("expand"), t, y, constants)
+        x = interpret_rows(program.kernel("expand"), t, y, constants_at(constants, t))
         self.q, self.qdot = x[:, :size], x[:, size:]
 
     def with_twin(self, twin: Trajectory) -> Trajectory:
@@ -146,7 +148,8 @@ class Trajectory(Motion):
 
     @property
     def _pictured(self) -> tuple[Scene, FloatArray] | None:
-        return None if self._scene is None else (self._scene, self._c)
+        first = self._c.first if isinstance(self._c, Segments) else self._c
+        return None if self._scene is None else (self._scene, first)
 
     def with_near(self, near: FloatArray | None) -> Trajectory:
         """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
@@ -155,7 +158,7 @@ class Trajectory(Motion):
             size = len(self._program.layout.coordinates)
             kernel = self._program.kernel("expand")
             y = self._nearer(angles_in(kernel, size))
-            self.qdot = interpret_rows(kernel, self.elapsed, y, self._c)[:, size:]
+            self.qdot = interpret_rows(kernel, self.elapsed, y, constants_at(self._c, self.elapsed))[:, size:]
         return self
 
     def _nearer(self, angles: Iterable[int]) -> FloatArray:
@@ -175,7 +178,7 @@ class Trajectory(Motion):
         """
         if self._monitors is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
-        return self._monitors(self._c, self.elapsed, self.q, self.qdot)
+        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.q, self.qdot)
 
     @property
     def error_estimate(self) -> ErrorEstimate:
@@ -235,12 +238,14 @@ class Trajectory(Motion):
             for i in angles_in(self._program.kernel(kernel)):
                 if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:
                     x[:, i] = self._near[:, layout.state.index(layout.coordinates[i])]
-        return interpret_rows(self._program.kernel(kernel), self.elapsed, x, self._c)
+        return interpret_rows(self._program.kernel(kernel), self.elapsed, x, constants_at(self._c, self.elapsed))
 
     @cached_property
     def _outputs(self) -> FloatArray:
         kernel = self._program.kernel("outputs")
-        return interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel)), self._c)
+        return interpret_rows(
+            kernel, self.elapsed, self._nearer(angles_in(kernel)), constants_at(self._c, self.elapsed)
+        )
 
     @cached_property
     def _energies(self) -> FloatArray:

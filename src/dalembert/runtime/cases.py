@@ -20,6 +20,7 @@ from ..reduction.starting import Start
 from ..values import array_of, times_of, whole
 from . import inputs
 from .assumed import ROUNDING, contradicts, refuse_contradictions
+from .breakpoints import CaseBreaks
 from .events import EventCode
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of"]
@@ -112,6 +113,28 @@ class Cases:
         p = np.empty((count, len(names)))
         for i, name in enumerate(names):
             p[:, i] = _part(self.parameters[name], block)
+        self._decide(p, block)
+        return inputs.prepare_rows(self.program, p)
+
+    def _decide(self, p: FloatArray, block: slice) -> None:
+        """Let conditions of parameters p (k, n_p) be those of the first segment of each case."""
+        conditions = self.program.conditions
+        if conditions is None:
+            return
+        t0, t1 = (np.broadcast_to(_part(self.span[end], block), len(p)) for end in ("start", "end"))
+        p[:, conditions.place] = CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0)
+
+    def constants_at(self, block: slice, t: FloatArray) -> FloatArray:
+        """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
+        count, width = t.shape
+        c, conditions = self.constants(block), self.program.conditions
+        if conditions is None:
+            return np.repeat(c, width, axis=0)
+        p = c[:, : len(self.program.layout.parameters)]
+        t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
+        breaks = CaseBreaks.of(conditions, p, t0, t1)
+        p = np.repeat(p, width, axis=0)
+        p[:, conditions.place] = breaks.middles(np.repeat(np.arange(count), width), t.ravel())
         return inputs.prepare_rows(self.program, p)
 
     def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from ..codegen.base import FloatArray
 from ..errors import OptionError
 from ..integrators.problem import DenseOutput, JoinedOutput
 from ..integrators.reductions import running_values
+from ..integrators.segments import Constants, Segments, constants_at
 from ..integrators.status import Status
 from ..integrators.watched import Jump, Rule, Watched
 from ..ir.branches import unforeseen
@@ -171,14 +172,15 @@ class EventCode:
         if self.rank >= 0:
             suspected(ends, np.sum(happened[:, 3 * self.rank :: 3], axis=1))
 
-    def totals(self, c: FloatArray, dense: DenseOutput | None) -> FloatArray:
+    def totals(self, c: Constants, dense: DenseOutput | None) -> FloatArray:
         """Return minima, maxima and integrals (n,) along a motion with the constants c (n_c,)."""
 
         def sampled(part: DenseOutput) -> Callable[[int, FloatArray], FloatArray]:
             def values(step: int, theta: FloatArray) -> FloatArray:
                 t = part.knots[step] + theta * (part.knots[step + 1] - part.knots[step])
-                y = projected(self.program, c, t, part.within(np.full(len(theta), step), theta))
-                return interpret_rows(self.running, t, y, c)
+                own = _during(c, part.knots[step], part.knots[step + 1])
+                y = projected(self.program, own, t, part.within(np.full(len(theta), step), theta))
+                return interpret_rows(self.running, t, y, own)
 
             return values
 
@@ -220,15 +222,16 @@ class EventCode:
         out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
         return out
 
-    def watched(self, c: FloatArray, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
-        """Return what an integration with the constants c (n_c,) needs to know.
+    def watched(self, c: Constants, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
+        """Return what an integration with the constants c, (n_c,) or those of its segments, needs to know.
 
         `rows` evaluates the watched expressions, as `Engine.rows` does.
         """
         program, watch = self.program, self.watch
 
         def evaluate(kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
-            return rows(kernel, t, y, np.broadcast_to(c, (len(t), len(c))))
+            own = constants_at(c, t)
+            return rows(kernel, t, y, np.broadcast_to(own, (len(t), own.shape[-1])))
 
         def begins(t: float, y: FloatArray) -> FloatArray:
             return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
@@ -241,18 +244,25 @@ class EventCode:
             begins=begins,
             settle=lambda t, y: projected(program, c, t, y),
             rules=rules,
+            during=(lambda t0, t1: self.watched(_during(c, t0, t1), rows)) if isinstance(c, Segments) else None,
         )
 
-    def _jump(self, jump: Kernel, c: FloatArray, size: int) -> Jump:
+    def _jump(self, jump: Kernel, c: Constants, size: int) -> Jump:
         def apply(t: float, y: FloatArray) -> FloatArray | None:
             time = np.array([t])
-            given = interpret_rows(jump, time, y.reshape(1, -1), c)
-            out = interpret_rows(self.start.kernel, time, given, c)[0]
+            own = constants_at(c, time)
+            given = interpret_rows(jump, time, y.reshape(1, -1), own)
+            out = interpret_rows(self.start.kernel, time, given, own)[0]
             checks = out[size:]
             consistent = np.all(np.abs(checks[::2]) <= checks[1::2]) and np.all(np.isfinite(out))
             return out[:size] if consistent else None
 
         return apply
+
+
+def _during(c: Constants, t0: float, t1: float) -> FloatArray:
+    """Return the constants (n_c,) of the segment in which a step from t0 to t1 lies."""
+    return c.at(np.array([t0 + 0.5 * (t1 - t0)]))[0] if isinstance(c, Segments) else c
 
 
 @deriving

@@ -31,6 +31,7 @@ def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
         *_unforeseen(stages, methods),
+        *_conditions(program),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *_energy(stages),
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
@@ -90,6 +91,13 @@ def _energy(stages: Stages) -> list[str]:
     if out:
         lines.append(f"{'              ' if lines else 'energy        '}without the work of {', '.join(out)}")
     return lines
+
+
+def _conditions(program: Program) -> list[str]:
+    if program.conditions is None:
+        return []
+    count = len(program.conditions.functions)
+    return [f"conditions    {count} on time and parameters alone: a step ends wherever one changes"]
 
 
 def _projections(program: Program) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..codegen.base import FloatArray
 from ..errors import OptionError, list_names, unknown_name
+from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.partials import jacobian_kernel
 from ..ir.program import Kernel, Program
@@ -57,13 +58,14 @@ def linearized(
     whole = np.linalg.pinv(np.vstack([g_x, pick]))
     tangent, shift = whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p
     rates = interpret_rows(program.kernel("rhs"), np.array([t]), y[np.newaxis], c)[0]
+    given = [i for i, name in enumerate(layout.parameters) if name != CONDITION_TIME]
     return Linearization(
         t=t,
         A=pick @ f_x @ tangent,
-        B=pick @ (f_p + f_x @ shift),
+        B=(pick @ (f_p + f_x @ shift))[:, given],
         drift=rates[free],
         states=tuple(layout.state[i] for i in free),
-        parameters=layout.parameters,
+        parameters=tuple(layout.parameters[i] for i in given),
         values=y[free].copy(),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..codegen import backend_named
 from ..codegen.base import Engine
+from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
 from ..once import derived_once
 from ..options import CompileOptions
@@ -19,9 +20,10 @@ from ..results.sensitivity import Sensitivity
 from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .comparing import compare
-from .elapsed import begins_elsewhere, elapsed_times
+from .elapsed import begins_elsewhere, elapsed_times, noted_from
 from .held import span_of
 from .linear import linearized
+from .segments import at_time, starting_constants
 from .sensitivity import Variation, chosen_names, through_offsets, vary
 from .swept import Swept
 
@@ -117,6 +119,7 @@ class CompiledModel(Swept):
         c = inputs.constants(self._program, p)
         values = inputs.given_values(self.layout, initial)
         time = option("t", t)
+        c = at_time(self._program, c, time)
         y = inputs.initial_state(self._start(values), time, values, c, self._program)
         return linearized(self._program, time, y, p, c, states)
 
@@ -175,11 +178,16 @@ class CompiledModel(Swept):
         assert isinstance(other, CompiledModel)
         times = None if t_eval is None else times_of("t_eval", t_eval)
         options["t_eval"] = elapsed_times(t0, t1, times)
-        offsets = other.stages.equations.symbols.offsets
         given = self._with_offsets(other, t0, parameters)
-        wanted = wrt if isinstance(wrt, str) or not offsets else list(wrt)
+        wanted = wrt if isinstance(wrt, str) else list(wrt)
+        names = {self.layout.aliases.get(str(w), str(w)) for w in ([wanted] if isinstance(wanted, str) else wanted)}
+        every = other.stages.equations.symbols.offsets
+        offsets = [offset for offset in every if any(symbol.name in names for symbol in offset.symbols)]
         more = (*([wanted] if isinstance(wanted, str) else wanted), *(offset.name for offset in offsets))
-        found = other._sensitivity((0.0, t1 - t0), initial, given, wrt=more if offsets else wanted, **options)
+        try:
+            found = other._sensitivity((0.0, t1 - t0), initial, given, wrt=more if offsets else wanted, **options)
+        except OptionError as refusal:
+            raise OptionError(noted_from(str(refusal), t0)) from None
         if offsets:
             p = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
             found = through_offsets(found, offsets, t0, p)
@@ -208,7 +216,7 @@ class CompiledModel(Swept):
         names = chosen_names(self._program, start.given, of, wrt)
         key = (start.given, *names)
         variation = derived_once(self._variations, key, lambda: vary(self.stages, start.given, *names))
-        c = inputs.constants(self._program, p)
+        c = starting_constants(self._program, inputs.constants(self._program, p), t0, t1)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,

@@ -47,14 +47,15 @@ def _still(
         start += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
         guess = dict(zip((*layout.coordinates, *layout.rates), start.tolist(), strict=True))
         try:
-            state = assembled(program, c, float(t[place]), guess, ())
+            own = c if c.ndim == 1 else c[place]
+            state = assembled(program, own, float(t[place]), guess, ())
         except (InitialStateError, np.linalg.LinAlgError):
             continue
         y = np.array([[state[name] for name in (*layout.coordinates, *layout.rates)]])
         now = t[place : place + 1]
         with np.errstate(all="ignore"):
-            second = interpret_rows(program.kernel("accelerations"), now, y, c)
-            out = interpret_rows(found.changes, now, np.hstack([y, second]), c)[0]
+            second = interpret_rows(program.kernel("accelerations"), now, y, own)
+            out = interpret_rows(found.changes, now, np.hstack([y, second]), own)[0]
         if np.all(np.isfinite(out)):
             still &= np.abs(out[:count]) <= _STILL * out[count:]
             trials += 1

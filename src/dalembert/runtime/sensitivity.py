@@ -11,7 +11,9 @@ import numpy as np
 from ..codegen import backend_named
 from ..codegen.base import Engine, FloatArray
 from ..errors import OptionError, UnknownNameError, unknown_name
-from ..integrators.problem import IntegrationProblem, prescribed
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.segments import Constants, constants_at
+from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
 from ..once import deriving
@@ -20,6 +22,8 @@ from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
 from . import inputs
+from .jumps import decisions, moved_breaks, refuse_jumps_at, refuse_jumps_between
+from .segments import segmented, starting_constants
 
 if TYPE_CHECKING:
     from ..compiler import Stages
@@ -50,17 +54,36 @@ class Variation:
     start: Kernel
     engine: Engine
 
+    def _solved(self, problem: IntegrationProblem, method: str, course: Constants) -> Solution:
+        """Return the solution of a problem, unless its rates jump where what is differentiated by moves that."""
+        if not len(problem.y0):
+            return prescribed(problem)
+        size = len(problem.y0) // (1 + len(self.wrt))
+        moved = moved_breaks(self.program, self.wrt, problem.constants, problem.t0, problem.t1)
+        jumping, wanted = decisions(self.program), problem.t_eval
+        if wanted is not None and len(moved):
+            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+            wanted = forward * np.sort(forward * np.concatenate([wanted, moved[~np.isin(moved, wanted)]]))
+        problem = replace(problem, t_eval=wanted, dense=problem.dense or jumping is not None)
+        self.engine.prepare(problem, method)
+        solution = self.engine.integrate(problem, method)
+        refuse_jumps_at(self.program, moved, solution, course, size, self.wrt)
+        if jumping is not None:
+            refuse_jumps_between(self.program, jumping, solution, course, size, self.wrt)
+        return solution
+
     def run(self, problem: IntegrationProblem, given: FloatArray, p: FloatArray, method: str) -> Sensitivity:
         """Return values and derivatives along the run of a problem whose y0 (n_y,) starts at `given` (n_given,)."""
-        c = inputs.constants(self.program, p)
+        c = starting_constants(self.program, inputs.constants(self.program, p), problem.t0, problem.t1)
+        p = c[: len(p)]
         first = interpret_rows(self.start, np.array([problem.t0]), given.reshape(1, -1), p)[0]
         varied = replace(problem, y0=np.concatenate([problem.y0, first]), constants=c)
-        if len(varied.y0):
-            self.engine.prepare(varied, method)
-            solution = self.engine.integrate(varied, method)
-        else:
-            solution = prescribed(varied)
-        out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, c)
+        course = self.engine.course(varied)
+        solution = self._solved(varied, method, course)
+        if problem.t_eval is not None:
+            asked = np.isin(solution.t, problem.t_eval)
+            solution = replace(solution, t=solution.t[asked], y=solution.y[asked], near=None)
+        out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, constants_at(course, solution.t))
         count = len(self.of)
         table = out[:, count:].reshape(len(out), len(self.wrt), count)
         return Sensitivity(
@@ -96,7 +119,7 @@ def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[
     backend = backend_named(stages.rendered.backend)
     cache = stages.options.cache
     program = variational(stages.reduced, of, wrt)
-    engine = backend.load(backend.render(program, cache=cache), cache=cache)
+    engine = segmented(backend.load(backend.render(program, cache=cache), cache=cache), program)
     return Variation(tuple(of), tuple(wrt), program, start_tangents(stages.reduced, given, wrt), engine)
 
 
@@ -114,7 +137,7 @@ def chosen_names(
     """
     layout = program.layout
     known_of = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)
-    known_wrt = (*layout.parameters, *given)
+    known_wrt = (*(name for name in layout.parameters if name != CONDITION_TIME), *given)
 
     def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
         found, wrong = [], []

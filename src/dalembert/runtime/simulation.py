@@ -37,6 +37,7 @@ from .keeping import kept_names, kept_values, refuse_jumps, refuse_unknown
 from .monitors import conserved
 from .prepared import PreparedRun
 from .recording import Record
+from .segments import at_time, starting_constants
 from .singular import indeterminate, judged, nearly_redundant, redundant, searched, singular_start, still_redundant
 
 if TYPE_CHECKING:
@@ -222,7 +223,7 @@ class Simulated(Held):
         """Simulate one trajectory, as `simulate` does, in the time of this model."""
         if project_invariants is not False:
             refuse_jumps(events, self.layout.aliases)
-            keeper, further = self._keeping(project_invariants, span_of(t_span)[0], initial, parameters)
+            keeper, further = self._keeping(project_invariants, span_of(t_span), initial, parameters)
             options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
             options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
             options |= {"events": events, "error_estimate": error_estimate}
@@ -240,6 +241,7 @@ class Simulated(Held):
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
         inputs.warn_below_floor(rtol, atol, self._program, chosen, stacklevel=4)
+        c = starting_constants(self._program, c, t0, t1)
         problem = IntegrationProblem(
             t0=t0,
             t1=t1,
@@ -276,10 +278,12 @@ class Simulated(Held):
         return run
 
     def _keeping(
-        self, wanted: Any, t0: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+        self, wanted: Any, span: tuple[float, float], initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
     ) -> tuple[Simulated, dict[str, float]]:
         """Return the model that keeps first integrals after every step, and its further parameters for a start."""
+        t0 = span[0]
         c = inputs.constants(self._program, self.parameter_vector(parameters))
+        c = starting_constants(self._program, c, *span)
         values = inputs.given_values(self.layout, initial)
         y = inputs.initial_state(self._start(values), t0, values, c, self._program)
         keeper, names = self._keeper(wanted, c, t0, y)
@@ -316,7 +320,7 @@ class Simulated(Held):
         made: dict[str, tuple[PreparedRun, tuple[str, ...]]] = {}
 
         def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
-            c = inputs.constants(self._program, p)
+            c = starting_constants(self._program, inputs.constants(self._program, p), *t_span)
 
             def make() -> tuple[PreparedRun, tuple[str, ...]]:
                 keeper, names = self._keeper(wanted, c, t_span[0], state)
@@ -452,7 +456,7 @@ class Simulated(Held):
             run_seconds=time.perf_counter() - begin - compiled,
             note=note,
         )
-        c = problem.constants
+        c = self._engine.course(problem)
         run = Trajectory(self._program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
         run.ended_at(solution.end)
         warn_of_motion(self.layout.assumptions, self.layout.coordinates, run.t, run.__getitem__)
@@ -494,13 +498,13 @@ class Simulated(Held):
         """Integrate one problem with events."""
 
         def stretches(part: IntegrationProblem) -> Iterator[Solution]:
-            if self.layout.state:
+            if self.layout.state or self._engine.cuts:
                 return self._engine.stretches(part, method)
             return iter([prescribed(part)])
 
         # what ends modes is watched again and again, so that compiling it pays
         rows = self._engine.rows if watch.smooth else interpret_rows
-        return integrate_watched(stretches, problem, watch.watched(problem.constants, rows))
+        return integrate_watched(stretches, problem, watch.watched(self._engine.course(problem), rows))
 
     def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals of a motion."""
@@ -515,12 +519,14 @@ class Simulated(Held):
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
         values = inputs.given_values(self.layout, initial)
+        c = at_time(self._program, c, option("t", t))
         return inputs.initial_state(self._start(values), option("t", t), values, c, self._program)
 
     def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
         state = rows_of("y", y, len(self.layout.state))
+        c = at_time(self._program, c, option("t", t))
         return interpret_rows(self._program.kernel("expand"), np.array([option("t", t)]), state[np.newaxis], c)[0]
 
     def assemble(
@@ -554,6 +560,7 @@ class Simulated(Held):
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, guess, plain=True)
         held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
+        c = at_time(self._program, c, option("t", t))
         return assembled(self._program, c, option("t", t), values, held)
 
     def prepare(

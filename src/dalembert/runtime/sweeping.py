@@ -215,7 +215,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
     if watch is not None:
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
-        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, ready.c, done.totals, first)
+        c = ready.c if cases.program.conditions is None else cases.constants_at(block, done.ends[:, :1])
+        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
 

@@ -319,7 +319,7 @@ class Swept(Simulated):
             samples = None if settings.t_eval is None else done.samples
             varied = (cases.initial, cases.parameters)
             run = Sweep(
-                self._program, cases.constants, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
+                self._program, cases.constants_at, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics
             )
             warn_of_motion(self.layout.assumptions, self.layout.coordinates, run.t, run._final)
             watch = settings.watch

@@ -14,6 +14,7 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import list_names
+from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on
 from ..ir.graph import Graph, Node
 from .elapsed import ElapsedTime
 
@@ -36,6 +37,8 @@ _FUNCTIONS: dict[Any, str] = {
     sp.sign: "sign",
     sp.floor: "floor",
 }
+_DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
+"""What has kinks or jumps."""
 _FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
 _SUPPORTED = tuple(sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER))
 """Names of the functions that can be compiled."""
@@ -65,12 +68,23 @@ class ExpressionReader:
         Time, coordinates and rates.
     clock : ElapsedTime, optional
         Rewrites what is read, where time is counted from the start of the run.
+    time : Node, optional
+        The input that is time. With it, conditions that depend on time and parameters alone are decided at
+        `CONDITION_TIME`, and taken down in `conditions`.
     """
 
-    def __init__(self, graph: Graph, leaves: Mapping[Any, Node], clock: ElapsedTime | None = None) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        leaves: Mapping[Any, Node],
+        clock: ElapsedTime | None = None,
+        time: Node | None = None,
+    ) -> None:
         self.graph, self.clock = graph, clock
         self.timed = False
         self.leaves = dict(leaves)
+        self.time = time
+        self.conditions: dict[Condition, None] = {}
         self.parameters: dict[str, sp.Symbol] = {}
         self.unknowns: dict[str, sp.Symbol] = {}
         self.faults: list[str] = []
@@ -217,7 +231,7 @@ class ExpressionReader:
     def _function(self, e: Any) -> Node:
         g, kind = self.graph, e.func
         if kind in _FUNCTIONS:
-            return g.call(_FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
+            return self._call(_FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
         if kind in _RECIPROCALS:
             top, bottom = _RECIPROCALS[kind]
             argument = self._read(e.args[0])
@@ -225,17 +239,16 @@ class ExpressionReader:
         if kind in (sp.Min, sp.Max):
             name = "min" if kind is sp.Min else "max"
             nodes = [self._read(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
-            return reduce(lambda a, b: g.call(name, a, b), nodes)
+            return reduce(lambda a, b: self._call(name, a, b), nodes)
         if kind is sp.ceiling:
-            return -g.call("floor", -self._read(e.args[0]))
+            return -self._call("floor", -self._read(e.args[0]))
         if kind is sp.Mod:
             number, period = (self._read(arg) for arg in e.args)
-            return number - period * g.call("floor", self._divide(number, period, e))
+            return number - period * self._call("floor", self._divide(number, period, e))
         if kind is sp.Heaviside:
             x, there = self._read(e.args[0]), self._read(e.args[1])
-            return g.call(
-                "select", g.call("less", g.zero, x), g.one, g.call("select", g.call("less", x, g.zero), g.zero, there)
-            )
+            below, above = self._call("less", x, g.zero), self._call("less", g.zero, x)
+            return g.call("select", above, g.one, g.call("select", below, g.zero, there))
         if kind is sp.Piecewise:
             return self._piecewise(e)
         if isinstance(e, sp.core.relational.Relational):
@@ -246,6 +259,34 @@ class ExpressionReader:
         if done != e:
             return self._read(done)
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(_SUPPORTED)}")
+
+    def _call(self, op: str, *args: Node) -> Node:
+        """Return an operation; one with kinks or jumps in time alone as what it is between them."""
+        graph = self.graph
+        whole = graph.call(op, *args)
+        if op not in _DECIDED or self.time is None or not self._prescribed(args):
+            return whole
+        time = self.time
+        held = graph.substitute(args, {time: graph.input(CONDITION_TIME)})
+        kind = WHOLE if op == "floor" else ZERO
+        self.conditions[condition_on(graph, args[0] - args[1] if len(args) > 1 else args[0], kind)] = None
+        if op == "abs":
+            return graph.call("select", graph.call("less", held[0], graph.zero), -args[0], args[0])
+        if op in ("min", "max"):
+            low, high = args if op == "min" else args[::-1]
+            return graph.call("select", graph.call("less", *held), low, high)
+        return graph.call(op, *held)
+
+    def _prescribed(self, nodes: Sequence[Node]) -> bool:
+        """Whether nodes depend on time, and on nothing else but parameters."""
+        assert self.time is not None
+        deps = 0
+        for node in nodes:
+            deps |= node.deps
+        if not deps & self.time.deps:
+            return False
+        known = [*self.parameters, *([CONDITION_TIME] if self.conditions else [])]
+        return not deps & ~(self.time.deps | self.graph.mask(known))
 
     def _piecewise(self, e: Any) -> Node:
         *some, (last, _) = e.args
@@ -271,12 +312,12 @@ class ExpressionReader:
             return g.one - self._condition(e.args[0])
         if isinstance(e, sp.Equality | sp.Unequality):
             a, b = self._read(e.lhs), self._read(e.rhs)
-            same = g.mul(g.call("less_equal", a, b), g.call("less_equal", b, a))
+            same = g.mul(self._call("less_equal", a, b), self._call("less_equal", b, a))
             return same if isinstance(e, sp.Equality) else g.one - same
         if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
             low, high = self._read(e.lts), self._read(e.gts)
             strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
-            return g.call("less" if strict else "less_equal", low, high)
+            return self._call("less" if strict else "less_equal", low, high)
         return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
+from ..ir.conditions import Condition
 from ..ir.graph import Graph, Node
 from .elapsed import Offset
 
@@ -259,7 +260,8 @@ class SceneModel:
 
     Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
     gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
-    of the scene say themselves. `places` are outputs: number of a point, and of an axis.
+    of the scene say themselves. `places` are outputs: number of a point, and of an axis. `conditions` are those that
+    depend on time and parameters alone.
     """
 
     name: str
@@ -279,3 +281,4 @@ class SceneModel:
     given: GivenMotion | None = None
     lagrangian: Node | None = None
     places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    conditions: tuple[Condition, ...] = ()

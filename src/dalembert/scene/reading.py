@@ -119,6 +119,7 @@ class _SceneReader(GeometryReader):
             given=given,
             lagrangian=lagrangian,
             places=places,
+            conditions=tuple(self.expressions.conditions),
         )
 
     def _given(self) -> tuple[GivenMotion | None, Node | None]:

@@ -9,6 +9,7 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
+from ..ir.conditions import CONDITION_TIME
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
@@ -29,7 +30,9 @@ RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 def reader_of(scene: Scene) -> ExpressionReader:
     """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
-    return SymbolReader(scene).expressions
+    reader = SymbolReader(scene).expressions
+    reader.time = None  # at breaks of what is read later no step ends
+    return reader
 
 
 def _is(symbol: Any, what: str) -> bool:
@@ -46,7 +49,7 @@ class SymbolReader:
         self.faults: list[str] = []
         self.coordinates = self._coordinates()
         clock = None if scene.elapsed is None else ElapsedTime()
-        self.expressions = ExpressionReader(self.graph, self._leaves(), clock)
+        self.expressions = ExpressionReader(self.graph, self._leaves(), clock, time=self.graph.input(TIME))
         self._impose()
         for e in scene.elapsed or ():
             self.expressions.watch(e)
@@ -125,6 +128,9 @@ class SymbolReader:
             name = u.func.__name__
             aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
+        assumptions = self._assumptions(parameters)
+        if self.expressions.conditions:
+            parameters = (*parameters, CONDITION_TIME)
         return SymbolTable(
             TIME,
             coordinates,
@@ -133,7 +139,7 @@ class SymbolReader:
             unknowns,
             aliases,
             entries,
-            self._assumptions(parameters),
+            assumptions,
             self.expressions.timed,
             () if self.expressions.clock is None else tuple(self.expressions.clock.offsets.values()),
         )

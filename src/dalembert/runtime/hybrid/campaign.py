@@ -9,12 +9,14 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...reduction.modes import Mode
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
+from ..breakpoints import CaseBreaks
 from ..events import Event
 from ..reductions import Reduction
 from .facts import FloatArray
@@ -74,6 +76,7 @@ class Value:
     layout: Layout
     p: FloatArray
     table: Sequence[Mode]
+    breaks: CaseBreaks | None = None
 
     def __call__(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""
@@ -102,5 +105,7 @@ class Value:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
         own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
+        if self.breaks is not None:
+            own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
         columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
         return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

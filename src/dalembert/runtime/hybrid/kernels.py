@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import InitialStateError, list_names
 from ...integrators.status import Status
+from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import EquationsOfMotion
 from .facts import FloatArray
 from .instants import Instants
@@ -29,6 +30,9 @@ def outputs(
         several.
     """
     c = np.broadcast_to(p, (len(t), len(p)))
+    if equations.conditions:
+        c = c.copy()
+        c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":
         return _accelerations(equations, laws, t, x, c)
     facts = laws.facts(t, x, c)

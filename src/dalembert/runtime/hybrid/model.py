@@ -10,6 +10,7 @@ import numpy as np
 
 from ...codegen.base import Engine
 from ...errors import ExpressionError, OptionError, ValueInputError, list_names
+from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Kernel, Layout
 from ...mechanics.equations import EquationsOfMotion
@@ -29,6 +30,7 @@ from ..evaluation import Evaluated
 from ..events import Event, compiled_events, event_list
 from ..held import span_of
 from ..reductions import reduction_table
+from ..segments import at_time
 from ..swept import with_grid
 from .campaign import Campaign
 from .facts import FloatArray
@@ -75,7 +77,7 @@ class HybridModel(Evaluated):
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
             outputs=tuple(str(output) for output in options.outputs),
-            defaults={},
+            defaults={CONDITION_TIME: 0.0} if equations.conditions else {},
         )
 
     # -- what it is made of ----------------------------------------------------------------
@@ -506,13 +508,13 @@ class HybridModel(Evaluated):
         program = model.stages.program
         c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
         code = compiled_events(model.stages, (replace(event, terminal=False),), model._start)
-        jump = code.watched(c).rules[0].jump
-        assert jump is not None
 
         def apply(t: float, x: FloatArray) -> FloatArray | None:
-            time = np.array([t])
-            y = interpret_rows(program.kernel("initial"), time, x[np.newaxis], c)[0]
+            time, own = np.array([t]), at_time(program, c, t)
+            jump = code.watched(own).rules[0].jump
+            assert jump is not None
+            y = interpret_rows(program.kernel("initial"), time, x[np.newaxis], own)[0]
             after = jump(t, y)
-            return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], c)[0]
+            return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], own)[0]
 
         return apply

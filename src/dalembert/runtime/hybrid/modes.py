@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from ...codegen.base import Engine
+from ...ir.conditions import Conditions
+from ...ir.lower import decided
 from ...ir.program import Kernel
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...once import derived_once
@@ -16,6 +19,7 @@ from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_na
 from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory
+from ..breakpoints import CaseBreaks
 from ..events import Event, leaving
 from .facts import FloatArray
 from .settling import Laws
@@ -45,12 +49,21 @@ class Modes:
     _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
 
+    @cached_property
+    def conditions(self) -> Conditions | None:
+        """The conditions on time alone, in the parameters of the scene."""
+        return decided(self.equations)
+
+    def breaks(self, p: FloatArray, t0: FloatArray, t1: FloatArray) -> CaseBreaks | None:
+        """Return when conditions change in cases of parameters (k, n_p) between t0 and t1 (k,); None without any."""
+        return None if self.conditions is None else CaseBreaks.of(self.conditions, p, t0, t1)
+
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""
 
         def make() -> list[Watchpoint]:
             reduced = self.model(mode).stages.reduced
-            graph, moving = reduced.equations.graph, [*reduced.inputs, reduced.equations.time]
+            graph, moving = reduced.equations.graph, [*reduced.inputs, *reduced.equations.timing]
             found = reduced.equations.watchpoints
             return [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
 

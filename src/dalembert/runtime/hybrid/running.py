@@ -94,6 +94,7 @@ class _Run:
         t, x, c = np.array([request.t0]), request.x[np.newaxis], request.c[np.newaxis]
         self.t = request.t0
         self.now = Instants.starting(t, x, c, len(modes.equations.contacts))
+        self.breaks = modes.breaks(c, t, np.array([request.t1]))
         self.mode: Mode | None = None
         self.cause: tuple[Mode | None, tuple[Watchpoint, ...]] = (None, ())
         self.parts: list[Part] = []
@@ -105,7 +106,8 @@ class _Run:
         self.note = ""
         span, about = (request.t0, request.t1), (modes, request.layout, request.options)
         # what users watch for may happen just where a phase ends, and is looked for together with that
-        self.lookout = None if request.events else Lookout(*about, span, self.now)
+        alone = bool(request.events) or self.breaks is not None
+        self.lookout = None if alone else Lookout(*about, span, self.now)
 
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
@@ -123,6 +125,10 @@ class _Run:
     def _settle(self, fired: Sequence[Watchpoint]) -> Status | None:
         """Decide how the motion goes on; return a status where it cannot."""
         laws = self.modes.laws
+        if self.breaks is not None:
+            c = self.now.c.copy()
+            c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
+            self.now = replace(self.now, c=c)
         settled = laws.settle(self.now, self.mode, fired)
         status = Status(int(settled.status[0]))
         if status is Status.INITIAL_STATE:

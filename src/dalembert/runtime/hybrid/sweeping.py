@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...integrators.numba.fleet import NOTHING_FIRED, WHOLE, Fleet
 from ...integrators.status import Status
 from ...integrators.watched import SOON, SOON_IN_A_ROW
+from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
@@ -57,7 +58,8 @@ class _Sweep:
         self.soon, self.next = others
         self.status[:], self.mode[:], self.station[:], self.fired[:] = campaign.status, -1, -1, NOTHING_FIRED
         self.table: list[Mode] = []
-        self.value = Value(modes, campaign.layout, campaign.p, self.table)
+        self.breaks = modes.breaks(campaign.p, campaign.t, campaign.t1)
+        self.value = Value(modes, campaign.layout, campaign.p, self.table, self.breaks)
         self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
         self.span = campaign.t1 - campaign.t
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
@@ -70,7 +72,7 @@ class _Sweep:
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[tuple[Mode, int], tuple[Event, ...]] = {}
         known = modes, campaign.layout, campaign.options, campaign.events, self._fleet(), self.table, self.causes
-        self.carrier = None if campaign.reductions else Carrier(*known)
+        self.carrier = None if campaign.reductions or self.breaks is not None else Carrier(*known)
 
     def _fleet(self) -> Fleet:
         """Return all cases as compiled code sees them: the very same arrays."""
@@ -167,6 +169,8 @@ class _Sweep:
         rounds, _ = self.fits.get(mode, (0, ""))
         self.fits[mode] = rounds + 1, run.stats.method
         self.methods[run.stats.method] = None
+        if self.breaks is not None:
+            columns = {**columns, CONDITION_TIME: self.breaks.middles(some, run.t)}
         x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
         passed = run.t - self.now.t[place]
         self._keep(run, some, passed)
@@ -316,6 +320,8 @@ class _Sweep:
         if cause not in self.causes:
             self.causes.append(cause)
         self.cause[some] = self.causes.index(cause)
+        if self.breaks is not None:
+            self.now.c[some, self.breaks.place] = self.breaks.middles(some, self.now.t[some])
         settled = self.modes.laws.settle(self.now.part(placed(some)), mode, fired)
         good = settled.status == Status.SUCCESS
         if not np.all(good):

@@ -1,0 +1,316 @@
+"""Bounds of values and of their rates over intervals of time, by interval arithmetic on arrays.
+
+Every operation of the graph is understood. What does not depend on time stays an array of numbers, and is computed as
+`dalembert.ir.interpret` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .interpret import ARRAY_OPERATIONS
+
+__all__ = ["INTERVAL_OPERATIONS", "Interval"]
+
+_SLACK = 4.0 * 2.220446049250313e-16
+_LEAST = 1e-300
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Bounds (k,) of a value and of its rate over k intervals of time."""
+
+    low: FloatArray
+    high: FloatArray
+    rate_low: FloatArray
+    rate_high: FloatArray
+
+
+Bounds = tuple[Any, Any]
+
+
+def _of(value: Any) -> Interval:
+    if isinstance(value, Interval):
+        return value
+    number = np.asarray(value, dtype=float)
+    zero = np.zeros_like(number)
+    return Interval(number, number, zero, zero)
+
+
+def _wider(low: Any, high: Any) -> Bounds:
+    return low - (_SLACK * np.abs(low) + _LEAST), high + (_SLACK * np.abs(high) + _LEAST)
+
+
+def _plus(a: Bounds, b: Bounds) -> Bounds:
+    return _wider(a[0] + b[0], a[1] + b[1])
+
+
+def _times(a: Bounds, b: Bounds) -> Bounds:
+    products = [x * y for x in a for y in b]
+    products = [np.where(np.isnan(product), 0.0, product) for product in products]  # 0 times infinity
+    lost = np.isnan(a[0]) | np.isnan(a[1]) | np.isnan(b[0]) | np.isnan(b[1])
+    low = np.minimum(np.minimum(products[0], products[1]), np.minimum(products[2], products[3]))
+    high = np.maximum(np.maximum(products[0], products[1]), np.maximum(products[2], products[3]))
+    return _wider(np.where(lost, -np.inf, low), np.where(lost, np.inf, high))
+
+
+def _inverse(b: Bounds) -> Bounds:
+    crosses = ~((b[0] > 0.0) | (b[1] < 0.0))
+    return _wider(np.where(crosses, -np.inf, 1.0 / b[1]), np.where(crosses, np.inf, 1.0 / b[0]))
+
+
+def _hull(a: Bounds, b: Bounds) -> Bounds:
+    return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
+
+
+def _value(x: Interval) -> Bounds:
+    return x.low, x.high
+
+
+def _rate(x: Interval) -> Bounds:
+    return x.rate_low, x.rate_high
+
+
+def _made(value: Bounds, rate: Bounds) -> Interval:
+    return Interval(value[0], value[1], rate[0], rate[1])
+
+
+def _add(a: Interval, b: Interval) -> Interval:
+    return _made(_plus(_value(a), _value(b)), _plus(_rate(a), _rate(b)))
+
+
+def _neg(a: Interval) -> Interval:
+    return Interval(-a.high, -a.low, -a.rate_high, -a.rate_low)
+
+
+def _mul(a: Interval, b: Interval) -> Interval:
+    rate = _plus(_times(_rate(a), _value(b)), _times(_value(a), _rate(b)))
+    value = _times(_value(a), _value(b))
+    if a is b:
+        value = np.where((a.low <= 0.0) & (a.high >= 0.0), 0.0, value[0]), value[1]
+    return _made(value, rate)
+
+
+def _div(a: Interval, b: Interval) -> Interval:
+    inverse = _inverse(_value(b))
+    value = _times(_value(a), inverse)
+    rate = _times(_plus(_rate(a), _rate(_neg(_made(value, _times(value, _rate(b)))))), inverse)
+    return _made(value, rate)
+
+
+def _monotone(function: Callable[[Any], Any], slope: Callable[[Bounds], Bounds]) -> Callable[[Interval], Interval]:
+    """Return an increasing function of intervals; what lies beyond its domain is left out."""
+
+    def call(a: Interval) -> Interval:
+        low, high = function(a.low), function(a.high)
+        low = np.where(np.isnan(low) & ~np.isnan(high), -np.inf, low)
+        steep = slope(_value(a))
+        steep = np.where(np.isnan(steep[0]), -np.inf, steep[0]), np.where(np.isnan(steep[1]), np.inf, steep[1])
+        return _made(_wider(low, high), _times(steep, _rate(a)))
+
+    return call
+
+
+def _cosine(a: Bounds) -> Bounds:
+    """Return bounds of the cosine, exact where extrema are within."""
+    low, high = a
+    ends = np.cos(low), np.cos(high)
+    turns = 2.0 * np.pi
+    slack = _SLACK * (np.abs(low) + np.abs(high)) + 1e-15
+    top = np.floor((high + slack) / turns) >= np.ceil((low - slack) / turns)
+    bottom = np.floor((high + slack) / turns - 0.5) >= np.ceil((low - slack) / turns - 0.5)
+    wild = ~np.isfinite(low) | ~np.isfinite(high)
+    least = np.where(bottom | wild, -1.0, np.minimum(*ends) - slack)
+    most = np.where(top | wild, 1.0, np.maximum(*ends) + slack)
+    return np.maximum(least, -1.0), np.minimum(most, 1.0)
+
+
+def _sine(a: Bounds) -> Bounds:
+    return _cosine((a[0] - 0.5 * np.pi, a[1] - 0.5 * np.pi))
+
+
+def _sin(a: Interval) -> Interval:
+    return _made(_sine(_value(a)), _times(_cosine(_value(a)), _rate(a)))
+
+
+def _cos(a: Interval) -> Interval:
+    slope = _sine(_value(a))
+    return _made(_cosine(_value(a)), _times((-slope[1], -slope[0]), _rate(a)))
+
+
+def _tan(a: Interval) -> Interval:
+    return _div(_sin(a), _cos(a))
+
+
+def _square(a: Bounds) -> Bounds:
+    value = _times(a, a)
+    return np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(value[0], 0.0)), value[1]
+
+
+def _one_plus(a: Bounds) -> Bounds:
+    return _plus((1.0, 1.0), a)
+
+
+def _minus(a: Bounds) -> Bounds:
+    return -a[1], -a[0]
+
+
+def _root(a: Bounds) -> Bounds:
+    return np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(np.maximum(a[1], 0.0))
+
+
+def _arc_slope(a: Bounds) -> Bounds:
+    return _inverse(_root(_one_plus(_minus(_square(a)))))
+
+
+def _acos(a: Interval) -> Interval:
+    half = np.full_like(a.low, 0.5 * np.pi)
+    return _add(_of(half), _neg(_asin(a)))
+
+
+def _even(function: Callable[[Any], Any]) -> Callable[[Bounds], Bounds]:
+    """Return an even function that grows away from zero."""
+
+    def call(a: Bounds) -> Bounds:
+        ends = function(a[0]), function(a[1])
+        within = (a[0] <= 0.0) & (a[1] >= 0.0)
+        return _wider(np.where(within, function(0.0), np.minimum(*ends)), np.maximum(*ends))
+
+    return call
+
+
+def _abs(a: Interval) -> Interval:
+    sign = np.where(a.low >= 0.0, 1.0, -1.0), np.where(a.high <= 0.0, -1.0, 1.0)
+    return _made(_even(np.abs)(_value(a)), _times(sign, _rate(a)))
+
+
+def _stepped(function: Callable[[Any], Any]) -> Callable[[Interval], Interval]:
+    """Return a function with jumps that does not fall; its rate is known where it does not jump."""
+
+    def call(a: Interval) -> Interval:
+        low, high = function(a.low), function(a.high)
+        rest = np.where(low == high, 0.0, np.inf)
+        return Interval(low, high, -rest, rest)
+
+    return call
+
+
+def _pow(a: Interval, b: Interval) -> Interval:
+    """Return a power with a positive base, or with a whole number for its exponent."""
+    whole = (b.low == b.high) & (np.floor(b.low) == b.low) & (np.abs(b.low) < 1e6)
+    positive = _exp(_mul(b, _log(a)))
+    n = np.where(whole, b.low, 1.0)
+    size = np.abs(a.low) ** np.abs(n), np.abs(a.high) ** np.abs(n)
+    odd = np.mod(n, 2.0) == 1.0
+    low = np.where(odd, np.sign(a.low) * size[0], np.minimum(*size))
+    low = np.where(~odd & (a.low <= 0.0) & (a.high >= 0.0), 0.0, low)
+    high = np.where(odd, np.sign(a.high) * size[1], np.maximum(*size))
+    value = _wider(low, high)
+    under = _inverse(value)
+    value = np.where(n < 0.0, under[0], value[0]), np.where(n < 0.0, under[1], value[1])
+    rate = _times(_times((n, n), _times(value, _inverse(_value(a)))), _rate(a))
+    chosen = whole & ~(a.low > 0.0)
+    parts = zip((*value, *rate), (*_value(positive), *_rate(positive)), strict=True)
+    return Interval(*(np.where(chosen, own, other) for own, other in parts))
+
+
+def _atan2(y: Interval, x: Interval) -> Interval:
+    """Return the angle of (x, y); its whole range where the half line of its jump may be met."""
+    right = x.low > 0.0
+    ratio = _atan(_div(y, x))
+    above, below = y.low > 0.0, y.high < 0.0
+    flat = _atan(_div(x, y))
+    half = np.where(above, 0.5 * np.pi, -0.5 * np.pi)
+    turned = _add(_of(half), _neg(flat))
+    known, side = right | above | below, above | below
+    low = np.where(side, turned.low, np.where(right, ratio.low, -np.pi))
+    high = np.where(side, turned.high, np.where(right, ratio.high, np.pi))
+    rate_low = np.where(side, turned.rate_low, np.where(right, ratio.rate_low, -np.inf))
+    rate_high = np.where(side, turned.rate_high, np.where(right, ratio.rate_high, np.inf))
+    return _made(_wider(low, high), (np.where(known, rate_low, -np.inf), np.where(known, rate_high, np.inf)))
+
+
+def _extreme(
+    function: Callable[[Any, Any], Any], first: Callable[[Interval, Interval], Any]
+) -> Callable[..., Interval]:
+    def call(a: Interval, b: Interval) -> Interval:
+        rate = _hull(_rate(a), _rate(b))
+        only_a, only_b = first(a, b), first(b, a)
+        rate = tuple(
+            np.where(only_a, own, np.where(only_b, other, both))
+            for own, other, both in zip(_rate(a), _rate(b), rate, strict=True)
+        )
+        return _made((function(a.low, b.low), function(a.high, b.high)), (rate[0], rate[1]))
+
+    return call
+
+
+def _less(a: Interval, b: Interval) -> Interval:
+    low, high = np.where(a.high < b.low, 1.0, 0.0), np.where(a.low < b.high, 1.0, 0.0)
+    rest = np.where(low == high, 0.0, np.inf)
+    return Interval(low, high, -rest, rest)
+
+
+def _select(c: Interval, a: Interval, b: Interval) -> Interval:
+    first, second = (c.low > 0.0) | (c.high < 0.0), (c.low == 0.0) & (c.high == 0.0)
+    whole = (*_hull(_value(a), _value(b)), *_hull(_rate(a), _rate(b)))
+    parts = zip((*_value(a), *_rate(a)), (*_value(b), *_rate(b)), whole, strict=True)
+    return Interval(*(np.where(first, x, np.where(second, y, z)) for x, y, z in parts))
+
+
+_exp = _monotone(np.exp, lambda a: (np.exp(a[0]), np.exp(a[1])))
+_log = _monotone(np.log, lambda a: (1.0 / a[1], np.where(a[0] > 0.0, 1.0 / a[0], np.inf)))
+_asin = _monotone(lambda x: np.arcsin(np.clip(x, -1.0, 1.0)), _arc_slope)
+_atan = _monotone(np.arctan, lambda a: _inverse(_one_plus(_square(a))))
+
+_RULES: dict[str, Callable[..., Interval]] = {
+    "add": _add,
+    "sub": lambda a, b: _add(a, _neg(b)),
+    "mul": _mul,
+    "div": _div,
+    "neg": _neg,
+    "sqrt": _monotone(np.sqrt, lambda a: _times((0.5, 0.5), _inverse(_root(a)))),
+    "pow": _pow,
+    "sin": _sin,
+    "cos": _cos,
+    "tan": _tan,
+    "asin": _asin,
+    "acos": _acos,
+    "atan": _atan,
+    "atan2": _atan2,
+    "exp": _exp,
+    "log": _log,
+    "sinh": _monotone(np.sinh, _even(np.cosh)),
+    "cosh": lambda a: _made(_even(np.cosh)(_value(a)), _times((np.sinh(a.low), np.sinh(a.high)), _rate(a))),
+    "tanh": _monotone(np.tanh, lambda a: _inverse(_square(_even(np.cosh)(a)))),
+    "abs": _abs,
+    "sign": _stepped(np.sign),
+    "floor": _stepped(np.floor),
+    "min": _extreme(np.minimum, lambda a, b: a.high < b.low),
+    "max": _extreme(np.maximum, lambda a, b: a.low > b.high),
+    "less": _less,
+    "less_equal": _less,
+    "select": _select,
+}
+
+
+def _either(op: str) -> Callable[..., Any]:
+    plain, rule = ARRAY_OPERATIONS[op], _RULES[op]
+
+    def call(*args: Any) -> Any:
+        if any(isinstance(arg, Interval) for arg in args):
+            return rule(*(args if args[0] is args[-1] else map(_of, args)))
+        return plain(*args)
+
+    return call
+
+
+INTERVAL_OPERATIONS: dict[str, Callable[..., Any]] = {op: _either(op) for op in ARRAY_OPERATIONS}
+"""The operations on intervals, and on arrays of numbers."""

@@ -1,0 +1,386 @@
+"""Runs cut at the times at which conditions on time change, and chained.
+
+Along a segment such conditions hold or not, whatever time a stage is evaluated at, and a step ends at each of its
+ends. This is the one place where runs are cut: every kind of run asks an engine, and `SegmentedEngine` is one that asks
+another for each segment. Scenes without such conditions have no such engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codegen.base import BlockResult, CaseBlock, CaseColumns, Engine, Final, FloatArray, Prepared, PreparedStates
+from ..integrators.problem import (
+    DenseOutput,
+    IntegrationProblem,
+    JoinedOutput,
+    PiecewisePolynomial,
+    Solution,
+    prescribed,
+)
+from ..integrators.segments import Segments
+from ..integrators.status import Status
+from ..ir.interpret import interpret
+from ..ir.program import Assignment, Kernel, Load, Program
+from ..reduction.starting import Start
+from .breakpoints import break_times, break_times_of_cases
+from .inputs import prepare_rows
+
+if TYPE_CHECKING:
+    from ..codegen.base import CaseRun
+
+__all__ = ["SegmentedEngine", "at_time", "segmented", "segments_of", "starting_constants"]
+
+_FEW = 32
+_MOST_KEPT = 16
+
+
+def segments_of(program: Program, c: FloatArray, t0: float, t1: float) -> Segments:
+    """Return the segments of a run of a program with conditions from t0 to t1, of constants (n_c,) as of any time.
+
+    Raises
+    ------
+    BreakTimesError
+        Where there are too many.
+    """
+    conditions = program.conditions
+    assert conditions is not None
+    p = c[: len(program.layout.parameters)]
+    breaks = break_times(conditions, p, t0, t1)
+    edges = np.concatenate([[t0], breaks, [t1]])
+    return Segments(edges, _prepared(program, p, edges[:-1] + 0.5 * np.diff(edges)))
+
+
+def _prepared(program: Program, p: FloatArray, middles: FloatArray) -> FloatArray:
+    """Return the constants (m, n_c) of parameters (n_p,) with conditions decided at times (m,)."""
+    assert program.conditions is not None
+    rows = np.tile(p, (len(middles), 1))
+    rows[:, program.conditions.place] = middles
+    if len(rows) > _FEW:
+        return prepare_rows(program, rows)
+    kernel = program.kernel("prepare")
+    return np.array([interpret(kernel, {"p": row.tolist()}) for row in rows], dtype=float)
+
+
+def starting_constants(program: Program, c: FloatArray, t0: float, t1: float) -> FloatArray:
+    """Return the constants (n_c,) with which a run from t0 to t1 begins."""
+    return c if program.conditions is None else segments_of(program, c, t0, t1).first
+
+
+def at_time(program: Program, c: FloatArray, t: float) -> FloatArray:
+    """Return the constants (n_c,) with conditions decided at t."""
+    if program.conditions is None:
+        return c
+    return _prepared(program, c[: len(program.layout.parameters)], np.array([t]))[0]
+
+
+def segmented(engine: Engine, program: Program) -> Engine:
+    """Return an engine that ends steps where conditions on time change, or the engine itself where there are none."""
+    return engine if program.conditions is None else SegmentedEngine(engine, program)
+
+
+@final
+class SegmentedEngine(Engine):
+    """An engine that runs every segment with another."""
+
+    def __init__(self, inner: Engine, program: Program) -> None:
+        self.inner, self._program = inner, program
+        self._kept: dict[tuple[bytes, float, float], Segments] = {}
+        self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
+
+    cuts: ClassVar[bool] = True
+
+    def segments(self, problem: IntegrationProblem) -> Segments:
+        """Return the segments of a problem."""
+        parameters = len(self._program.layout.parameters)
+        p = problem.constants[:parameters].copy()
+        assert self._program.conditions is not None
+        p[self._program.conditions.place] = 0.0
+        key = p.tobytes(), problem.t0, problem.t1
+        found = self._kept.get(key)
+        if found is None:
+            found = segments_of(self._program, problem.constants, problem.t0, problem.t1)
+            while len(self._kept) >= _MOST_KEPT:
+                self._kept.pop(next(iter(self._kept)), None)
+            self._kept[key] = found
+        return found
+
+    def course(self, problem: IntegrationProblem) -> Segments:
+        """See `Engine.course`."""
+        return self.segments(problem)
+
+    def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """See `Engine.evaluate`; conditions are decided at each time."""
+        rows = _prepared(self._program, c[: len(self._program.layout.parameters)], t)
+        return self.inner.rows(self._program.kernel(kernel), t, y, rows)
+
+    def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """See `Engine.rows`."""
+        return self.inner.rows(kernel, t, y, c)
+
+    def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
+        """See `Engine.automatic`."""
+        return self.inner.automatic(methods, rtol, atol, many=many)
+
+    def prepare(self, problem: IntegrationProblem, method: str) -> None:
+        """See `Engine.prepare`."""
+        self.inner.prepare(problem, method)
+
+    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
+        """See `Engine.fit`: the first segment decides."""
+        parts = _parts(problem, self.segments(problem))
+        return self.inner.fit(replace(next(parts), t_eval=None), method)
+
+    def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
+        """See `Engine.integrate`."""
+        return _chained(lambda part: self.inner.integrate(part, method), problem, self.segments(problem))
+
+    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
+        """See `Engine.integrate_automatic`: what one segment found unfit the others do not try."""
+        taken, notes = method, ""
+
+        def run(part: IntegrationProblem) -> Solution:
+            nonlocal taken, notes
+            if taken != method:
+                return self.inner.integrate(part, taken)
+            solution, taken, notes = self.inner.integrate_automatic(part, method)
+            return solution
+
+        return _chained(run, problem, self.segments(problem)), taken, notes
+
+    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.stretches`; none of them reaches beyond its segment."""
+        y, left, first = problem.y0, problem.max_steps, problem.first_step
+        whole = replace(problem, t_eval=None)
+        for part in _parts(whole, self.segments(problem)):
+            status = Status.SUCCESS
+            own = replace(part, y0=y, max_steps=left, first_step=first)
+            for stretch in self.inner.stretches(own, method) if len(y) else [prescribed(own)]:
+                status = Status(stretch.status)
+                left -= stretch.steps + stretch.rejected
+                y = stretch.y[-1] if len(stretch.y) else y
+                yield stretch
+            if status is not Status.SUCCESS or left <= 0:
+                return
+            first = None
+
+    def prepared(
+        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+    ) -> Prepared:
+        """See `Engine.prepared`: runs without a break are prepared, others are chained."""
+        conditions = self._program.conditions
+        assert conditions is not None
+        place = conditions.place
+        whole = self.inner.prepared(problem, method, constants)
+        middle = problem.t0 + 0.5 * (problem.t1 - problem.t0)
+
+        def run(state: FloatArray, p: FloatArray) -> Final:
+            p = p.copy()
+            p[place] = middle
+            if len(break_times(conditions, p, problem.t0, problem.t1)) == 0:
+                return whole(state, p), whole.status()
+            own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
+            solution = self.integrate(own, method)
+            return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
+
+        return PreparedStates(run)
+
+    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+        """See `Engine.vector_field`."""
+        return self.inner.vector_field(t, y, args)
+
+    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
+        """See `Engine.solve_fn`."""
+        return self.inner.solve_fn(start, method, options)
+
+    def code(self, kernel: Kernel) -> tuple[int, int]:
+        """See `Engine.code`."""
+        return self.inner.code(kernel)
+
+    def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
+        """See `Engine.integrate_block`: side by side a segment at a time where the engine can, else one by one."""
+        if block.watch is None and _Rounds(self, block, method, result).run():
+            return
+        super().integrate_block(block, method, result)
+
+
+def _parts(problem: IntegrationProblem, segments: Segments) -> Iterator[IntegrationProblem]:
+    """Yield the problem of each segment; each records its end too where times to record are given."""
+    edges, wanted = segments.edges, problem.t_eval
+    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    places = None if wanted is None else np.searchsorted(forward * wanted, forward * edges[1:-1], side="left")
+    bounds = None if places is None or wanted is None else [0, *places.tolist(), len(wanted)]
+    for k in range(len(segments)):
+        times = None
+        if wanted is not None and bounds is not None:
+            times = np.append(wanted[bounds[k] : bounds[k + 1]], edges[k + 1])
+        yield replace(
+            problem,
+            t0=float(edges[k]),
+            t1=float(edges[k + 1]),
+            constants=segments.constants[k],
+            t_eval=times,
+            first_step=problem.first_step if k == 0 else None,
+        )
+
+
+def _chained(
+    integrate: Callable[[IntegrationProblem], Solution], problem: IntegrationProblem, segments: Segments
+) -> Solution:
+    """Return the solution of a problem, segment by segment."""
+    if len(segments) == 1:
+        return integrate(replace(problem, constants=segments.first))
+    y, left = problem.y0, problem.max_steps
+    done: list[Solution] = []
+    recorded = problem.t_eval is not None
+    for part in _parts(problem, segments):
+        if left <= 0:
+            done[-1] = replace(done[-1], status=Status.MAX_STEPS)
+            break
+        solution = integrate(replace(part, y0=y, max_steps=left))
+        left -= solution.steps + solution.rejected
+        if not solution.success:
+            done.append(solution)
+            break
+        y = solution.y[-1]
+        if recorded:  # the end was recorded besides
+            near = None if solution.near is None else solution.near[:-1]
+            solution = replace(solution, t=solution.t[:-1], y=solution.y[:-1], near=near)
+        done.append(solution)
+    return _joined(done, recorded)
+
+
+def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
+    """Return solutions that follow each other as one; what accepted steps share is kept once."""
+    first = [0 if recorded or k == 0 else 1 for k in range(len(done))]
+    near = None
+    if any(part.near is not None for part in done):
+        near = np.concatenate(
+            [(part.y if part.near is None else part.near)[i:] for i, part in zip(first, done, strict=True)]
+        )
+    return Solution(
+        status=done[-1].status,
+        t=np.concatenate([part.t[i:] for i, part in zip(first, done, strict=True)]),
+        y=np.concatenate([part.y[i:] for i, part in zip(first, done, strict=True)]),
+        steps=sum(part.steps for part in done),
+        rejected=sum(part.rejected for part in done),
+        evaluations=sum(part.evaluations for part in done),
+        dense=_dense([part.dense for part in done]),
+        near=near,
+    )
+
+
+def _dense(parts: Sequence[DenseOutput | None]) -> DenseOutput | None:
+    """Return continuous outputs that follow each other as one; None where there is none."""
+    found = [part for part in parts if part is not None and len(part.knots) > 1]
+    if not found:
+        return parts[0]
+    polynomials = [part for part in found if isinstance(part, PiecewisePolynomial)]
+    if len(polynomials) == len(found) and len({part.coefficients.shape[1] for part in polynomials}) == 1:
+        knots = np.concatenate([found[0].knots[:1], *(part.knots[1:] for part in found)])
+        return PiecewisePolynomial(knots, np.concatenate([part.coefficients for part in polynomials]))
+    edges = np.array([float(found[0].knots[0]), *(float(part.knots[-1]) for part in found)])
+    return JoinedOutput(edges, found)
+
+
+def _going_on(states: int) -> Start:
+    """Return what starts cases from states."""
+    loads = tuple(Load(f"y_{i}", "y", i) for i in range(states))
+    body = tuple(Assignment(f"z_{i}", "add", (f"y_{i}", 0.0)) for i in range(states))
+    kernel = Kernel("start", ("t", "y", "c"), loads, body, tuple(f"z_{i}" for i in range(states)))
+    return Start(kernel, tuple(f"component {i}" for i in range(states)), ())
+
+
+@final
+class _Rounds:
+    """Many cases, of which every round takes those that are left through their next segment, side by side."""
+
+    def __init__(self, engine: SegmentedEngine, block: CaseBlock, method: str, result: BlockResult) -> None:
+        program = engine._program
+        assert program.conditions is not None
+        self.inner, self.program, self.block, self.method, self.result = engine.inner, program, block, method, result
+        self.place = program.conditions.place
+        self.p = block.c[:, : len(program.layout.parameters)].copy()
+        self.start = _going_on(len(program.layout.state))
+        self.starts, self.breaks = break_times_of_cases(
+            program.conditions, self.p, block.spans[:, 0], block.spans[:, 1]
+        )
+
+    def run(self) -> bool:
+        """Run all cases; return whether that could be done."""
+        block, result = self.block, self.result
+        some = np.arange(len(block.y))
+        now, y = block.spans[:, 0].copy(), block.y.copy()
+        result.ends[:] = 0.0
+        k = 0
+        while len(some):
+            left = self.starts[some + 1] - self.starts[some]
+            further = k < left
+            ends = block.spans[some, 1].copy()
+            ends[further] = self.breaks[self.starts[some[further]] + k]
+            done = self._round(some, now[some], ends, y[some], k)
+            if done is None:
+                return False
+            t, status, steps = done.ends.T
+            now[some], y[some] = t, done.y
+            result.y[some] = done.y
+            result.ends[some, 0], result.ends[some, 1] = t, status
+            result.ends[some, 2] += steps
+            spent = further & (status == Status.SUCCESS) & (result.ends[some, 2] >= block.max_steps)
+            result.ends[some[spent], 1] = float(Status.MAX_STEPS)
+            some = some[further & (status == Status.SUCCESS) & ~spent]
+            k += 1
+        return True
+
+    def _round(
+        self, some: NDArray[np.intp], t0: FloatArray, t1: FloatArray, y: FloatArray, k: int
+    ) -> BlockResult | None:
+        block = self.block
+        p = self.p[some]
+        p[:, self.place] = t0 + 0.5 * (t1 - t0)
+        wanted = block.t_eval
+        forward = 1.0 if block.spans[0, 1] >= block.spans[0, 0] else -1.0
+        lowest, highest = np.min(forward * t0), np.max(forward * t1)
+        chosen = np.flatnonzero((forward * wanted >= lowest) & (forward * wanted <= highest))
+        times = wanted[chosen]
+        done = BlockResult.empty(len(some), y.shape[1], len(times))
+        if not self._step(p, y, t0, t1, times, done):
+            return None
+        if len(times):
+            own = (forward * times >= forward * t0[:, np.newaxis]) & (forward * times <= forward * t1[:, np.newaxis])
+            own &= forward * times <= forward * done.ends[:, :1]
+            rows, columns = np.nonzero(own)
+            self.result.samples[some[rows], chosen[columns]] = done.samples[rows, columns]
+        return done
+
+    def _step(
+        self, p: FloatArray, y: FloatArray, t0: FloatArray, t1: FloatArray, times: FloatArray, done: BlockResult
+    ) -> bool:
+        """Run cases from states to the ends of their segments; return whether the engine does that side by side."""
+        block = self.block
+        limits = block.rtol, block.atol, block.max_step, block.max_steps
+        columns = CaseColumns(
+            len(p),
+            (np.ascontiguousarray(t0), np.ascontiguousarray(t1)),
+            tuple(np.ascontiguousarray(column) for column in p.T),
+            tuple(np.ascontiguousarray(column) for column in y.T),
+            self.start,
+            times,
+            *limits,
+        )
+        run: CaseRun | None = self.inner.sweeper(columns, self.method, done, np.empty((0, 0)), len(p))
+        if run is not None:
+            run.work()
+            run.finish()
+            return True
+        if not self.inner.whole_blocks or len(block.t_eval):
+            return False
+        c = prepare_rows(self.program, p)
+        spans = np.stack([t0, t1], axis=1)
+        self.inner.integrate_block(CaseBlock(y, c, spans, times, *limits), self.method, done)
+        return True
