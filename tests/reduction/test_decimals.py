@@ -5,11 +5,17 @@ import random
 
 import numpy as np
 import pytest
-from sympy import Rational, cos, pi, sin, sqrt, symbols
+from sympy import Rational, cos, pi, sin, sqrt, symbols, sympify
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError, ValueInputError
+from dalembert.errors import (
+    ConstraintError,
+    ExpressionError,
+    InitialStateError,
+    SingularMassMatrixError,
+    ValueInputError,
+)
 from dalembert.integrators.status import Status
 from dalembert.reduction import FORMULATIONS
 
@@ -249,3 +255,48 @@ def test_compiled_sweeps_refuse_what_the_state_does_not_reproduce():
     start["y_dot"] = [(math.sin(0.2) - 0.1) / math.cos(0.2), 0.98 * math.tan(0.2)]
     sweep = model.sweep((0, 1), start, {"b": 0.1 + 1e-9})
     assert list(sweep.status) == [Status.INITIAL_STATE, Status.SUCCESS]
+
+
+# -- closed loops, and numbers beyond double precision ----------------------------------------
+
+
+def four_bar(*combinations):
+    """Three cranks that close on a base; each combination of the two closure equations, less an offset, is one more."""
+    q = dynamicsymbols("a b c")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("four_bar", frame=N, origin=O, coordinates=q)
+    P, F = O, N
+    for i, (angle, length) in enumerate(zip(q, (0.3, 0.7, 0.55), strict=True)):
+        F = F.orientnew(f"F{i}", "Axis", (angle, F.z))
+        G = P.locatenew(f"G{i}", length / 2 * F.x)
+        scene.add_bodies(RigidBody(f"bar{i}", G, F, 1.3, (inertia(F, 0, 0, 0.07), G)))
+        P = P.locatenew(f"P{i}", length * F.x)
+    scene.apply_uniform_gravity(-9.81 * N.y)
+    along, across = (P.pos_from(O).dot(axis) - offset for axis, offset in ((N.x, 0.8), (N.y, 0)))
+    scene.add_holonomic_constraints(along, across, *(u * along + v * across - w for u, v, w in combinations))
+    return scene
+
+
+def test_loops_that_are_closed_twice():
+    plain = da.compile_model(four_bar(), backend="numpy")
+    start = plain.assemble({"a": 1.2, "b": -1.0, "c": -1.2, "a_dot": 0.5}, {})
+    right = plain.simulate((0, 0.1), start, {}, rtol=1e-7)
+    c, s = math.cos(0.7), math.sin(0.7)
+    model = da.compile_model(four_bar((0.37, 1.7, 0), (c, s, 0), (-s, c, 0)), backend="numpy")
+    run = model.simulate((0, 0.1), start, {}, rtol=1e-7)
+    assert run.success and "left out, because" in model.explain()
+    np.testing.assert_allclose(run.q[-1], right.q[-1], atol=1e-6)
+    with pytest.raises(ConstraintError, match="contradicts"):
+        da.compile_model(four_bar((0.37, 1.7, 1e-9)), backend="numpy")
+
+
+@pytest.mark.parametrize("number", ["10**400", "1e400", "1e200*10**200", "-10**400"])
+def test_numbers_beyond_double_precision_are_named(number):
+    x = dynamicsymbols("x")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("stiff", frame=N, origin=O, coordinates=[x])
+    P = O.locatenew("P", x * N.x)
+    scene.add_bodies(Particle("p", P, 1))
+    scene.add_loads((P, -sympify(number) * x * N.x))
+    with pytest.raises(ExpressionError, match=r"1\.8e308"):
+        da.compile_model(scene, backend="numpy")
