@@ -302,6 +302,8 @@ class Sweep(CaseResults):
             return y[:, :, layout.state.index(name)].copy()
         kernel, column = self._source(name, str(key))
         values = np.empty(y.shape[:2])
+        if not values.size:
+            return values
         width = max(1, y.shape[1])
         for first in range(0, len(y), max(1, _BLOCK // width)):
             block = slice(first, first + max(1, _BLOCK // width))
