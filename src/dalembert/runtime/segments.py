@@ -210,14 +210,14 @@ class SegmentedEngine(Engine):
 
 
 def _parts(problem: IntegrationProblem, segments: Segments) -> Iterator[IntegrationProblem]:
-    """Yield the problem of each segment; each records its end too where times to record are given."""
+    """Yield the problem of each segment; one with times to record records its end, too, one without its steps."""
     edges, wanted = segments.edges, problem.t_eval
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
     places = None if wanted is None else np.searchsorted(forward * wanted, forward * edges[1:-1], side="left")
     bounds = None if places is None or wanted is None else [0, *places.tolist(), len(wanted)]
     for k in range(len(segments)):
         times = None
-        if wanted is not None and bounds is not None:
+        if wanted is not None and bounds is not None and bounds[k] < bounds[k + 1]:
             times = np.append(wanted[bounds[k] : bounds[k + 1]], edges[k + 1])
         yield replace(
             problem,
@@ -245,14 +245,21 @@ def _chained(
         solution = integrate(replace(part, y0=y, max_steps=left))
         left -= solution.steps + solution.rejected
         if not solution.success:
-            done.append(solution)
+            done.append(_asked(solution, part.t_eval, whole=True) if recorded else solution)
             break
         y = solution.y[-1]
-        if recorded:  # the end was recorded besides
-            near = None if solution.near is None else solution.near[:-1]
-            solution = replace(solution, t=solution.t[:-1], y=solution.y[:-1], near=near)
-        done.append(solution)
+        done.append(_asked(solution, part.t_eval) if recorded else solution)
     return _joined(done, recorded)
+
+
+def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
+    """Return a solution with the times that were asked for alone: without its end, and none where none were."""
+    last = 0 if times is None else len(solution.t) - (not whole)
+    near = None if solution.near is None else solution.near[:last]
+    end = solution.end
+    if end is None and len(solution.t):
+        end = float(solution.t[-1])
+    return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
 
 
 def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
@@ -272,6 +279,7 @@ def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
         evaluations=sum(part.evaluations for part in done),
         dense=_dense([part.dense for part in done]),
         near=near,
+        end=done[-1].end,
     )
 
 
