@@ -12,7 +12,7 @@ from ..errors import SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
-from ..naming import rate_name
+from ..naming import rate_name, unwritable
 from .belonging import foreign_points
 from .contacts import read_contacts
 from .dyadics import matrix_of
@@ -56,6 +56,7 @@ class _SceneReader(GeometryReader):
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
         scene = self.scene
+        self.faults += _unwritable_names(scene)
         given, lagrangian = self._given()
         placed = lagrangian is None and (given is None or located(scene))
         bodies = [self._body(body) for body in scene.bodies] if placed else []
@@ -258,3 +259,15 @@ class _SceneReader(GeometryReader):
             forces,
             self.faults.append,
         )
+
+
+def _unwritable_names(scene: Scene) -> list[str]:
+    """Return a fault for every name that cannot be written to a file."""
+    named = [("scene", scene.name), *(("body", name) for name in scene.body_names())]
+    named += [("joint", str(getattr(joint, "name", ""))) for joint in scene.joints]
+    named += [("contact", str(getattr(item, "label", ""))) for item in (*scene.contacts, *scene.frictions)]
+    return [
+        f"the name of {kind} {name!a} has a lone surrogate, half of a character; use another name"
+        for kind, name in dict.fromkeys(named)
+        if unwritable(name)
+    ]
