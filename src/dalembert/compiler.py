@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .errors import EnergyWarning, ExpressionError
+from .errors import EnergyWarning, nesting_named
 from .ir.lower import lower
 from .mechanics.derive import derive
 from .naming import rate_name
@@ -21,7 +21,6 @@ from .reduction import reduce
 from .reduction.keeping import keeping
 from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
-from .scene.expressions import TOO_DEEP
 from .scene.orientation import with_quaternions
 from .scene.outputs import requested
 from .scene.reading import read
@@ -37,6 +36,7 @@ __all__ = ["Stages", "compile_model", "compile_scene"]
 
 
 @deriving
+@nesting_named
 def compile_model(
     source: Scene | System | KanesMethod | LagrangesMethod,
     *,
@@ -85,10 +85,7 @@ def compile_model(
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
     """
-    try:
-        return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
-    except RecursionError:
-        raise ExpressionError(TOO_DEEP) from None
+    return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
 
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:

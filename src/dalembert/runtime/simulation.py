@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codegen.base import Engine, FloatArray, Prepared, PreparedStates
-from ..errors import OptionError
+from ..errors import OptionError, nesting_named
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
@@ -126,6 +126,7 @@ class Simulated(Held):
         t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
         return replace(solution, t=t, y=y)
 
+    @nesting_named
     def simulate(
         self,
         t_span: tuple[float, float],
@@ -543,6 +544,7 @@ class Simulated(Held):
         """What may be conserved, derived when it is first asked for."""
         return candidates(self.stages.equations)
 
+    @nesting_named
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
@@ -557,6 +559,7 @@ class Simulated(Held):
         c = at_time(self._program, c, option("t", t))
         return interpret_rows(self._program.kernel("expand"), np.array([option("t", t)]), state[np.newaxis], c)[0]
 
+    @nesting_named
     def assemble(
         self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
     ) -> dict[str, float]:
@@ -591,6 +594,7 @@ class Simulated(Held):
         c = at_time(self._program, c, option("t", t))
         return assembled(self._program, c, option("t", t), values, held)
 
+    @nesting_named
     def prepare(
         self,
         t_span: tuple[float, float],

@@ -13,18 +13,14 @@ from sympy.core.function import AppliedUndef
 from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import list_names
+from ..errors import TOO_DEEP, list_names
 from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on
 from ..ir.graph import Graph, Node
 from ..naming import unwritable
 from .elapsed import ElapsedTime
 
-__all__ = ["TOO_DEEP", "ExpressionReader", "short"]
+__all__ = ["ExpressionReader", "short"]
 
-TOO_DEEP = (
-    "an expression is nested more deeply than Python can read, about 150 functions in one another: write it flatter, or"
-    " give inner parts as coordinates of their own with holonomic constraints"
-)
 _EXPONENT = 1_000_000
 
 _FUNCTIONS: dict[Any, str] = {
@@ -109,8 +105,10 @@ class ExpressionReader:
         """Return the node of `expression`, met at `place`; `unknowns` says whether reactions may occur in it."""
         self._place, self._allow_unknowns = place, unknowns
         try:
-            e = sp.sympify(expression)
-        except sp.SympifyError:
+            e = (
+                None if isinstance(expression, str | bytes) else sp.sympify(expression)
+            )  # SymPy would run a text as code
+        except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
             e = None
         if not isinstance(e, sp.Basic):
             return self.fault(f"{expression!r} is not a SymPy expression")

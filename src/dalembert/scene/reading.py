@@ -8,7 +8,7 @@ from typing import Any, final
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 
-from ..errors import SceneError, list_names
+from ..errors import TOO_DEEP, SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
@@ -46,7 +46,10 @@ def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
     SceneError
         With every fault found.
     """
-    return _SceneReader(scene).read(outputs)
+    try:
+        return _SceneReader(scene).read(outputs)
+    except RecursionError:
+        raise SceneError(scene.name, [TOO_DEEP]) from None
 
 
 @final
@@ -188,7 +191,8 @@ class _SceneReader(GeometryReader):
             self.faults.append(f"{joint!r} is not a Joint")
             return None
         place = f"joint {joint.name!r}"
-        if joint.body not in bodies:
+        named: Any = joint.body
+        if not isinstance(named, str) or named not in bodies:
             self.faults.append(f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}")
             return None
         return Action(
