@@ -48,8 +48,7 @@ class CompileOptions:
     orientation: str = "scene"
 
     def __post_init__(self) -> None:
-        orientation: Any = self.orientation
-        if not isinstance(orientation, str) or orientation not in ORIENTATIONS:
+        if self.orientation not in ORIENTATIONS:
             raise OptionError(unknown_name("orientation", str(self.orientation), ORIENTATIONS))
         if self.gains is None:
             return

@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
 from ..reduction import FORMULATIONS
 from ..results.comparison import Comparison, ComparisonRow
-from ..values import listed
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -52,12 +51,10 @@ def compare(
     OptionError
         For unknown formulations and methods.
     """
-    names = tuple(FORMULATIONS) if chosen is None else tuple(listed("formulations", chosen, "names of formulations"))
+    names = tuple(FORMULATIONS) if chosen is None else (chosen,) if isinstance(chosen, str) else tuple(chosen)
     for name in names:
-        if not isinstance(name, str) or name not in FORMULATIONS:
+        if name not in FORMULATIONS:
             raise OptionError(unknown_name("formulation", str(name), FORMULATIONS))
-    if not isinstance(methods, str | Mapping):
-        raise OptionError(f"method must be a name, or a mapping from formulations to names, not {methods!r}")
     table = {} if isinstance(methods, str) else dict(methods)
     strange = [unknown_name("formulation", str(name), FORMULATIONS) for name in table if name not in FORMULATIONS]
     strange += [

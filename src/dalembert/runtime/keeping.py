@@ -14,7 +14,6 @@ from ..ir.program import Kernel, Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariants import Candidates, why_not
 from ..reduction.keeping import TIME_SCALE, initial_name
-from ..values import listed
 from .events import event_list
 from .monitors import conserved
 
@@ -80,7 +79,7 @@ def kept_names(
 
 
 def _listed(wanted: Any) -> list[str]:
-    given = listed("project_invariants", wanted, "names") if isinstance(wanted, Iterable) else [wanted]
+    given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
     return [str(name) for name in given if name is not None]
 
 

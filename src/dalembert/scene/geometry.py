@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
@@ -114,7 +113,7 @@ class GeometryReader(SymbolReader):
         return None
 
     def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
-        if isinstance(vector, int | float | sp.Expr | Vector) and vector == 0:
+        if vector == 0:
             return ()
         if not isinstance(vector, Vector):
             self.faults.append(f"{place}: {vector!r} is not a vector")

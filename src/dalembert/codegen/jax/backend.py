@@ -148,6 +148,9 @@ class JaxEngine(Engine):
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """See `Engine.vector_field`; args are the parameters p (n_p,)."""
+        conditions = self._program.conditions
+        if conditions is not None:
+            args = jax.numpy.asarray(args).at[conditions.place].set(t)
         return self.kernels["rhs"](t, y, self.kernels.constants(args))
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Solve:

@@ -24,6 +24,7 @@ from ...ir.program import Kernel, Program
 from ...ir.recurrences import recurrences
 from ...ir.taylor import series_kernel, step_kernel
 from ...once import once
+from ...runtime.jumps import decisions
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
@@ -55,6 +56,8 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     def projections(go: Any) -> Projections:
         return tuple((correct(go), count) for correct, count in in_blocks)
 
+    place = None if program.conditions is None else program.conditions.place
+    moved_by = _moved_by(program)
     if method == "taylor":
         known = recurrences(program.kernel("rhs"), paced=program.sudden)
         step = step_kernel(known, order, dense=False)
@@ -62,17 +65,33 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step), paced=known.paced)
-        steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections)
-        return Pieces(taylor, alone, taylors, on_rows, steps)
+        steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, place)
+        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
-    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections)
+    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or place is not None
     one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved)
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
     in_turn: InTurn | None = None
     if len(rhs.body) > _SHORT and not moved and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         in_turn = InTurn(tableau, looped(rhs), cache(partial(cotangents_of, rhs, *sizes)))
-    return Pieces(one, whole, many, on_rows, _PairSteps(blocked(rhs), tableau, projections, in_turn))
+    steps_of_pair = _PairSteps(blocked(rhs), tableau, projections, in_turn, place)
+    return Pieces(one, whole, many, on_rows, steps_of_pair, _decided(program), moved_by)
+
+
+def _decided(program: Program) -> Function | None:
+    """Return the values in the rates that jump with the state; None where nothing does."""
+    kernel = decisions(program)
+    return None if kernel is None else compile_kernel(kernel, JAX)
+
+
+def _moved_by(program: Program) -> tuple[int, ...]:
+    """Return the numbers of the parameters on which the times of breaks depend."""
+    if program.conditions is None:
+        return ()
+    functions, place = program.conditions.functions, program.conditions.place
+    loads = {load.index for function in functions for load in function.loads if load.array == "p"}
+    return tuple(sorted(index for index in loads if index is not None and index != place))
 
 
 def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
@@ -136,6 +155,8 @@ class _PairSteps:
         From a condition to what moves the end of a step.
     in_turn
         What pulls a run of one case back one stage after the other, where that is faster and possible.
+    place
+        See `Linear`.
     """
 
     def __init__(
@@ -144,8 +165,9 @@ class _PairSteps:
         tableau: Tableau,
         projections: Callable[[Any], Projections],
         in_turn: InTurn | None,
+        place: int | None,
     ) -> None:
-        self.in_turn = in_turn
+        self.in_turn, self.place = in_turn, place
         count = tableau.end
         self._rhs, self._tableau, self._projections, self._count = rhs, tableau, projections, count
         self._matrix, self._weights = tableau.A[:count, :count], tableau.b[:count]
@@ -236,12 +258,19 @@ class _SeriesSteps:
         Order of the series.
     projections
         From a condition to what moves the end of a step.
+    place
+        See `Linear`.
     """
 
     def __init__(
-        self, rhs: Conditional, series: Conditional, order: int, projections: Callable[[Any], Projections]
+        self,
+        rhs: Conditional,
+        series: Conditional,
+        order: int,
+        projections: Callable[[Any], Projections],
+        place: int | None,
     ) -> None:
-        self.in_turn = None
+        self.in_turn, self.place = None, place
         self._rhs, self._series, self._order, self._projections = rhs, series, order, projections
 
     def __call__(self, steps: Steps) -> Rows:

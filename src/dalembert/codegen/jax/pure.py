@@ -13,14 +13,16 @@ import numpy as np
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.jax.implicit import implicit_motion
-from ...integrators.jax.motion import Limits, Motion
+from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
 from ...ir.taylor import order_for
 from ...once import once
+from ...runtime.jumps import decisions
 from ...values import times_of
 from ..printers import JAX
+from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
 from .kernels import Kernels, compile_kernel, stacked
 from .pieces import SERVED, pieces_of
@@ -57,6 +59,17 @@ class Solved(NamedTuple):
     qdot: Any
     outputs: Any
     status: Any
+
+
+@final
+class _Course(NamedTuple):
+    """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move."""
+
+    rows: Any
+    first: Any
+    run: Any
+    breaks: Any
+    moved: Any
 
 
 @final
@@ -107,6 +120,11 @@ class Solve:
             raise OptionError(unknown_name("mode", str(mode), MODES))
         if method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {method!r}")
+        if program.conditions is not None and METHODS.get(method, METHODS["tsit5"]).ends:
+            raise OptionError(
+                f"solve_fn by {method!r} does not end steps where conditions on time change, and this scene has some:"
+                ' take method="dopri8", "tsit5" or "taylor", or smooth the conditions (tanh)'
+            )
         if not max_step > 0.0:
             raise OptionError(f"max_step must be a positive number of seconds, not {max_step!r}")
         self._options: dict[str, Any] = {
@@ -133,24 +151,48 @@ class Solve:
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
         t = _times(t)
-        c = self._kernels.constants(_vector("parameter", p, self._program.layout.parameters))
-        y0 = _vector("initial value", initial, self.given)
+        p = _vector("parameter", p, self._program.layout.parameters, self._program.layout.defaults)
+        initial = _vector("initial value", initial, self.given)
+        course = self._course(t, p)
+        y0 = initial
         if self._begin is not None:
-            y0 = self._begin(t[0], y0, c)[: len(self._program.layout.state)]
-        y, status = self._integrate(t - t[0], y0, c if self._elapsed is self._kernels else jnp.append(c, t[0]))
-        q, outputs = self._on_rows("expand", t, y, c), self._on_rows("outputs", t, y, c)
+            y0 = self._begin(t[0], y0, course.first)[: len(self._program.layout.state)]
+        y, status = self._integrate(t, y0, course)
+        q, outputs = self._on_rows("expand", t, y, course.rows), self._on_rows("outputs", t, y, course.rows)
         n = len(self._program.layout.coordinates)
         return Solved(t, y, q[:, :n], q[:, n:], outputs, status)
+
+    def _course(self, t: Any, p: Any) -> _Course:
+        """Return the constants along a run."""
+        conditions, constants = self._program.conditions, self._kernels.constants
+        if conditions is None:
+            c = constants(p)
+            return _Course(c, c, c if self._elapsed is self._kernels else jnp.append(c, t[0]), (), ())
+        start = jax.lax.stop_gradient(t[0])
+        breaks, moved = traced_breaks(conditions, p, t, self._options["max_steps"])
+        elapsed = middles(jax.lax.stop_gradient(t) - start, breaks)
+        rows = jax.vmap(lambda time: constants(p.at[conditions.place].set(time)))(start + elapsed)
+        return _Course(rows, rows[0], jnp.append(p, start), breaks, moved)
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
         if kernel not in self._kernels:
             return jnp.zeros((len(t), 0))
-        return jax.vmap(self._kernels[kernel], (0, 0, None))(t, y, c)
+        return jax.vmap(self._kernels[kernel], (0, 0, None if jnp.ndim(c) == 1 else 0))(t, y, c)
 
-    def _integrate(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
-        """Return the states (n_t, n_y) at elapsed times t (n_t,), and the status."""
-        options = self._options
+    def _integrate(self, t: Any, y0: Any, course: _Course) -> tuple[Any, Any]:
+        """Return the states (n_t, n_y) at times t (n_t,), and the status."""
+        options, c = self._options, course.run
+        start = t[0]
+        if self._program.conditions is not None:
+            # Breaks stay where they are when the start moves: what moves is the state there.
+            start, place = jax.lax.stop_gradient(start), self._program.conditions.place
+            middle = middles(jax.lax.stop_gradient(t) - start, course.breaks)[0]
+            rates = self._elapsed["rhs"](0.0, y0, c.at[place].set(start + middle))
+            y0 = following(y0[None], -t[:1], jax.lax.stop_gradient(rates)[None])[0]
+        t = t - start
         if METHODS.get(self._method, METHODS["tsit5"]).ends:
+            if decisions(self._program) is not None:
+                y0, c = _held(y0), _held(c)
             return implicit_motion(self._elapsed, self._method, t, y0, c, **options)
         rtol, atol = options["rtol"], options["atol"]
         tolerance = clipped_tolerance(rtol, atol)
@@ -158,7 +200,22 @@ class Solve:
         limits = Limits(rtol, max(atol, SMALLEST_SCALE), floor, options["max_step"], options["max_steps"])
         order = order_for(tolerance) if self._method == "taylor" else 0
         pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
-        return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c)
+        return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c, course.breaks, course.moved)
+
+
+@jax.custom_jvp
+def _held(values: Any) -> Any:
+    """Return values by which the run of a method that takes no notice of jumps is not differentiated."""
+    return values
+
+
+@_held.defjvp
+def _(values: Any, tangents: Any) -> Any:
+    raise OptionError(
+        "the rates of this scene may jump with its state, across which derivatives are not those of the steps, and"
+        ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
+        " jump, or smooth the jump (tanh)"
+    )
 
 
 def _times(t: Any) -> Any:
@@ -175,14 +232,14 @@ def _times(t: Any) -> Any:
     return jnp.asarray(times)
 
 
-def _vector(kind: str, values: Any, names: tuple[str, ...]) -> Any:
-    """Return an array of values by name, or of an array in their order."""
+def _vector(kind: str, values: Any, names: tuple[str, ...], defaults: Mapping[str, float] | None = None) -> Any:
+    """Return an array of values by name, or of an array in their order; some may have defaults."""
     if not isinstance(values, Mapping):
         array = jnp.asarray(values, dtype=float)
         if array.shape != (len(names),):
             raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
         return array
-    table = {str(key): value for key, value in values.items()}
+    table = {**(defaults or {}), **{str(key): value for key, value in values.items()}}
     wrong = [unknown_name(kind, name, names) for name in table if name not in names]
     missing = [name for name in names if name not in table]
     if missing:

@@ -29,6 +29,7 @@ __all__ = [
     "pulled_over",
     "pushed",
     "pushed_over",
+    "rows_at",
 ]
 
 CHUNK = 16
@@ -81,9 +82,15 @@ class Linear(Protocol):
     `Record`, constants (n_c,), nothing or cotangents (room, n_y) at the starts of attempts, and one of the last state
     (n_y,), to what `pulled` returns.
 
+    ``place`` is that of the constant which is the middle of a step, in true time; None where there is none.
+
     ``along`` and ``shifts`` are trees of arrays whose leading axis counts the steps; `push` and `pull` take what they
     hold for one step.
     """
+
+    @property
+    def place(self) -> int | None:
+        """See the class."""
 
     @property
     def in_turn(self) -> Callable[..., tuple[Any, Any]] | None:
@@ -103,6 +110,12 @@ class Linear(Protocol):
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
         """Return the cotangents of the constants, from the cotangents within all steps."""
+
+
+def rows_at(place: int | None, c: Any, t: Any) -> Rows:
+    """Return constants (n_c,) as rows; the one at `place` is the time t (k,) since the start, which is the last one."""
+    rows = tuple(c)
+    return rows if place is None else (*rows[:place], rows[-1] + t, *rows[place + 1 :])
 
 
 def instantiate(tangent: Any) -> Any:
@@ -141,9 +154,9 @@ def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bo
 
     def chunk(number: Any, carry: Any) -> Any:
         first = number * CHUNK
-        steps = _steps(record, first, c)
+        steps = _steps(linear, record, first, c)
         along, places = linear.along(steps)
-        shifts = linear.shifts(steps, places, tuple(dc))
+        shifts = linear.shifts(steps, places, _like(dc, steps.c))
 
         def one(j: Any, inner: Any) -> Any:
             change, kept = inner
@@ -196,7 +209,7 @@ def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, 
 
     def chunk(number: Any, carry: Any) -> Any:
         first = (chunks - 1 - number) * CHUNK
-        steps = _steps(record, first, c)
+        steps = _steps(linear, record, first, c)
         along, places = linear.along(steps)
         added = [lax.dynamic_slice_in_dim(rows, first, CHUNK) for rows in given]
 
@@ -209,7 +222,7 @@ def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, 
 
         ahead, total = carry
         ahead, within = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
-        return ahead, total + jnp.stack([jnp.asarray(row) for row in linear.share(steps, places, within)])
+        return ahead, total + _summed(linear.share(steps, places, within))
 
     found: tuple[Any, Any] = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c)))
     return found
@@ -218,22 +231,33 @@ def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, 
 def pushed_over(linear: Linear, steps: Steps, dy: Any, dc: Any) -> Any:
     """Return the changes at the ends of steps (k, n_y) from those at their starts (k, n_y) and of the constants."""
     along, places = linear.along(steps)
-    return jax.vmap(linear.push)(along, linear.shifts(steps, places, tuple(dc)), dy)
+    return jax.vmap(linear.push)(along, linear.shifts(steps, places, _like(dc, steps.c)), dy)
 
 
 def pulled_over(linear: Linear, steps: Steps, ahead: Any) -> tuple[Any, Any]:
     """Return the cotangents at the starts of steps (k, n_y), and of the constants, from those at their ends."""
     along, places = linear.along(steps)
     before, within = jax.vmap(linear.pull)(along, ahead)
-    return before, jnp.stack([jnp.asarray(row) for row in linear.share(steps, places, within)])
+    return before, _summed(linear.share(steps, places, within))
 
 
-def _steps(record: Record, first: Any, c: Any) -> Steps:
+def _steps(linear: Linear, record: Record, first: Any, c: Any) -> Steps:
     """Return CHUNK of the attempts of a run; where nothing moved, with a state that the run has been in."""
     taken = lax.dynamic_slice_in_dim(record.taken, first, CHUNK)
     h = taken[:, 1]
     y = jnp.where(h[:, jnp.newaxis] != 0.0, taken[:, 2:], record.end)
-    return Steps(taken[:, 0], h, tuple(y.T), tuple(c), record.count > 0)
+    rows = rows_at(linear.place, c, taken[:, 0] + 0.5 * h)
+    return Steps(taken[:, 0], h, tuple(y.T), rows, record.count > 0)
+
+
+def _summed(share: Rows) -> Any:
+    """Return cotangents (n_c,) of constants, one of which may be another in every step."""
+    return jnp.stack([jnp.sum(row) if jnp.ndim(row) else jnp.asarray(row) for row in share])
+
+
+def _like(dc: Any, c: Rows) -> Rows:
+    """Return changes (n_c,) of constants as rows."""
+    return tuple(jnp.broadcast_to(change, jnp.shape(row)) for change, row in zip(dc, c, strict=True))
 
 
 def _at(tree: Any, j: Any) -> Any:

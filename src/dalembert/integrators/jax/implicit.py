@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..status import Status
-from .motion import in_order
+from .motion import following, in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
@@ -74,20 +74,8 @@ def implicit_motion(
     if ends:
         known &= (jnp.arange(len(t)) == 0) | (status == int(Status.SUCCESS))
     rates = jax.vmap(kernels["rhs"], (0, 0, None))(t, still(y), still(c))
-    y = _following(y, given, rates)
+    y = following(y, given, rates)
     return (_lost_pushed if mode == "forward" else _lost_pulled)(y, known, (y0, c, given)), status
-
-
-@jax.custom_jvp
-def _following(y: Any, t: Any, rates: Any) -> Any:
-    """Return states (n_t, n_y), which change with their times (n_t,) by their rates."""
-    return y
-
-
-@_following.defjvp
-def _(values: Any, tangents: Any) -> tuple[Any, Any]:
-    (y, _, rates), (dy, dt, _) = values, tangents
-    return y, dy + dt[:, None] * rates
 
 
 def _lost(y: Any, known: Any, sources: Any) -> Any:

@@ -53,6 +53,8 @@ class Batch(NamedTuple):
     """Cases to run: y (n_y rows (k,)), c (n_c rows (k,)), t0, t1 (k,), and the common settings.
 
     `floor` is the least scale of Taylor steps, `rtol` and `atol` are those of Runge-Kutta steps and projections.
+    Steps end at `breaks` (n, k), which lie in the order of a run, infinite behind the last; between them, the constant
+    `place` is the middle of two, less the start, which is the last constant.
     """
 
     y: Rows
@@ -65,6 +67,8 @@ class Batch(NamedTuple):
     atol: Any
     max_step: Any
     max_steps: Any
+    breaks: Any = ()
+    place: Any = ()
 
 
 @final
@@ -126,7 +130,10 @@ class TaylorAttempts:
 
 @final
 class State(NamedTuple):
-    """Where cases are: y (n_y rows (k,)), and (k,) time, status, steps, attempts, what the method remembers."""
+    """Where cases are: y (n_y rows (k,)), and (k,) time, status, steps, attempts, what the method remembers.
+
+    Where steps end at breaks, also how many of them each case has passed.
+    """
 
     y: Rows
     t: Any
@@ -134,6 +141,7 @@ class State(NamedTuple):
     steps: Any
     attempts: Any
     memory: Any
+    passed: Any = ()
 
 
 @final
@@ -176,6 +184,21 @@ def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, A
     return y, held
 
 
+def _next_break(batch: Batch, passed: Any) -> tuple[Any, Batch]:
+    """Return where steps must end next, and the cases with what is decided until then."""
+    direction, count = direction_of(batch), len(batch.breaks)
+    places = (jnp.arange(len(batch.t0)),) if jnp.ndim(batch.t0) else ()
+    ahead = batch.breaks[(jnp.minimum(passed, count - 1), *places)]
+    ahead = jnp.where((passed < count) & (direction * ahead < direction * batch.t1), ahead, batch.t1)
+    behind = jnp.where(passed > 0, batch.breaks[(jnp.maximum(passed - 1, 0), *places)], batch.t0)
+    middle = behind + 0.5 * (ahead - behind)
+    if jnp.ndim(batch.c[0]) > jnp.ndim(batch.t0):
+        c: Rows = (batch.c[0].at[batch.place].set(batch.c[0][-1] + middle),)
+    else:
+        c = (*batch.c[: batch.place], batch.c[-1] + middle, *batch.c[batch.place + 1 :])
+    return ahead, batch._replace(c=c)
+
+
 def begun(attempts: Attempts, batch: Batch) -> State:
     """Return cases at their start; those that hold no numbers have failed, those without a span are done."""
     finite = jnp.ones(jnp.shape(batch.t0), dtype=bool)
@@ -183,6 +206,10 @@ def begun(attempts: Attempts, batch: Batch) -> State:
         finite &= jnp.isfinite(row) if jnp.ndim(row) <= finite.ndim else jnp.all(jnp.isfinite(row))
     status = jnp.where(batch.t0 == batch.t1, int(Status.SUCCESS), RUNNING)
     none = jnp.zeros(jnp.shape(batch.t0))
+    passed: Any = ()
+    if len(batch.breaks):
+        passed = jnp.zeros(jnp.shape(batch.t0), dtype=int)
+        batch = _next_break(batch, passed)[1]
     return State(
         y=batch.y,
         t=batch.t0,
@@ -190,13 +217,17 @@ def begun(attempts: Attempts, batch: Batch) -> State:
         steps=none,
         attempts=none,
         memory=attempts.start(batch, direction_of(batch)),
+        passed=passed,
     )
 
 
 def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: Any, state: State) -> tuple[State, Any]:
     """Return cases after one attempt towards the times `goal`, and by how much the time of each moved."""
-    direction = direction_of(batch)
+    direction, passed = direction_of(batch), state.passed
     running = state.status == RUNNING
+    if len(batch.breaks):
+        ahead, batch = _next_break(batch, passed)
+        goal = jnp.where(direction * ahead < direction * goal, ahead, goal)
     rest = jnp.abs(goal - state.t)
     largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
     found = attempts.attempt(batch, state.t, state.y, largest, direction, state.memory)
@@ -211,6 +242,8 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     status = jnp.where(stuck, failed, status)
     status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
     status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
+    if len(batch.breaks):
+        passed = passed + (moved & (t == ahead) & (t != batch.t1))
     following = State(
         y=tuple(jnp.where(moved, b, a) for a, b in zip(state.y, new, strict=True)),
         t=t,
@@ -218,6 +251,7 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
         steps=state.steps + moved,
         attempts=tried,
         memory=found.memory,
+        passed=passed,
     )
     return following, jnp.where(moved, direction * found.size, 0.0)
 

@@ -18,10 +18,11 @@ from jax.custom_derivatives import SymbolicZero
 
 from ...once import once_property
 from ..status import Status
-from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over
-from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun
+from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over, rows_at
+from .jumping import moved_until, sure_until
+from .lanes import RUNNING, Attempts, Batch, Function, Projections, Rows, State, advanced, begun
 
-__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "in_order"]
+__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "following", "in_order", "middles"]
 
 
 class Stepping(Linear, Protocol):
@@ -47,6 +48,10 @@ class Pieces:
         Attempts and corrections of many cases, on a row for each component.
     steps
         Steps of given sizes, and their derivatives.
+    decided
+        (t, y, c) -> the values in the rates that jump with the state, on rows; None where nothing does.
+    moved_by
+        Numbers of the constants on which the times of breaks depend.
     """
 
     one: Attempts
@@ -54,6 +59,8 @@ class Pieces:
     many: Attempts
     many_projections: Projections
     steps: Stepping
+    decided: Function | None = None
+    moved_by: tuple[int, ...] = ()
 
 
 @final
@@ -72,18 +79,42 @@ class Limits:
 class _Way(NamedTuple):
     """How a run went: its record, which times it reached (n_t,), and for more than two times the steps over them.
 
-    These are the numbers of the attempts, and the steps cut at the times.
+    These are the numbers of the attempts, and the steps cut at the times. Times that are `moved` (n_t,) lie behind a
+    jump whose time depends on constants.
     """
 
     record: Record
     known: Any
     passing: tuple[Any, Steps] | None
+    moved: Any = None
 
 
 def in_order(t: Any) -> tuple[Any, Any]:
     """Return times (n_t,) by which to run, and whether they are those given: finite, and going one way."""
     ordered = jnp.all(jnp.isfinite(t)) & (jnp.all(t[1:] >= t[:-1]) | jnp.all(t[1:] <= t[:-1]))
     return jnp.where(ordered, t, 0.0), ordered
+
+
+def middles(t: Any, breaks: Any) -> Any:
+    """Return the middles (n_t,) between the breaks (n,) around times, of which the first is 0 and the last the end."""
+    direction, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(breaks)
+    passed = jnp.searchsorted(direction * breaks, direction * t, side="right")
+    behind = jnp.where(passed > 0, breaks[jnp.maximum(passed - 1, 0)], t[0])
+    ahead = breaks[jnp.minimum(passed, count - 1)]
+    ahead = jnp.where((passed < count) & jnp.isfinite(ahead), ahead, t[-1])
+    return behind + 0.5 * (ahead - behind)
+
+
+@jax.custom_jvp
+def following(y: Any, t: Any, rates: Any) -> Any:
+    """Return states (n_t, n_y), which change with times (n_t,) by rates (n_t, n_y)."""
+    return y
+
+
+@following.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    (y, _, rates), (dy, dt, _) = values, tangents
+    return y, dy + dt[:, None] * rates
 
 
 def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
@@ -141,43 +172,45 @@ class Motion:
         self._pieces, self._limits, self._forward = pieces, limits, forward
         self._room = -(-limits.max_steps // CHUNK) * CHUNK
 
-    def __call__(self, t: Any, y0: Any, c: Any) -> tuple[Any, Any]:
-        """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0], and the status.
+    def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Any, Any]:
+        """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0] = 0, and the status.
 
-        States that were not reached are NaN, and so are all derivatives of what is computed from them.
+        States that were not reached are NaN, and so are all derivatives of what is computed from them. Steps end at
+        `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
         """
-        y, status = self._passing(t, y0, c)
+        y, status = self._passing(t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float))
         return y, status.astype(int)
 
     # -- the run --------------------------------------------------------------------------
 
-    def _batch(self, t0: Any, t1: Any, y: Any, c: Any) -> Batch:
-        limits = self._limits
-        return Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
+    def _batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
+        limits, place = self._limits, self._pieces.steps.place
+        batch = Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
+        return batch._replace(breaks=breaks, place=place) if len(breaks) else batch
 
-    def _one(self, room: int, t0: Any, t1: Any, y: Any, c: Any) -> Record:
-        """Run one case, as one of a batch where it is vectorised."""
+    def _one(self, room: int, *given: Any) -> Record:
+        """Run one case from t0 to t1, y, c and breaks, as one of a batch where it is vectorised."""
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
-        def one(t0: Any, t1: Any, y: Any, c: Any) -> Record:
-            return _single(pieces, room, self._batch(t0, t1, y, c))
+        def one(*given: Any) -> Record:
+            return _single(pieces, room, self._batch(*given))
 
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
             return self._many(room, *rows), Record(False, *[True] * 4)
 
-        found: Record = one(t0, t1, y, c)
+        found: Record = one(*given)
         return found
 
-    def _many(self, room: int, t0: Any, t1: Any, y: Any, c: Any) -> Record:
+    def _many(self, room: int, *given: Any) -> Record:
         """Run cases in one loop; a batch of batches is one batch."""
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
-        def many(t0: Any, t1: Any, y: Any, c: Any) -> Record:
-            batch = self._batch(t0, t1, tuple(y.T), tuple(c.T))
+        def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Record:
+            batch = self._batch(t0, t1, tuple(y.T), tuple(c.T), breaks.T)
             count, taken, end = _record(pieces.many, pieces.many_projections, room, batch)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
             return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
@@ -185,21 +218,21 @@ class Motion:
         @many.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            count, *rest = self._many(room, *(row.reshape(-1, *row.shape[2:]) for row in rows))
+            count, *rest = self._many(room, *(row.reshape(size * row.shape[1], *row.shape[2:]) for row in rows))
             split = [value.reshape(size, -1, *value.shape[1:]) for value in rest]
             return Record(count, *split), Record(False, *[True] * 4)
 
-        found: Record = many(t0, t1, y, c)
+        found: Record = many(*given)
         return found
 
     # -- its derivatives ------------------------------------------------------------------
 
     @once_property
     def _passing(self) -> Callable[..., tuple[Any, Any]]:
-        """The function (t, y0, c) -> states (n_t, n_y), the status as a number."""
+        """The function (t, y0, c, breaks, moved) -> states (n_t, n_y), the status as a number."""
 
-        def primal(t: Any, y0: Any, c: Any) -> Any:
-            y, status, _ = self._run(t, y0, c, 0 if len(t) <= 2 else self._room)
+        def primal(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
+            y, status, _ = self._run(t, y0, c, breaks, 0 if len(t) <= 2 else self._room)
             return y, status
 
         if self._forward:
@@ -212,9 +245,9 @@ class Motion:
 
     def _push(self, values: Any, tangents: Any) -> Any:
         """Return what `_passing` does, and its change."""
-        (t, y0, c), (dt, dy, dc) = values, tangents
+        (t, y0, c, breaks, moved), (dt, dy, dc) = values, tangents[:3]
         dy, dc = instantiate(dy), instantiate(dc)
-        y, status, way = self._run(t, y0, c, self._room)
+        y, status, way = self._recorded(t, y0, c, breaks, moved)
         along, end = pushed(self._pieces.steps, way.record, c, dy, dc, keep=way.passing is not None)
         if way.passing is None:
             dy = jnp.stack([dy, end])[: len(t)]
@@ -222,17 +255,20 @@ class Motion:
             at, steps = way.passing
             dy = pushed_over(self._pieces.steps, steps, along[at], dc)
         if not isinstance(dt, SymbolicZero):
-            dy = dy + dt[:, None] * self._rates(t, y, c)
-        return (y, status), (jnp.where(way.known[:, None], dy, jnp.nan), jnp.zeros_like(status))
+            dy = dy + dt[:, None] * self._rates(t, y, c, breaks)
+        known = way.known
+        if way.moved is not None:
+            known &= ~(way.moved & jnp.any(dc[jnp.array(self._pieces.moved_by)] != 0.0))
+        return (y, status), (jnp.where(known[:, None], dy, jnp.nan), jnp.zeros_like(status))
 
-    def _ahead(self, t: Any, y0: Any, c: Any) -> Any:
+    def _ahead(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
         """Return what `_passing` does, and what `_back` needs; states only where the times are differentiated."""
-        y, status, way = self._run(t.value, y0.value, c.value, self._room)
-        return (y, status), (way, t.value, y if t.perturbed else None, c.value)
+        y, status, way = self._recorded(*(given.value for given in (t, y0, c, breaks, moved)))
+        return (y, status), (way, t.value, y if t.perturbed else None, c.value, breaks.value)
 
     def _back(self, kept: Any, cotangents: Any) -> Any:
         """Return the cotangents of the times (n_t,), of the first state (n_y,) and of the constants (n_c,)."""
-        (way, t, y, c), given = kept, instantiate(cotangents[0])
+        (way, t, y, c, breaks), given = kept, instantiate(cotangents[0])
         known, steps = way.known[:, None], self._pieces.steps
         # What is asked of states that were not reached has no answer, however little else it has to do with them.
         failed = jnp.any(~known & (given != 0.0))
@@ -248,18 +284,43 @@ class Motion:
             share = share + extra
         times = jnp.zeros_like(t)
         if y is not None:
-            times = jnp.where(way.known, jnp.sum(given * self._rates(t, y, c), axis=1), 0.0)
-        return tuple(jnp.where(failed, jnp.nan, cotangent) for cotangent in (times, first, share))
+            times = jnp.where(way.known, jnp.sum(given * self._rates(t, y, c, breaks), axis=1), 0.0)
+        if way.moved is not None:
+            moved_by = jnp.zeros(len(c), dtype=bool).at[jnp.array(self._pieces.moved_by)].set(True)
+            share = jnp.where(moved_by & jnp.any(way.moved[:, None] & (given != 0.0)), jnp.nan, share)
+        found = (jnp.where(failed, jnp.nan, cotangent) for cotangent in (times, first, share))
+        return *found, jnp.zeros_like(breaks), jnp.zeros_like(breaks)
 
-    def _rates(self, t: Any, y: Any, c: Any) -> Any:
+    def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> tuple[Any, Any, _Way]:
+        """Return what `_run` does; what lies behind a jump is not known to those who differentiate."""
+        y, status, way = self._run(t, y0, c, breaks, self._room)
+        decided, moved_by = self._pieces.decided, self._pieces.moved_by
+        if not len(y0) or (decided is None and not moved_by):
+            return y, status, way
+
+        def rates(t: Any, y: Rows, c: Rows) -> Rows:
+            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, way.record.count > 0))
+
+        direction, place = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.place
+        if decided is not None:
+            until = sure_until(decided, rates, place, way.record, c, direction)
+            way = way._replace(known=way.known & (direction * (t - until) <= 0.0))
+        if moved_by:
+            until = moved_until(rates, place, way.record, c, direction, (t[-1], breaks, moved > 0.0))
+            way = way._replace(moved=direction * (t - until) > 0.0)
+        return y, status, way
+
+    def _rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
         """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
-        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), tuple(c), jnp.isfinite(t[0]))
+        place = self._pieces.steps.place
+        rows = rows_at(place, c, t if place is None else middles(t, breaks))
+        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(t[0]))
         return jnp.stack(self._pieces.steps.rates(steps), axis=1)
 
-    def _run(self, t: Any, y0: Any, c: Any, room: int) -> tuple[Any, Any, _Way]:
+    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Any, Any, _Way]:
         """Return the states (n_t, n_y), NaN where they were not reached, the status, and the way there."""
         t, ordered = in_order(t)
-        record = self._one(room, t[0], t[-1], y0, c)
+        record = self._one(room, t[0], t[-1], y0, c, breaks)
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)
@@ -270,6 +331,7 @@ class Motion:
         at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
         begins = record.t[at]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
-        steps = Steps(begins, size, tuple(record.y[at].T), tuple(c), record.count > 0)
+        rows = rows_at(self._pieces.steps.place, c, begins + 0.5 * size)
+        steps = Steps(begins, size, tuple(record.y[at].T), rows, record.count > 0)
         y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
         return y, record.status, _Way(record, known, (at, steps))
