@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .errors import EnergyWarning
+from .errors import EnergyWarning, nesting_named
 from .ir.lower import lower
 from .mechanics.derive import derive
 from .naming import rate_name
@@ -36,6 +36,7 @@ __all__ = ["Stages", "compile_model", "compile_scene"]
 
 
 @deriving
+@nesting_named
 def compile_model(
     source: Scene | System | KanesMethod | LagrangesMethod,
     *,
@@ -84,11 +85,15 @@ def compile_model(
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
     """
+    return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
+
+
+def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:
+    """Return the model of a scene, or of what becomes one, with the outputs that it always has."""
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
-    wanted = requested(outputs)
-    options = CompileOptions(backend, formulation, wanted, cache, gains, orientation)
+    wanted = options.outputs
     angles: list[str] = []
-    if orientation == "quaternion":
+    if options.orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
     speeds = [u.func.__name__ for u in scene.speeds]

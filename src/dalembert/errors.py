@@ -5,8 +5,10 @@ Every message says what is wrong, where, what is allowed and what to do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 __all__ = [
     "AssumptionWarning",
@@ -26,8 +28,17 @@ __all__ = [
     "UnknownNameError",
     "ValueInputError",
     "list_names",
+    "nesting_named",
     "unknown_name",
 ]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+TOO_DEEP = (
+    "an expression is nested more deeply than Python can read, about 150 functions in one another: write it flatter, or"
+    " give inner parts as coordinates of their own with holonomic constraints"
+)
 
 
 class DalembertError(Exception):
@@ -103,6 +114,19 @@ class EnergyWarning(UserWarning):
 
 class PrecisionWarning(UserWarning):
     """A tolerance is below what double precision gives; the message names the floor."""
+
+
+def nesting_named(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that refuses by name what is nested more deeply than Python can read or print."""
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except RecursionError:
+            raise ExpressionError(TOO_DEEP) from None
+
+    return call
 
 
 def list_names(names: Iterable[str]) -> str:

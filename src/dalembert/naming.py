@@ -7,9 +7,11 @@ import re
 from collections.abc import Iterable
 from typing import final
 
-__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "rate_name"]
+__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "rate_name", "unwritable"]
 
 RATE_SUFFIX = "_dot"
+_LONGEST = 500
+"""Characters of an identifier; LLVM takes those that differ only beyond 1,024 for one."""
 
 GENERATED = frozenset({"abs", "c", "float", "fn", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"})
 """Identifiers that generated code uses itself."""
@@ -18,6 +20,11 @@ GENERATED = frozenset({"abs", "c", "float", "fn", "jnp", "math", "max", "min", "
 def rate_name(coordinate: str) -> str:
     """Return the name of the rate of a coordinate: ``"x" -> "x_dot"``."""
     return coordinate + RATE_SUFFIX
+
+
+def unwritable(name: str) -> bool:
+    """Whether a name has a lone surrogate, half of a character, which no file and no message can hold."""
+    return any("\ud800" <= character <= "\udfff" for character in name)
 
 
 @final
@@ -39,7 +46,7 @@ class Namer:
 
     def __call__(self, wish: str) -> str:
         """Return an identifier close to `wish` that nothing else has."""
-        base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_") or "value"
+        base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_")[:_LONGEST] or "value"
         if base[0].isdigit():
             base = f"n{base}"
         name, count = base, self._counts.get(base, 1)

@@ -48,7 +48,8 @@ class CompileOptions:
     orientation: str = "scene"
 
     def __post_init__(self) -> None:
-        if self.orientation not in ORIENTATIONS:
+        orientation: Any = self.orientation
+        if not isinstance(orientation, str) or orientation not in ORIENTATIONS:
             raise OptionError(unknown_name("orientation", str(self.orientation), ORIENTATIONS))
         if self.gains is None:
             return

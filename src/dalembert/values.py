@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .errors import OptionError, ValueInputError
 
-__all__ = ["array_of", "number", "option", "times_of", "tolerances", "whole"]
+__all__ = ["array_of", "listed", "number", "option", "times_of", "tolerances", "whole"]
 
 FloatArray = NDArray[np.float64]
 _REAL = "biuf"
@@ -46,6 +46,22 @@ def array_of(value: Any) -> FloatArray:
     if kind not in _REAL or not kind:
         raise ValueError("is not a number" if given.ndim == 0 else "is not an array of numbers")
     return np.asarray(given, dtype=float)
+
+
+def listed(name: str, value: Any, what: str) -> list[Any]:
+    """Return the members of a list that an option is, a text being one member.
+
+    Raises
+    ------
+    OptionError
+        For what is no list.
+    """
+    if isinstance(value, str):
+        return [value]
+    try:
+        return list(value)
+    except (TypeError, NotImplementedError):
+        raise OptionError(f"{name} must be a list of {what}, not {value!r}") from None
 
 
 def number(value: Any) -> float:

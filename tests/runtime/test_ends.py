@@ -116,6 +116,20 @@ def test_no_absolute_tolerance_and_a_component_that_is_zero(method):
     assert run["x"][-1] == pytest.approx(1.0 - np.cos(1.0), rel=1e-4)
 
 
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_sweeps_that_record_nothing_or_fail_before(backend):
+    x = dynamicsymbols("x")
+    model = da.compile_model(force(6 * sp.Symbol("a") * x**2, x), backend=backend)
+    start = {"x": 1.0, "x_dot": 2.0}
+    for wanted in ([], [2.0]):
+        sweep = model.sweep((0, 2), start, {"a": [1.0, 0.0]}, t_eval=wanted, rtol=1e-6)
+        assert list(sweep.success) == [False, True]
+        assert sweep["energy"].shape == sweep["x"].shape == (2, len(wanted))
+        assert sweep.to_xarray().sizes["time"] == len(wanted)
+        assert not np.any(np.isfinite(sweep["x"][0]))
+        assert sweep.t == pytest.approx([1.0, 2.0], rel=1e-3)
+
+
 def test_no_run_is_told_to_do_what_it_does():
     status = Status.SINGULAR_CONFIGURATION
     assert "projected" in status.message_for(("augmented",), "taylor")

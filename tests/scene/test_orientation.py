@@ -94,6 +94,7 @@ PARAMETERS = {"g": 9.81, "l": 0.4, "k": 0.3, **BODY}
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.filterwarnings("ignore::dalembert.errors.EnergyWarning")
 def test_motion_is_that_of_the_angles(name):
     options, start = SCENES[name]
     start = START | {key: value for key, value in start.items() if key in START}

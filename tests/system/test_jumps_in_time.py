@@ -184,6 +184,33 @@ def test_formulations_with_constraints_agree_with_a_reference_stopped_at_breaks(
     assert abs(run["x"][-1] - np.sin(state[0])) < 1e-6
 
 
+@pytest.mark.parametrize("formulation", ["minimal", "projected", "ggl", "augmented", "baumgarte"])
+@pytest.mark.parametrize("kind", ["kink of a position", "jump of a velocity"])
+def test_constraints_that_make_rates_jump_act_by_an_impulse(formulation, kind):
+    y = dynamicsymbols("y")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    cart, bob = (
+        origin.locatenew("C", x * frame.x),
+        origin.locatenew("B", (x + sp.sin(y)) * frame.x - sp.cos(y) * frame.y),
+    )
+    scene = da.Scene("jerked", frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("cart", cart, 2), Particle("bob", bob, 1))
+    if kind == "jump of a velocity":
+        scene.add_nonholonomic_constraints(x.diff() - sp.Heaviside(t - 1))
+    else:
+        scene.add_holonomic_constraints(x - sp.Max(t - 1, 0))
+    model = da.compile_model(scene, formulation=formulation)
+    start = {"x": 0, "x_dot": 0, "y": sp.Rational(1, 2), "y_dot": 0}
+    times = np.array([0.5, 1.5])
+    run = model.simulate((0, 1.5), start, {}, t_eval=times, rtol=1e-8, atol=1e-9)
+    # along y, cos(y) x_dot + y_dot of the bob stays; afterwards nothing turns it
+    np.testing.assert_allclose(run["y"], [0.5, 0.5 - 0.5 * np.cos(0.5)], atol=1e-6)
+    np.testing.assert_allclose(run["x"], [0.0, 0.5], atol=1e-6)
+    if formulation in ("minimal", "projected"):
+        cases = model.sweep((0, 1.5), start, {}, rtol=1e-8, atol=1e-9)
+        assert abs(cases["y"][0] - run["y"][-1]) < 1e-7
+
+
 def test_contacts_stick_and_slip_when_a_load_or_friction_jumps():
     y = dynamicsymbols("y")
     frame, origin = ReferenceFrame("N"), Point("O")

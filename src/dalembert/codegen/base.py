@@ -357,9 +357,10 @@ class Engine(ABC):
                 watched_case(self, block, i, problem, method, result)
                 continue
             solution = self.integrate(problem, method)
-            result.y[i] = solution.y[-1] if len(solution.y) else block.y[i]
-            end = solution.t[-1] if len(solution.t) else block.spans[i, 0]
-            result.ends[i] = end, solution.status, solution.steps
+            end, last = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+            if not solution.success and solution.end is not None and solution.last is not None:
+                end, last = solution.end, solution.last
+            result.y[i], result.ends[i] = last, (end, solution.status, solution.steps)
             count = min(len(solution.y), len(block.t_eval))
             result.samples[i, :count] = solution.y[:count]
 

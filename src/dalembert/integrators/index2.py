@@ -75,6 +75,7 @@ class _Run:
             evaluations=self.evaluations,
             dense=dense if self.problem.dense else None,
             end=self.t,
+            last=self.y[: self.kept].copy(),
         )
 
     def _dense(self) -> PiecewisePolynomial:

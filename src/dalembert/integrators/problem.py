@@ -110,6 +110,8 @@ class Solution:
         The states (n_t, n_y) with angles less some turns, which have more digits, where they were kept so.
     end
         Time that the run reached; None where it is the last of the recorded times, or of the continuous output.
+    last
+        The state (n_y,) then, where it is known.
     """
 
     status: Status
@@ -121,6 +123,7 @@ class Solution:
     dense: "DenseOutput | None" = None
     near: FloatArray | None = None
     end: float | None = None
+    last: FloatArray | None = None
 
     @property
     def success(self) -> bool:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from matplotlib.animation import FuncAnimation
+from matplotlib.animation import FuncAnimation, writers
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..errors import OptionError
+from ..errors import MissingExtraError, OptionError
 
 if TYPE_CHECKING:
     from ..mechanics.skeleton import Skeleton
@@ -23,6 +24,7 @@ __all__ = ["Animation", "animate"]
 FloatArray = NDArray[np.float64]
 _MOST_FRAMES = 5_000
 _FLAT = 1e-9
+_WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}
 _AXIS_COLORS = ("tab:red", "tab:green", "tab:blue")
 
 
@@ -31,9 +33,34 @@ class Animation(FuncAnimation):
     """matplotlib's animation, which a notebook shows with buttons; ``save("motion.gif")`` writes it."""
 
     def save(self, filename: Any, writer: Any = None, *settings: Any, **options: Any) -> None:
-        """Write the animation to a file; a gif by pillow, which comes with matplotlib, unless a writer is given."""
-        gif = writer is None and str(filename).lower().endswith(".gif")
-        super().save(filename, "pillow" if gif else writer, *settings, **options)
+        """Write the animation to a file: ``.gif`` and ``.html`` by matplotlib alone, ``.mp4`` with ffmpeg.
+
+        Parameters
+        ----------
+        filename : str or path
+        writer : str or matplotlib.animation.AbstractMovieWriter, optional
+            By default, "pillow" for a gif, "html" for a page, "ffmpeg" for a film.
+
+        Raises
+        ------
+        OptionError
+            For another ending without a writer.
+        MissingExtraError
+            When the program that writes the file is not installed.
+        """
+        ending = Path(str(filename)).suffix.lower()
+        if writer is None and ending not in _WRITERS:
+            raise OptionError(
+                f"animations are written to files that end with {', '.join(_WRITERS)}, not to {str(filename)!r}; give"
+                " one of these, or writer="
+            )
+        chosen = _WRITERS[ending] if writer is None else writer
+        if isinstance(chosen, str) and not writers.is_available(chosen):
+            raise MissingExtraError(
+                f"{str(filename)!r} needs the writer {chosen!r} of matplotlib, which is not there: install ffmpeg, or"
+                f" write a .gif or .html file (available: {', '.join(writers.list())})"
+            )
+        super().save(filename, chosen, *settings, **options)
 
     def _repr_html_(self) -> str:
         html: str = self.to_jshtml()

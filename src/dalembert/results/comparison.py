@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any, final
 
+from ..errors import nesting_named
+
 __all__ = ["Comparison", "ComparisonRow"]
 
 
@@ -74,6 +76,7 @@ class Comparison:
     def __iter__(self) -> Iterator[ComparisonRow]:
         return iter(self.rows)
 
+    @nesting_named
     def __getitem__(self, formulation: str) -> ComparisonRow:
         for row in self.rows:
             if row.formulation == formulation:

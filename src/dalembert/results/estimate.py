@@ -7,6 +7,8 @@ from typing import Any, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import nesting_named
+
 __all__ = ["TIGHTER", "ErrorEstimate"]
 
 TIGHTER = 1e-2
@@ -27,5 +29,6 @@ class ErrorEstimate:
     def __init__(self, run: _Named, twin: _Named) -> None:
         self._run, self._twin = run, twin
 
+    @nesting_named
     def __getitem__(self, key: Any) -> NDArray[np.float64]:
         return np.abs(self._run[key] - self._twin[key])

@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ValueInputError
+from ..errors import ValueInputError, nesting_named
 from ..values import array_of
 
 __all__ = ["Grid", "grid"]
@@ -41,6 +41,7 @@ class Grid:
         return f"<Grid {' x '.join(f'{name}: {len(values)}' for name, values in self.axes.items())}>"
 
 
+@nesting_named
 def grid(**axes: Any) -> Grid:
     """Return the product grid of named values, to be given to `CompiledModel.sweep` as ``grid=``.
 

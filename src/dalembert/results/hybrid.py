@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..integrators.status import Status
 from ..ir.program import Layout
 from ..values import times_of
@@ -150,6 +150,7 @@ class HybridTrajectory(Motion):
         common = [name for name in self._parts[0].motion.invariants if all(name in names for names in every)]
         return {name: self._joined(lambda part, name=name: part.motion.invariants[name]) for name in common}  # type: ignore[misc]
 
+    @nesting_named
     def __getitem__(self, key: Any) -> FloatArray:
         name = self._layout.aliases.get(str(key), str(key))
         if not {name, str(key)} & {*self.names}:
@@ -193,6 +194,7 @@ class HybridTrajectory(Motion):
         """Phases that take time, of which there is something to evaluate; where there are none, all."""
         return [part for part in self._whole if part.phase.t0 != part.phase.t1] or self._whole
 
+    @nesting_named
     def __call__(self, t: Any) -> HybridTrajectory:
         """Return the motion at other times; where a phase ends, as the next one begins.
 

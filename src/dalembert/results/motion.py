@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import EnergyWarning, MissingExtraError, OptionError
+from ..errors import EnergyWarning, MissingExtraError, OptionError, nesting_named
 from ..integrators.status import Status
 from ..ir.program import Layout, Program
 from ..values import option
@@ -132,6 +132,7 @@ class Motion(ABC):
         """Names of the coordinates."""
         return self._layout.coordinates
 
+    @nesting_named
     def plot(self, *names: Any) -> Figure:
         """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
 
@@ -144,6 +145,7 @@ class Motion(ABC):
 
         return plot(self, [str(name) for name in names] or list(self.coordinates))
 
+    @nesting_named
     def animate(self, *, fps: float = 25.0, speed: float = 1.0, points: Sequence[Any] = ()) -> Animation:
         """Return a moving picture: bodies with their paths and axes, points of joints and loads, and what joins them.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
@@ -154,6 +154,7 @@ class CaseResults(ABC):
         layout = self._layout
         return (*layout.coordinates, *layout.rates, *layout.outputs)
 
+    @nesting_named
     def __getitem__(self, key: Any) -> FloatArray:
         return self._final(key) if self.t_eval is None else self._sampled(key)
 
@@ -302,6 +303,8 @@ class Sweep(CaseResults):
             return y[:, :, layout.state.index(name)].copy()
         kernel, column = self._source(name, str(key))
         values = np.empty(y.shape[:2])
+        if not values.size:
+            return values
         width = max(1, y.shape[1])
         for first in range(0, len(y), max(1, _BLOCK // width)):
             block = slice(first, first + max(1, _BLOCK // width))

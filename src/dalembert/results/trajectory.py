@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..integrators.problem import DenseOutput
 from ..integrators.segments import Constants, Segments, constants_at
 from ..integrators.status import Status
@@ -205,6 +205,7 @@ class Trajectory(Motion):
         listed = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
         return tuple(dict.fromkeys(listed))
 
+    @nesting_named
     def __getitem__(self, key: Any) -> FloatArray:
         layout = self._program.layout
         name = layout.aliases.get(str(key), str(key))
@@ -262,6 +263,7 @@ class Trajectory(Motion):
         """What each constraint leaves on the rates, (n_t, n_constraints)."""
         return self._on_scene("velocity_residual")
 
+    @nesting_named
     def __call__(self, t: Any) -> Trajectory:
         """Return the motion at other times.
 

@@ -21,7 +21,8 @@ __all__ = ["MOST_BREAKS", "CaseBreaks", "break_times", "break_times_of_cases"]
 MOST_BREAKS = 1_000_000
 """How many breaks a run may have."""
 
-_MOST_PIECES = 1_000_000
+_MOST_EACH = 2_000
+"""How many breaks each of many runs may have that are prepared together."""
 _ULP = 2.220446049250313e-16
 _TOGETHER = 16.0 * _ULP
 _PARTS, _NOTHING = 8, 1e-290
@@ -154,6 +155,7 @@ class _Search:
     def __init__(self, kernel: Kernel, kind: str, p: FloatArray) -> None:
         self.kernel, self.kind = kernel, kind
         self.p = p.T
+        self.most = max(MOST_BREAKS, _MOST_EACH * len(p))
 
     def roots(self, a: FloatArray, b: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return all roots between a and b (k,): of which row each is, and the times."""
@@ -183,11 +185,11 @@ class _Search:
                 stuck.append((row[done], low[done], high[done]))
             rest &= ~done
             row, low, high = row[rest], low[rest], high[rest]
-            if len(row) > _MOST_PIECES:
+            if len(row) > self.most:
                 zero = self._vanishes(row, low, high)
                 stuck.append((row[zero], low[zero], high[zero]))
                 row, low, high = row[~zero], low[~zero], high[~zero]
-            if total > MOST_BREAKS or max(len(row), sum(len(part[0]) for part in stuck) / 4) > _MOST_PIECES:
+            if max(total, len(row), sum(len(part[0]) for part in stuck) / 4) > self.most:
                 self._refuse(row, low, high)
         if stuck:
             some = self._across(*(np.concatenate(part) for part in zip(*stuck, strict=True)))
@@ -241,7 +243,7 @@ class _Search:
         if self.kind == WHOLE:
             bottom, top = np.ceil(np.minimum(first, last)), np.floor(np.maximum(first, last))
             counts = np.nan_to_num(np.maximum(top - bottom + 1.0, 0.0), nan=0.0)
-            if float(np.sum(counts)) > MOST_BREAKS:
+            if float(np.sum(counts)) > self.most:
                 self._refuse(row, low, high)
             repeats = counts.astype(np.intp)
             source = np.repeat(np.arange(len(row)), repeats)

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from ..errors import CacheWarning
+from ..errors import CacheWarning, OptionError
 from ..naming import Namer
 from .trust import descriptor_refusal, folder_refusal, make_folder
 
@@ -46,7 +46,12 @@ def directory() -> Path:
     """Return the folder of the cache: ``$DALEMBERT_CACHE_DIR``, or the user's cache folder of the platform."""
     chosen = os.environ.get(ENVIRONMENT_VARIABLE)
     if chosen:
-        return Path(chosen).expanduser()
+        try:
+            return Path(chosen).expanduser()
+        except RuntimeError:
+            raise OptionError(
+                f"{ENVIRONMENT_VARIABLE} is {chosen!r}, and there is no such user; set it to a folder, or unset it"
+            ) from None
     import platformdirs
 
     return platformdirs.user_cache_path("dalembert", appauthor=False)

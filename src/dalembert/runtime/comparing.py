@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
 from ..reduction import FORMULATIONS
 from ..results.comparison import Comparison, ComparisonRow
+from ..values import listed
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -51,10 +52,12 @@ def compare(
     OptionError
         For unknown formulations and methods.
     """
-    names = tuple(FORMULATIONS) if chosen is None else (chosen,) if isinstance(chosen, str) else tuple(chosen)
+    names = tuple(FORMULATIONS) if chosen is None else tuple(listed("formulations", chosen, "names of formulations"))
     for name in names:
-        if name not in FORMULATIONS:
+        if not isinstance(name, str) or name not in FORMULATIONS:
             raise OptionError(unknown_name("formulation", str(name), FORMULATIONS))
+    if not isinstance(methods, str | Mapping):
+        raise OptionError(f"method must be a name, or a mapping from formulations to names, not {methods!r}")
     table = {} if isinstance(methods, str) else dict(methods)
     strange = [unknown_name("formulation", str(name), FORMULATIONS) for name in table if name not in FORMULATIONS]
     strange += [

@@ -14,11 +14,10 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from sympy.physics.vector import dynamicsymbols
 
 from ..codegen.base import FloatArray
 from ..integrators.problem import times_wanted
-from ..scene.elapsed import Offset, timed
+from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.model import SymbolTable
 from .events import Event, event_list
 from .reductions import Reduction, reduction_table
@@ -90,7 +89,7 @@ def asked(symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any 
 
     def meant(expression: Any) -> Any:
         called = isinstance(expression, str) and symbols.aliases.get(expression, expression) == symbols.time
-        return dynamicsymbols._t if called else expression
+        return time_symbol() if called else expression
 
     listed = event_list(events, symbols.aliases)
     table = reduction_table(reduce, symbols.aliases)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..codegen.base import FloatArray
-from ..errors import ValueInputError
+from ..errors import ValueInputError, nesting_named
 from ..ir.program import Layout
 from ..values import array_of, times_of
 from . import inputs
@@ -33,10 +33,12 @@ class Evaluated(ABC):
         None stands for zeros.
         """
 
+    @nesting_named
     def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
         return inputs.parameter_vector(self.layout, parameters)
 
+    @nesting_named
     def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
         """Return the mass matrix.
 
@@ -55,15 +57,18 @@ class Evaluated(ABC):
         """
         return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2)
 
+    @nesting_named
     def forcing(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
         """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
         return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),))
 
+    @nesting_named
     def constraint_jacobian(self, t: Any, q: Any, p: Any) -> FloatArray:
         """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
         shape = (len(self.layout.constraints), len(self.layout.coordinates))
         return self._evaluate("constraint_jacobian", t, q, None, p, shape)
 
+    @nesting_named
     def accelerations(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
         """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
         return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from sympy import Basic
 
 from ..codegen.base import FloatArray
 from ..errors import OptionError
@@ -67,7 +68,12 @@ class Event:
 
     def __post_init__(self) -> None:
         faults = []
-        if self.direction not in (-1, 0, 1):
+        if not isinstance(self.expression, str | Basic):
+            faults.append(f"the expression must be a name or a SymPy expression, not {self.expression!r}")
+        if self.name is not None and not isinstance(self.name, str):
+            faults.append(f"the name must be a text, not {self.name!r}")
+        direction: Any = self.direction
+        if not isinstance(direction, int | float | np.number) or direction not in (-1, 0, 1):
             faults.append(f"direction must be 1 (from minus to plus), -1 or 0 (both), not {self.direction!r}")
         terminal: Any = self.terminal
         if not isinstance(terminal, int | np.integer) or terminal < 0:

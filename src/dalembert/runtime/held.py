@@ -88,7 +88,7 @@ class Held(Evaluated):
         return derived_once(self._starts, key, lambda: starting(self.stages.reduced, sorted(key)))
 
     def _method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
-        if method == "auto":
+        if isinstance(method, str) and method == "auto":
             return self._engine.automatic(self.methods, rtol, atol, many=many)
         if not isinstance(method, str) or method not in self._methods:
             why = backend_named(self.backend).refusal(self._program, str(method))
@@ -104,7 +104,7 @@ class Held(Evaluated):
 
         With `ranks` the rank of the constraints is watched too.
         """
-        same = isinstance(events, tuple) and not reduce and not ranks
+        same = isinstance(events, tuple) and reduce is None and not ranks
         same = same and all(isinstance(event, Event) and event.apply is None for event in events)
         kept = self._named.get(id(events)) if same else None
         if kept is not None and kept[0] is events:

@@ -22,7 +22,7 @@ from ..errors import (
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
-from ..values import number
+from ..values import listed, number
 from .assembly import nearest
 from .assumed import ROUNDING, refuse_contradictions
 
@@ -97,7 +97,7 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
         For those that are not known, all of them at once.
     """
     known = list(known)
-    names = [aliases.get(str(key), str(key)) for key in ([given] if isinstance(given, str) else given)]
+    names = [aliases.get(str(key), str(key)) for key in listed(f"{kind}s", given, "names or symbols")]
     unknown = [unknown_name(kind, name, known) for name in names if name not in known]
     if unknown:
         raise UnknownNameError("\n".join(unknown))

@@ -14,6 +14,7 @@ from ..ir.program import Kernel, Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariants import Candidates, why_not
 from ..reduction.keeping import TIME_SCALE, initial_name
+from ..values import listed
 from .events import event_list
 from .monitors import conserved
 
@@ -79,7 +80,7 @@ def kept_names(
 
 
 def _listed(wanted: Any) -> list[str]:
-    given = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else list(wanted)
+    given = listed("project_invariants", wanted, "names") if isinstance(wanted, Iterable) else [wanted]
     return [str(name) for name in given if name is not None]
 
 

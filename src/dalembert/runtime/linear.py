@@ -19,6 +19,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.partials import jacobian_kernel
 from ..ir.program import Kernel, Program
 from ..results.linearization import Linearization
+from ..values import listed
 
 __all__ = ["linearized"]
 
@@ -101,8 +102,9 @@ def _free(state: Sequence[str], holonomic: int, g_x: FloatArray, chosen: Sequenc
         n = len(state) // 2
         return [*_picked(g_x[:holonomic, :n]), *(n + i for i in _picked(g_x[holonomic:, n:]))]
     rank = int(np.linalg.matrix_rank(g_x, tol=_DEPENDENT * max(1.0, float(np.max(np.abs(g_x), initial=0.0)))))
+    chosen = listed("states", chosen, "names of states")
     for name in chosen:
-        if name not in state:
+        if not isinstance(name, str) or name not in state:
             raise OptionError(unknown_name("state", str(name), state))
     free = [state.index(name) for name in chosen]
     whole = np.vstack([g_x, np.eye(len(state))[free]])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..codegen import backend_named
 from ..codegen.base import Engine
-from ..errors import OptionError
+from ..errors import OptionError, nesting_named
 from ..integrators.problem import IntegrationProblem
 from ..once import derived_once
 from ..options import CompileOptions
@@ -50,6 +50,7 @@ class CompiledModel(Swept):
         self._others: dict[str, CompiledModel] = {}
         self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
 
+    @nesting_named
     def compare_formulations(
         self,
         t_span: tuple[float, float],
@@ -85,6 +86,7 @@ class CompiledModel(Swept):
         run, known = (t_span, initial, parameters), backend_named(self.backend).methods
         return compare(self._in_formulation, self.name, formulations, run, tolerances(rtol, atol), method, known)
 
+    @nesting_named
     def linearize(
         self,
         t: float,
@@ -132,6 +134,7 @@ class CompiledModel(Swept):
         options = CompileOptions(backend=self.backend, formulation=name)
         return derived_once(self._others, name, lambda: compile_mode(self.stages.scene, options, self.stages.mode))
 
+    @nesting_named
     def sensitivity(
         self,
         t_span: tuple[float, float],

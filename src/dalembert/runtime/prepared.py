@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import final
 
 from ..codegen.base import FloatArray, Prepared
-from ..errors import ValueInputError, list_names
+from ..errors import ValueInputError, list_names, nesting_named
 from ..integrators.status import Status
 from ..ir.program import Layout
 from ..values import array_of
@@ -51,14 +51,18 @@ class PreparedRun:
         except AttributeError:
             fits = False
         if not fits:
-            state = self._array("state", state, self._state)
-            p = self._array("p", p, self._parameters)
+            state, p = self._arrays(state, p)
         return self._run(state, p)
 
     @property
     def status(self) -> Status:
         """How the last run of this thread ended."""
         return self._run.status()
+
+    @nesting_named
+    def _arrays(self, state: object, p: object) -> tuple[FloatArray, FloatArray]:
+        """Return what was given as arrays."""
+        return self._array("state", state, self._state), self._array("p", p, self._parameters)
 
     @staticmethod
     def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:

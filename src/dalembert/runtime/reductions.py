@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
+from sympy import Basic
+
 from ..errors import OptionError
 from .events import Event
 
@@ -75,6 +77,10 @@ def reduction_table(reduce: Any, aliases: Mapping[str, str]) -> dict[str, Reduct
             "reduce must map names to dalembert.final, minimum, maximum, mean or first_crossing of expressions, or list"
             f" expressions whose final values are wanted, not {reduce!r}"
         )
+    for name, value in given:
+        inner = value.expression if isinstance(value, Reduction) else value
+        if not isinstance(inner, str | Basic):
+            raise OptionError(f"reduction {name!r}: the expression must be a name or a SymPy expression, not {inner!r}")
     table = {name: value if isinstance(value, Reduction) else final_value(value) for name, value in given}
     if len(table) < len(given):
         raise OptionError("two reductions have the same name; give reduce= as a mapping with a name for each")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
     from ..codegen.base import CaseRun
 
 __all__ = ["SegmentedEngine", "at_time", "segmented", "segments_of", "starting_constants"]
+
+Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
+"""From a time, a state (n_y,) and the constants (n_c,) before and after it to the state with which the run goes on."""
 
 _FEW = 32
 _MOST_KEPT = 16
@@ -91,6 +95,7 @@ class SegmentedEngine(Engine):
     def __init__(self, inner: Engine, program: Program) -> None:
         self.inner, self._program = inner, program
         self._kept: dict[tuple[bytes, float, float], Segments] = {}
+        self.landing: Landing | None = None
         self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
 
     cuts: ClassVar[bool] = True
@@ -138,7 +143,8 @@ class SegmentedEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        return _chained(lambda part: self.inner.integrate(part, method), problem, self.segments(problem))
+        run = partial(self.inner.integrate, method=method)
+        return _chained(run, problem, self.segments(problem), self.landing)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: what one segment found unfit the others do not try."""
@@ -151,14 +157,18 @@ class SegmentedEngine(Engine):
             solution, taken, notes = self.inner.integrate_automatic(part, method)
             return solution
 
-        return _chained(run, problem, self.segments(problem)), taken, notes
+        return _chained(run, problem, self.segments(problem), self.landing), taken, notes
 
     def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.stretches`; none of them reaches beyond its segment."""
         y, left, first = problem.y0, problem.max_steps, problem.first_step
         whole = replace(problem, t_eval=None)
+        before: FloatArray | None = None
         for part in _parts(whole, self.segments(problem)):
             status = Status.SUCCESS
+            if before is not None and self.landing is not None and len(y):
+                y = self.landing(part.t0, y, before, part.constants)
+            before = part.constants
             own = replace(part, y0=y, max_steps=left, first_step=first)
             for stretch in self.inner.stretches(own, method) if len(y) else [prescribed(own)]:
                 status = Status(stretch.status)
@@ -210,14 +220,14 @@ class SegmentedEngine(Engine):
 
 
 def _parts(problem: IntegrationProblem, segments: Segments) -> Iterator[IntegrationProblem]:
-    """Yield the problem of each segment; each records its end too where times to record are given."""
+    """Yield the problem of each segment; one with times to record records its end, too, one without its steps."""
     edges, wanted = segments.edges, problem.t_eval
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
     places = None if wanted is None else np.searchsorted(forward * wanted, forward * edges[1:-1], side="left")
     bounds = None if places is None or wanted is None else [0, *places.tolist(), len(wanted)]
     for k in range(len(segments)):
         times = None
-        if wanted is not None and bounds is not None:
+        if wanted is not None and bounds is not None and bounds[k] < bounds[k + 1]:
             times = np.append(wanted[bounds[k] : bounds[k + 1]], edges[k + 1])
         yield replace(
             problem,
@@ -230,7 +240,10 @@ def _parts(problem: IntegrationProblem, segments: Segments) -> Iterator[Integrat
 
 
 def _chained(
-    integrate: Callable[[IntegrationProblem], Solution], problem: IntegrationProblem, segments: Segments
+    integrate: Callable[[IntegrationProblem], Solution],
+    problem: IntegrationProblem,
+    segments: Segments,
+    landing: Landing | None,
 ) -> Solution:
     """Return the solution of a problem, segment by segment."""
     if len(segments) == 1:
@@ -238,21 +251,32 @@ def _chained(
     y, left = problem.y0, problem.max_steps
     done: list[Solution] = []
     recorded = problem.t_eval is not None
+    before: FloatArray | None = None
     for part in _parts(problem, segments):
+        if before is not None and landing is not None:
+            y = landing(part.t0, y, before, part.constants)
+        before = part.constants
         if left <= 0:
             done[-1] = replace(done[-1], status=Status.MAX_STEPS)
             break
         solution = integrate(replace(part, y0=y, max_steps=left))
         left -= solution.steps + solution.rejected
         if not solution.success:
-            done.append(solution)
+            done.append(_asked(solution, part.t_eval, whole=True) if recorded else solution)
             break
         y = solution.y[-1]
-        if recorded:  # the end was recorded besides
-            near = None if solution.near is None else solution.near[:-1]
-            solution = replace(solution, t=solution.t[:-1], y=solution.y[:-1], near=near)
-        done.append(solution)
+        done.append(_asked(solution, part.t_eval) if recorded else solution)
     return _joined(done, recorded)
+
+
+def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
+    """Return a solution with the times that were asked for alone: without its end, and none where none were."""
+    last = 0 if times is None else len(solution.t) - (not whole)
+    near = None if solution.near is None else solution.near[:last]
+    end = solution.end
+    if end is None and len(solution.t):
+        end = float(solution.t[-1])
+    return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
 
 
 def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
@@ -272,6 +296,7 @@ def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
         evaluations=sum(part.evaluations for part in done),
         dense=_dense([part.dense for part in done]),
         near=near,
+        end=done[-1].end,
     )
 
 
@@ -304,6 +329,7 @@ class _Rounds:
         program = engine._program
         assert program.conditions is not None
         self.inner, self.program, self.block, self.method, self.result = engine.inner, program, block, method, result
+        self.landing = engine.landing
         self.place = program.conditions.place
         self.p = block.c[:, : len(program.layout.parameters)].copy()
         self.start = _going_on(len(program.layout.state))
@@ -323,6 +349,8 @@ class _Rounds:
             further = k < left
             ends = block.spans[some, 1].copy()
             ends[further] = self.breaks[self.starts[some[further]] + k]
+            if k and self.landing is not None:
+                self._land(some, now, ends, y, k)
             done = self._round(some, now[some], ends, y[some], k)
             if done is None:
                 return False
@@ -336,6 +364,15 @@ class _Rounds:
             some = some[further & (status == Status.SUCCESS) & ~spent]
             k += 1
         return True
+
+    def _land(self, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray, k: int) -> None:
+        """Let the states of cases at a break be those with which they go on."""
+        assert self.landing is not None
+        for i, end in zip(some.tolist(), ends.tolist(), strict=True):
+            first = self.breaks[self.starts[i] + k - 2] if k > 1 else self.block.spans[i, 0]
+            middles = 0.5 * np.array([first + now[i], now[i] + end])
+            before, after = _prepared(self.program, self.p[i], middles)
+            y[i] = self.landing(float(now[i]), y[i], before, after)
 
     def _round(
         self, some: NDArray[np.intp], t0: FloatArray, t1: FloatArray, y: FloatArray, k: int

@@ -21,6 +21,7 @@ from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
+from ..values import listed
 from . import inputs
 from .jumps import decisions, moved_breaks, refuse_jumps_at, refuse_jumps_between
 from .segments import segmented, starting_constants
@@ -141,7 +142,7 @@ def chosen_names(
 
     def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
         found, wrong = [], []
-        for key in [names] if isinstance(names, str) else names:
+        for key in listed("wrt" if kind.startswith("parameter") else "of", names, "names or symbols"):
             choices = (str(key), layout.aliases.get(str(key), str(key)))
             name = next((choice for choice in choices if choice in known), None)
             if name is None:

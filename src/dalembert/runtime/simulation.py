@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codegen.base import Engine, FloatArray, Prepared, PreparedStates
-from ..errors import OptionError
+from ..errors import OptionError, nesting_named
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.status import Status
 from ..integrators.watched import Occurrence, integrate_watched
@@ -37,13 +37,16 @@ from .keeping import kept_names, kept_values, refuse_jumps, refuse_unknown
 from .monitors import conserved
 from .prepared import PreparedRun
 from .recording import Record
-from .segments import at_time, starting_constants
+from .segments import SegmentedEngine, at_time, starting_constants
 from .singular import indeterminate, judged, nearly_redundant, redundant, searched, singular_start, still_redundant
 
 if TYPE_CHECKING:
     from ..compiler import Stages
 
 __all__ = ["Simulated"]
+
+_STRUCK = 1e-10
+"""Share of the rates by which constraints make them jump at a break, from which on that is an impulse."""
 
 
 class Simulated(Held):
@@ -58,12 +61,37 @@ class Simulated(Held):
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._keepers: dict[tuple[str, ...], Simulated] = {}
+        if isinstance(engine, SegmentedEngine) and "velocity_residual" in stages.program and self.layout.state:
+            engine.landing = self._landed
         self._counters: dict[tuple[Any, ...], Simulated] = {}
 
     @derived_property
     def _gimbals(self) -> Gimbals | None:
         """The angles that may lock, found when a run is first judged."""
         return gimbals(self.stages.reduced)
+
+    def _landed(self, t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return the state with which a run goes on from a break: where constraints make rates jump, by an impulse.
+
+        That of ideal constraints changes the rates least in the metric of the kinetic energy.
+        """
+        program, time = self._program, np.array([t])
+        x = interpret_rows(program.kernel("expand"), time, y[np.newaxis], before)
+        left = [interpret_rows(program.kernel("velocity_residual"), time, x, c)[0] for c in (before, after)]
+        size = len(self.layout.coordinates)
+        scale = 1.0 + float(np.max(np.abs(x[0, size:]), initial=0.0))
+        if not np.any(np.abs(left[1] - left[0]) > _STRUCK * scale):
+            return y
+        mass, rows = (
+            interpret_rows(program.kernel(name), time, x, after).reshape(-1, size)
+            for name in ("mass_matrix", "constraint_jacobian")
+        )
+        response = np.linalg.pinv(mass, hermitian=True) @ rows.T
+        x[0, size:] -= response @ np.linalg.pinv(rows @ response, hermitian=True) @ left[1]
+        names = (*self.layout.coordinates, *self.layout.rates)
+        start = self._start(names)
+        given = x[:, [names.index(name) for name in start.given]]
+        return interpret_rows(start.kernel, time, given, after)[0, : len(y)]
 
     def _judged(self, problem: IntegrationProblem, method: str, solution: Solution) -> tuple[Solution, str]:
         """Return a run ended where its angles lock or its constraints lose rank, and a note on where that is."""
@@ -98,6 +126,7 @@ class Simulated(Held):
         t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
         return replace(solution, t=t, y=y)
 
+    @nesting_named
     def simulate(
         self,
         t_span: tuple[float, float],
@@ -515,6 +544,7 @@ class Simulated(Held):
         """What may be conserved, derived when it is first asked for."""
         return candidates(self.stages.equations)
 
+    @nesting_named
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         c = inputs.constants(self._program, inputs.parameter_vector(self.layout, parameters))
@@ -529,6 +559,7 @@ class Simulated(Held):
         c = at_time(self._program, c, option("t", t))
         return interpret_rows(self._program.kernel("expand"), np.array([option("t", t)]), state[np.newaxis], c)[0]
 
+    @nesting_named
     def assemble(
         self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
     ) -> dict[str, float]:
@@ -563,6 +594,7 @@ class Simulated(Held):
         c = at_time(self._program, c, option("t", t))
         return assembled(self._program, c, option("t", t), values, held)
 
+    @nesting_named
     def prepare(
         self,
         t_span: tuple[float, float],

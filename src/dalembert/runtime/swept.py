@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..codegen.base import BlockResult, CaseBlock, FloatArray
-from ..errors import InitialStateError, OptionError, UnknownNameError, ValueInputError, unknown_name
+from ..errors import InitialStateError, OptionError, UnknownNameError, ValueInputError, nesting_named, unknown_name
 from ..integrators.status import Status
 from ..ir.program import Layout
 from ..results.estimate import TIGHTER
@@ -36,6 +36,7 @@ __all__ = ["Swept", "with_grid"]
 class Swept(Simulated):
     """A compiled model that simulates many cases side by side."""
 
+    @nesting_named
     def sweep(
         self,
         t_span: tuple[Any, Any],

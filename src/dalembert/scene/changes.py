@@ -85,7 +85,11 @@ def release(scene: Scene, coordinate: Any, target: Any, direction: Any) -> Scene
     faults = _release_faults(scene, coordinate, target, direction)
     if faults:
         raise SceneError(scene.name, faults)
-    value = _component(scene, target, direction) if isinstance(target, Point) else sp.S.Zero
+    try:
+        value = _component(scene, target, direction) if isinstance(target, Point) else sp.S.Zero
+    except ValueError as unknown:
+        why = f"the direction {direction} of the release is not oriented in {scene.frame.name!r}: {unknown}"
+        raise SceneError(scene.name, [why]) from None
     twin = scene.copy()
     twin.coordinates += (coordinate,)
     twin.releases += (Release(coordinate, target, direction, value),)
@@ -134,10 +138,15 @@ def _component(scene: Scene, point: Point, direction: Vector) -> Any:
 def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
     """See `Scene.impose`."""
     scene = without_speeds(scene)
-    if coordinate not in scene.coordinates:
+    if not isinstance(coordinate, sp.Expr) or coordinate not in scene.coordinates:
         known = list_names(str(q.func.__name__) for q in scene.coordinates)
         raise SceneError(scene.name, [f"{coordinate} is no coordinate of the scene, so it cannot be imposed ({known})"])
-    value = _solved(scene, coordinate) if expression is None else sp.sympify(expression)
+    try:
+        value = _solved(scene, coordinate) if expression is None else sp.sympify(expression, strict=True)
+    except (sp.SympifyError, TypeError, ValueError, AttributeError):
+        value = None
+    if not isinstance(value, sp.Expr):
+        raise SceneError(scene.name, [f"{coordinate} is imposed as {expression!r}, which is no SymPy expression"])
     faults = _value_faults(scene, coordinate, value)
     if faults:
         raise SceneError(scene.name, faults)

@@ -127,9 +127,19 @@ class _Reading:
             )
         return name
 
+    def sympified(self, value: Any) -> Any:
+        """Return an expression of SymPy, or None for what is none."""
+        try:
+            e = None if isinstance(value, str | bytes) else sp.sympify(value)
+        except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
+            return None
+        return e if isinstance(e, sp.Expr) else None
+
     def number(self, value: Any, what: str, *, most: float | None = None) -> Node:
         """Return a coefficient, which may not be negative."""
-        e = sp.sympify(value)
+        e = self.sympified(value)
+        if e is None:
+            return self.read(value, what)
         known = e.is_number and e.is_real
         if e.is_negative or (known and most is not None and e > most):
             span = "not be negative" if most is None else f"lie between 0 and {most:g}"
@@ -154,8 +164,8 @@ class _Reading:
         held["mu"] = self.number(law.mu, f"mu of {where}")
         static = law.mu if law.mu_static is None else law.mu_static
         held["mu_static"] = held["mu"] if law.mu_static is None else self.number(static, f"mu_static of {where}")
-        both = (sp.sympify(law.mu), sp.sympify(static))
-        if all(e.is_number for e in both) and both[1] < both[0]:
+        both = (self.sympified(law.mu), self.sympified(static))
+        if all(e is not None and e.is_number and e.is_real for e in both) and both[1] < both[0]:
             self.faults.append(f"{where}: mu_static is {static}, less than mu = {law.mu}; it is at least as large")
         if law.regularization is not None:
             held["regularization"] = self.number(law.regularization, f"regularization of {where}")
@@ -188,7 +198,10 @@ class _Reading:
             mask |= rate.deps
         if len(self.expressions.faults) == before and (node.deps & mask or not node.deps & coordinates):
             self.faults.append(f"the {where}, {contact.gap}, must be in coordinates (and time), without rates")
-        for i, constraint in enumerate(self.scene.holonomic_constraints):
+        readable = len(self.expressions.faults) == before
+        for i, constraint in enumerate(self.scene.holonomic_constraints if readable else ()):
+            if self.sympified(constraint) is None:
+                continue
             for sense in (1, -1):
                 if equal(contact.gap, sense * constraint):
                     return {"gap": node, "constraint": i, "sense": sense}

@@ -21,7 +21,7 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..once import derived_property, deriving
 
-__all__ = ["START", "ElapsedTime", "Offset", "timed"]
+__all__ = ["START", "ElapsedTime", "Offset", "time_symbol", "timed"]
 
 _HIGHEST = 6
 """Degree of the polynomials in time that are told from other functions."""
@@ -33,6 +33,11 @@ _PERIODIC = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 _START = sp.Dummy("start", real=True)
 START = "time offset"
 """Name of the parameter that is the start itself."""
+
+
+def time_symbol() -> Any:
+    """Return the symbol of time."""
+    return dynamicsymbols._t
 
 
 def timed(e: Any) -> bool:

@@ -13,12 +13,15 @@ from sympy.core.function import AppliedUndef
 from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import list_names
+from ..errors import TOO_DEEP, list_names
 from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on
 from ..ir.graph import Graph, Node
+from ..naming import unwritable
 from .elapsed import ElapsedTime
 
 __all__ = ["ExpressionReader", "short"]
+
+_EXPONENT = 1_000_000
 
 _FUNCTIONS: dict[Any, str] = {
     sp.sin: "sin",
@@ -49,7 +52,13 @@ _RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("",
 
 def short(expression: Any, width: int = 80) -> str:
     """Return an expression as one short line, coordinates without their time."""
-    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in _SUPPORTED else found[1], str(expression))
+    try:
+        text = str(expression)
+    except RecursionError:
+        return "an expression that is nested deeply"
+    except ValueError:  # Python does not print whole numbers of more than 4,300 digits
+        return "an expression with numbers of thousands of digits"
+    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in _SUPPORTED else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
 
 
@@ -96,8 +105,10 @@ class ExpressionReader:
         """Return the node of `expression`, met at `place`; `unknowns` says whether reactions may occur in it."""
         self._place, self._allow_unknowns = place, unknowns
         try:
-            e = sp.sympify(expression)
-        except sp.SympifyError:
+            e = (
+                None if isinstance(expression, str | bytes) else sp.sympify(expression)
+            )  # SymPy would run a text as code
+        except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
             e = None
         if not isinstance(e, sp.Basic):
             return self.fault(f"{expression!r} is not a SymPy expression")
@@ -106,6 +117,8 @@ class ExpressionReader:
         self.graph.written = True
         try:
             return self._read(e)
+        except RecursionError:
+            return self.fault(TOO_DEEP)
         finally:
             self.graph.written = False
 
@@ -186,6 +199,8 @@ class ExpressionReader:
         table, other = (self.unknowns, self.parameters) if isinstance(e, Unknown) else (self.parameters, self.unknowns)
         if isinstance(e, Unknown) and not self._allow_unknowns:
             return self.fault(f"the unknown {e.name} may only be used in the force or torque of a joint")
+        if unwritable(e.name):
+            return self.fault(f"the name {e.name!a} has a lone surrogate, half of a character; use another name")
         held = table.setdefault(e.name, e)
         if held != e or e.name in other:
             return self.fault(f"two different symbols are both called {e.name!r} {_ONCE}")
@@ -212,6 +227,8 @@ class ExpressionReader:
     def _power(self, e: Any) -> Node:
         base = self._read(e.base)
         halves = e.exp.is_Float and float(2 * e.exp).is_integer()  # x**2.0 is x**2, also where x is zero
+        if e.exp.is_Rational and abs(e.exp) > _EXPONENT:
+            return self.fault(f"{short(e)} has an exponent beyond {_EXPONENT:,}; write it with exp and log")
         if e.exp.is_Rational or halves:
             exponent = Fraction(float(e.exp)) if halves else Fraction(int(e.exp.p), int(e.exp.q))
             if exponent < 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
@@ -113,7 +114,7 @@ class GeometryReader(SymbolReader):
         return None
 
     def _vector(self, vector: Any, place: str, *, unknowns: bool = False) -> Pieces:
-        if vector == 0:
+        if isinstance(vector, int | float | sp.Expr | Vector) and vector == 0:
             return ()
         if not isinstance(vector, Vector):
             self.faults.append(f"{place}: {vector!r} is not a vector")

@@ -16,6 +16,7 @@ from sympy.physics.mechanics import ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import OptionError, SceneError, list_names
+from ..values import listed
 from .angle_sequences import AngleSequence, recognised
 from .frames_in_use import frames_in_use
 from .interop import without_speeds
@@ -98,8 +99,9 @@ def free_orientation(
         for item in (frame, parent)
         if not isinstance(item, ReferenceFrame)
     ]
-    names = _names(frame) if names is None else tuple(names)
-    if len(names) != 4 or not all(isinstance(name, str) for name in names):
+    names = _names(frame) if names is None else tuple(listed("names", names, "four names"))
+    given: list[Any] = list(names)
+    if len(given) != 4 or not all(isinstance(name, str) and name.isidentifier() for name in given):
         faults.append(f"a quaternion has four components; give four names, not {names!r}")
     if not faults and frame._dcm_dict:
         others = list_names(str(other.name) for other in frame._dcm_dict)

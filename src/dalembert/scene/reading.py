@@ -8,11 +8,11 @@ from typing import Any, final
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 
-from ..errors import SceneError, list_names
+from ..errors import TOO_DEEP, SceneError, list_names
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
-from ..naming import rate_name
+from ..naming import rate_name, unwritable
 from .belonging import foreign_points
 from .contacts import read_contacts
 from .dyadics import matrix_of
@@ -46,7 +46,10 @@ def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
     SceneError
         With every fault found.
     """
-    return _SceneReader(scene).read(outputs)
+    try:
+        return _SceneReader(scene).read(outputs)
+    except RecursionError:
+        raise SceneError(scene.name, [TOO_DEEP]) from None
 
 
 @final
@@ -56,6 +59,7 @@ class _SceneReader(GeometryReader):
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
         scene = self.scene
+        self.faults += _unwritable_names(scene)
         given, lagrangian = self._given()
         placed = lagrangian is None and (given is None or located(scene))
         bodies = [self._body(body) for body in scene.bodies] if placed else []
@@ -187,7 +191,8 @@ class _SceneReader(GeometryReader):
             self.faults.append(f"{joint!r} is not a Joint")
             return None
         place = f"joint {joint.name!r}"
-        if joint.body not in bodies:
+        named: Any = joint.body
+        if not isinstance(named, str) or named not in bodies:
             self.faults.append(f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}")
             return None
         return Action(
@@ -258,3 +263,15 @@ class _SceneReader(GeometryReader):
             forces,
             self.faults.append,
         )
+
+
+def _unwritable_names(scene: Scene) -> list[str]:
+    """Return a fault for every name that cannot be written to a file."""
+    named = [("scene", scene.name), *(("body", name) for name in scene.body_names())]
+    named += [("joint", str(getattr(joint, "name", ""))) for joint in scene.joints]
+    named += [("contact", str(getattr(item, "label", ""))) for item in (*scene.contacts, *scene.frictions)]
+    return [
+        f"the name of {kind} {name!a} has a lone surrogate, half of a character; use another name"
+        for kind, name in dict.fromkeys(named)
+        if unwritable(name)
+    ]

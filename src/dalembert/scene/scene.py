@@ -14,7 +14,7 @@ from sympy import Expr, Symbol, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
-from ..errors import SceneError
+from ..errors import OptionError, SceneError, nesting_named
 from . import changes, interop
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
@@ -28,6 +28,7 @@ class Unknown(Symbol):  # type: ignore[misc]
     __slots__ = ()
 
 
+@nesting_named
 def unknowns(names: str) -> Any:
     """Return reaction components to be solved for, as ``sympy.symbols`` returns symbols.
 
@@ -40,8 +41,19 @@ def unknowns(names: str) -> Any:
     -------
     Unknown or tuple of Unknown
         One symbol for one name, a tuple for several.
+
+    Raises
+    ------
+    OptionError
+        For what is no text with names.
     """
-    return symbols(names, cls=Unknown, real=True)
+    given: Any = names
+    if not isinstance(given, str) or not given.strip(" ,"):
+        raise OptionError(f"unknowns takes names as one text, such as 'X Y', not {names!r}")
+    try:
+        return symbols(names, cls=Unknown, real=True)
+    except (ValueError, TypeError, UnicodeError) as error:
+        raise OptionError(f"unknowns takes names as one text, such as 'X Y', not {names!r}: {error}") from None
 
 
 @final
@@ -110,6 +122,7 @@ class Scene:
         by `dalembert.compile_model`.
     """
 
+    @nesting_named
     def __init__(self, name: str, *, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
         faults = []
         if not isinstance(frame, ReferenceFrame):
@@ -227,6 +240,7 @@ class Scene:
         """Let a uniform field of the given acceleration [m/s^2], such as ``-g*N.z``, act on every body."""
         self.gravity = acceleration
 
+    @nesting_named
     def release(self, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
         """Return a scene in which a coordinate that the parametrization had used up is given back.
 
@@ -262,6 +276,7 @@ class Scene:
         """
         return changes.release(self, coordinate, target, direction)
 
+    @nesting_named
     def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
         """Return a scene without a coordinate that a holonomic constraint gives: "compatible" equations.
 

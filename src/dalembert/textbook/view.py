@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 from sympy.physics.mechanics import Point
 
-from ..errors import ConstraintError, SceneError, list_names
+from ..errors import ConstraintError, SceneError, list_names, nesting_named
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
@@ -33,6 +33,7 @@ __all__ = ["LagrangeView", "lagrange"]
 
 
 @deriving
+@nesting_named
 def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     """Return the textbook view of a scene: everything that section 13.4 derives by hand, as SymPy.
 

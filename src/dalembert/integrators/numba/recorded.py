@@ -282,6 +282,7 @@ def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[Fl
         evaluations=int(counts[EVALUATIONS]),
         dense=_dense_output(problem, np.concatenate(pieces)) if problem.dense else None,
         end=float(run.numbers[T]),
+        last=run.work[counts[ROW], : len(problem.y0)].copy(),
     )
 
 

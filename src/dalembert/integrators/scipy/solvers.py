@@ -104,6 +104,7 @@ class _Run:
     last_non_finite_call: int = -100
     counted: tuple[int, int, int] = (0, 0, 0)
     end: float = 0.0
+    last: FloatArray | None = None
 
     def solution(self) -> Solution:
         """Run to the end and collect what was recorded."""
@@ -138,6 +139,7 @@ class _Run:
             evaluations=self.evaluations - evaluations,
             dense=self._dense_output(y0) if self.problem.dense else None,
             end=self.end,
+            last=y0.copy() if self.last is None else self.last,
         )
 
     def statuses(self, y0: FloatArray) -> Iterator[Status]:
@@ -208,7 +210,7 @@ class _Run:
                 self.t.append(t)
                 self.y.append(state)
         self._record_accepted(solver.t, solver.y.copy())
-        self.end = float(solver.t)
+        self.end, self.last = float(solver.t), solver.y.copy()
         return Status.SUCCESS
 
     def _times_before(self, t_new: float) -> list[float]:
