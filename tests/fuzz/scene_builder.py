@@ -136,7 +136,7 @@ class SceneBuilder:
             return frame.orientnew(name, move[1], tuple(map(self.read, move[3])), order)
         if kind == "matrix":
             entries = sp.Matrix(3, 3, list(map(self.read, move[1])))
-            return frame.orientnew(name, "DCM", entries.T)  # SymPy's matrix leads from the parent to the new frame
+            return frame.orientnew(name, "DCM", entries)
         if self.description.declared_quaternions:
             made = ReferenceFrame(name)
             names = [self.description.coordinates[i] for i in move[1]]
