@@ -18,7 +18,7 @@ NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/run
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-targets lint bench bench-quick fuzz clean
+.PHONY: help demo test test-targets lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
@@ -28,6 +28,7 @@ help:
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
 	@echo "make fuzz         random scenes against an independent reference; SEEDS=0:2000 chooses them"
+	@echo "make corpus       recorded motions against this tree"
 	@echo "make clean        remove what these wrote, except .venv"
 	@echo "PYTHON=...        the interpreter that .venv is made with (now: $(PYTHON))"
 
@@ -66,6 +67,9 @@ SEEDS ?= 0:200
 
 fuzz: $(VENV)/.installed-dev
 	@PYTHONPATH=tests $(BIN)/python -m fuzz $(SEEDS)
+
+corpus: $(VENV)/.installed-dev
+	@PYTHONPATH=tests $(BIN)/python -m corpus
 
 clean:
 	@rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
