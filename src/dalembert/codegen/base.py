@@ -170,17 +170,22 @@ class CaseRun:
     work : function without arguments
         Runs cases until none is left; for as many threads as there are to call it.
     turn : ndarray (1,) of int
-        How many cases have been begun, at most; writing the number of all stops the work.
+        How many cases have been begun, at most; writing the number of all stops the work when those that have been
+        begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
     finish : function without arguments
         To be called when all is done.
     call : function without arguments, optional
         What `work` calls, made anew, for loops that do so themselves.
+    stop : function without arguments, optional
+        To be called again and again until stopped work ends. Where there is one, `work` does not return to Python
+        before its end, so that Ctrl-C does not reach the thread that calls it.
     """
 
     work: Callable[[], None]
     turn: NDArray[np.int64]
     finish: Callable[[], None]
     call: Callable[[], LoopCall] | None = None
+    stop: Callable[[], None] | None = None
 
 
 @final
@@ -197,6 +202,8 @@ class LoopCall:
         Where among them are the number of cases and the address of `CaseRun.turn`.
     held : object
         What must stay alive.
+    pause : ndarray of int
+        See `dalembert.integrators.numba.workspace.Room`.
     """
 
     entry: int
@@ -204,6 +211,7 @@ class LoopCall:
     count_at: int
     turn_at: int
     held: object
+    pause: NDArray[np.int64]
 
 
 @final

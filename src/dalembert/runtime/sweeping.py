@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,6 +14,7 @@ import numpy as np
 from ..codegen.base import BlockResult, CaseRun, Engine
 from ..errors import MissingExtraError
 from ..integrators.status import Status
+from ..interrupts import STOPPED, check, stopped_by
 from ..once import once
 from .cases import Cases, Settings, single_problem
 
@@ -88,17 +90,21 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
+    stopping = threading.Event()
+
     def run_block(block: slice) -> int:
-        _run_block(engine, cases, settings, block, result[block])
-        _judge(cases, settings, block, result)
+        with stopped_by(stopping):
+            check()
+            _run_block(engine, cases, settings, block, result[block])
+            _judge(cases, settings, block, result)
         return block.stop - block.start
 
-    with meter(count, settings.progress) as advance, _workers(threads) as each:
+    with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:
         try:
             for finished in each(run_block, blocks):
                 advance(finished)
         except KeyboardInterrupt:
-            pass
+            stopping.set()
     return result
 
 
@@ -153,10 +159,14 @@ def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Calla
 
     Few cases need no thread.
     """
-    if threads == 1 and count <= _SMALLEST_BLOCK and not progress:
-        run.work()
+    if threads == 1 and count <= _SMALLEST_BLOCK and not progress and run.stop is None:
+        whole = True
+        try:
+            run.work()
+        except KeyboardInterrupt:
+            whole = False
         run.finish()
-        return lambda stop: True
+        return lambda stop: whole
     pool = _pool(threads)
     workers = [pool.submit(run.work) for _ in range(threads)]
 
@@ -174,13 +184,19 @@ def _wait_whole(run: CaseRun, workers: Sequence[Future[None]], count: int, progr
     shown, whole = 0, True
     with meter(count, progress) as advance:
         try:
-            while wait(workers, _BETWEEN_LOOKS if progress else None).not_done:
+            while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
                 begun = min(int(run.turn[0]), count)
                 advance(begun - shown)
                 shown = begun
             advance(count - shown)
         except KeyboardInterrupt:
-            run.turn[0], whole = count, False
+            whole = False
+            while True:
+                run.turn[0] = STOPPED
+                if run.stop is not None:
+                    run.stop()
+                if not wait(workers, _BETWEEN_LOOKS).not_done:
+                    break
     for worker in workers:
         worker.result()
     run.finish()
@@ -271,8 +287,8 @@ Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]
 
 
 @contextmanager
-def _workers(threads: int) -> Iterator[Each]:
-    """Yield a function that runs blocks and gives the size of each as it is finished."""
+def _workers(threads: int, stopping: threading.Event) -> Iterator[Each]:
+    """Yield a function that runs blocks and gives the size of each as it is finished; an interrupt stops them all."""
     if threads == 1:
         yield map
         return
@@ -284,5 +300,6 @@ def _workers(threads: int) -> Iterator[Each]:
                 task.result() for task in as_completed([pool.submit(run, block) for block in blocks])
             )
         except BaseException:
+            stopping.set()
             pool.shutdown(wait=True, cancel_futures=True)
             raise

@@ -3,21 +3,45 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from threading import get_ident
+from time import perf_counter
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...integrators.problem import FloatArray, IntegrationProblem
 from ...integrators.status import Status
+from ...interrupts import check
 from ..base import Prepared
 from .loops import loop_named, packed
 
 __all__ = ["prepared_run"]
 
-_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], object]
-"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, what is at it."""
+_PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
+"""Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
+
+_PATIENCE_AT = 5 + 4
+"""Place of the attempts among the words: behind five addresses and four numbers."""
+
+_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
+"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
+run that goes on, and what they point to."""
+
+
+def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) -> int:
+    """Take a run that has paused to its end and return its status; Ctrl-C is raised between its parts."""
+    words, patience, status = going.copy(), _PATIENCE, -1  # an interrupted run leaves nothing behind
+    pointer = ctypes.c_void_p(words.ctypes.data)
+    while status < 0:
+        begin = perf_counter()
+        words[_PATIENCE_AT] = patience
+        status = code(pointer)
+        check()
+        if perf_counter() - begin < _QUICK:
+            patience = min(2 * patience, _MOST_PATIENCE)
+    return status
 
 
 def prepared_run(
@@ -52,8 +76,8 @@ def prepared_run(
         states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
         arguments = (
             codes,
-            (n, memory, problem.max_steps),
-            np.array([problem.t0, problem.t1, problem.max_step]),
+            (n, memory, problem.max_steps, 0, _PATIENCE),
+            np.array([problem.t0, problem.t1, problem.max_step, 0.0]),
             p,
             np.zeros((1, n_c)),
             np.array([[0.0, direction, *settings]]),
@@ -61,10 +85,13 @@ def prepared_run(
             states,
             np.zeros((n, 1)),
             np.zeros((1, 1), np.int64),
-            np.zeros(1, np.int64),
+            np.zeros(3, np.int64),
         )
-        words = packed(arguments)
-        return states[0, :n], p[0], ctypes.c_void_p(words.ctypes.data), [0], (words, arguments)
+        words, further = (
+            packed(arguments),
+            packed((codes, (n, memory, problem.max_steps, 1, _PATIENCE), *arguments[2:])),
+        )
+        return states[0, :n], p[0], ctypes.c_void_p(words.ctypes.data), [0], further, (words, arguments)
 
     code, statuses = loop_named("single").call, tuple(Status)
     own = {get_ident(): memory_of_one()}
@@ -74,10 +101,12 @@ def prepared_run(
             held = own[get_ident()]
         except KeyError:
             held = own[get_ident()] = memory_of_one()
-        start, given, pointer, ended, _ = held
+        start, given, pointer, ended, going, _ = held
         start[...] = state
         given[...] = parameters
-        ended[0] = code(pointer)
+        ended[0] = status = code(pointer)
+        if status < 0:
+            ended[0] = _finished(code, going)
         return start.copy()
 
     def status() -> Status:

@@ -5,16 +5,21 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.workspace import Watch, aligned, room, scratch
+from ...integrators.numba.workspace import GOING, PATIENCE, RETURNS, Watch, aligned, room, scratch
+from ...interrupts import STOPPED, check
 from ..base import BlockResult, CaseColumns, CaseRun, FloatArray, LoopCall
 from .loops import loop_named, packed
 
 __all__ = ["SweepShape", "case_run"]
+
+_ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
+"""Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
 
 _COUNT = 5
 """Place of the number of cases in the loop's ``shape``."""
@@ -94,13 +99,22 @@ def case_run(
     def call() -> LoopCall:
         n_s = 2 + len(settings)
         space = room(shape.lanes, n, shape.n_c, n_s, rows, max(len(cases.parameters), values), n + checks + size)
+        space.pause[PATIENCE] = _ROUNDS
         spare = (watch, scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes)) if watched else ()
         words = np.concatenate([head, packed((space, spare)), tail])
-        return LoopCall(loop.address, words, *places, (held, first, last, space, spare))
+        return LoopCall(loop.address, words, *places, (held, first, last, space, spare), space.pause)
 
     def work() -> None:
-        made = call()
-        loop.call(ctypes.c_void_p(made.words.ctypes.data))
+        made, code = call(), loop.call
+        words, pause = ctypes.c_void_p(made.words.ctypes.data), made.pause
+        pause[RETURNS], going = 1, True
+        while going:  # Ctrl-C is raised here
+            begin = perf_counter()
+            code(words)
+            going = bool(pause[GOING]) and turn[0] < STOPPED
+            check()
+            if going and perf_counter() - begin < _QUICK:
+                pause[PATIENCE] = min(2 * pause[PATIENCE], _MOST_ROUNDS)
 
     def finish() -> None:
         if np.any(inside):

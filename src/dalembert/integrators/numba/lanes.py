@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...interrupts import STOPPED
 from ..gains import REDUCTION_BLIND
 from ..problem import FloatArray
 from ..status import Status
@@ -33,16 +34,20 @@ from .workspace import (
     END,
     FIRST,
     FRESH,
+    GOING,
     IDLE,
     LONE,
     MARK,
     NEXT,
     NOW,
+    PATIENCE,
     POINT_LANES,
     REFUSED,
+    RETURNS,
     RUNNING,
     SAMPLED,
     SAMPLED_BEFORE,
+    SAVED,
     STAGED,
     STATUS,
     Room,
@@ -57,7 +62,7 @@ _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL
 _PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
-_ROOM = Group((*(MATRIX,) * 6, INTEGER_MATRIX, *(MATRIX,) * 5), Room._fields)
+_ROOM = Group((*(MATRIX,) * 6, INTEGER_MATRIX, *(MATRIX,) * 5, INTEGERS), Room._fields)
 _NOTHING = Group(())
 
 
@@ -164,17 +169,31 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
         size_at = n + followed
         held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
-        for lane in range(lanes):
-            case[lane], status[lane] = -1, IDLE
-            for m in range(constants.shape[0]):
-                constants[m, lane] = 1.0
-            for m in range(2, limits.shape[1]):
-                settings[m, lane] = room.settings_ahead[m, lane] = limits[0, m]
-        marked = inside.size > 0
+        marked, pause = inside.size > 0, room.pause
         coming = last = staged = filled = place = 0
         active, old, new, every = 0, 0, rows, (1 << lanes) - 1
-        look = every
+        look, rounds, patience = every, -1, pause[PATIENCE]
+        if pause[GOING] != 0:
+            coming, last, staged, filled = pause[SAVED], pause[SAVED + 1], pause[SAVED + 2], pause[SAVED + 3]
+            place, active, old, look = pause[SAVED + 4], pause[SAVED + 5], pause[SAVED + 6], pause[SAVED + 7]
+            new = rows - old
+            pause[GOING] = 0
+        else:
+            for lane in range(lanes):
+                case[lane], status[lane] = -1, IDLE
+                for m in range(constants.shape[0]):
+                    constants[m, lane] = 1.0
+                for m in range(2, limits.shape[1]):
+                    settings[m, lane] = room.settings_ahead[m, lane] = limits[0, m]
         while True:
+            rounds += 1
+            if rounds == patience:
+                rounds = 0
+                if pause[RETURNS] != 0 or turn[0] >= STOPPED:
+                    pause[SAVED], pause[SAVED + 1], pause[SAVED + 2], pause[SAVED + 3] = coming, last, staged, filled
+                    pause[SAVED + 4], pause[SAVED + 5], pause[SAVED + 6], pause[SAVED + 7] = place, active, old, look
+                    pause[GOING] = 1
+                    break
             left = look
             while left != 0:
                 lane = lowest(left)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from ...interrupts import STOPPED
 from ..status import Status
 from ..watched import SOON as SOON_SHARE
 from ..watched import SOON_IN_A_ROW
@@ -267,6 +268,8 @@ def LOOP(plan: Plan, fleet: Fleet, bench: Bench) -> None:
                 break
             _gather(fleet, bench, size)
             _run(plan, bench, station, size)
+            if bench.turns[station] >= STOPPED:  # what the run left is nothing to go by
+                break
             first = 0
             while first < size:
                 _expanded(plan, bench, station, first, size)

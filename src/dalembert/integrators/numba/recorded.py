@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...interrupts import check
 from ..gains import SMALLEST_SCALE, STRETCH
 from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
 from ..status import Status
@@ -255,6 +256,7 @@ def follow(
     bounded = settings.dense or not settings.sampled
     status, size = RUNNING, _FIRST_BLOCK
     while status == RUNNING:
+        check()
         limit = size if bounded else settings.max_steps
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))

@@ -10,6 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...interrupts import check
 from ...ir.taylor import clipped_tolerance
 from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
 from ..status import Status
@@ -92,6 +93,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
         status = int(Status.NON_FINITE)
     while status == RUNNING:
+        check()
         limit = min(size, problem.max_steps - record.steps)
         if limit == 0:
             status = int(Status.MAX_STEPS)

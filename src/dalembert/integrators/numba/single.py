@@ -25,7 +25,7 @@ _SMALLEST = 16.0 * 2.220446049250313e-16
 
 KINDS = (
     Group((INTEGER,) * 5),
-    Group((INTEGER,) * 3),
+    Group((INTEGER,) * 5),
     VECTOR,
     *(MATRIX,) * 6,
     INTEGER_MATRIX,
@@ -36,7 +36,7 @@ KINDS = (
 @bare
 def LOOP(
     codes: tuple[int, int, int, int, int],
-    shape: tuple[int, int, int],
+    shape: tuple[int, int, int, int, int],
     span: FloatArray,
     p: FloatArray,
     c: FloatArray,
@@ -54,30 +54,40 @@ def LOOP(
     codes : addresses
         Constants from parameters, the step, what fills in its memory before the first step, and the projections; 0 for
         what there is not.
-    shape : (int, int, int)
-        Number of components of the state, of what a step remembers, and of attempts allowed.
-    span : (3,)
-        Start, end and largest step [s].
+    shape : (int, int, int, int, int)
+        Number of components of the state, of what a step remembers, and of attempts allowed; whether a run goes on
+        that has paused; attempts after which it pauses, with the status -1.
+    span : (4,)
+        Start, end and largest step [s]; gets the time where the run pauses.
     p, c, settings, clock, delta, mark : (1, n_p), (1, n_c), (1, ...), (1, 1), (n_y, 1), (1, 1)
         Parameters, and room for what is computed; ``settings`` holds the direction and what a step reads behind it.
-    outcome : (1,) int64
-        Gets the number of steps.
+    outcome : (3,) int64
+        Gets the numbers of steps and attempts, and the row of the state.
     """
     prepare, step, start, position, velocity = codes
-    n, memory, budget = shape
+    n, memory, budget, going, patience = shape
     t, t1, largest, direction = span[0], span[1], span[2], settings[0, 1]
-    call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
     old = steps = attempts = 0
-    status = _SUCCESS if t == t1 else -1
-    states[0, n] = 0.0
-    if start != 0 and status < 0:
-        clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
-        call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
-        old = 1
+    status = -1
+    if going != 0:
+        t, steps, attempts, old = span[3], outcome[0], outcome[1], outcome[2]
+    else:
+        call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
+        states[0, n] = 0.0
+        if t == t1:
+            status = _SUCCESS
+        if start != 0 and status < 0:
+            clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
+            call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
+            old = 1
+    until = attempts + patience
     while status < 0:
         if attempts == budget:
             status = _MAX_STEPS
             break
+        if attempts == until:
+            span[3], outcome[0], outcome[1], outcome[2] = t, steps, attempts, old
+            return -1
         attempts += 1
         new, rest = 1 - old, abs(t1 - t)
         clock[0, 0], settings[0, 0] = t, min(rest, largest)

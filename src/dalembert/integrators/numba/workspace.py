@@ -20,17 +20,21 @@ __all__ = [
     "END",
     "FIRST",
     "FRESH",
+    "GOING",
     "IDLE",
     "LONE",
     "MARK",
     "NEXT",
     "NOW",
+    "PATIENCE",
     "POINT_LANES",
     "QUICK",
     "REFUSED",
+    "RETURNS",
     "RUNNING",
     "SAMPLED",
     "SAMPLED_BEFORE",
+    "SAVED",
     "STAGED",
     "STATUS",
     "Room",
@@ -55,6 +59,9 @@ NOW, END, NEXT = range(3)
 ATTEMPTS, REFUSED, BEFORE, FIRST = range(4)
 """Rows of ``Room.tally``."""
 
+PATIENCE, RETURNS, GOING, SAVED = range(4)
+"""Places in ``Room.pause``; what a loop that pauses remembers begins at the last."""
+
 RUNNING, IDLE = -1, -2
 """Statuses of a lane whose case goes on, and of one without a case."""
 
@@ -74,7 +81,10 @@ class Room(NamedTuple):
 
     ``clock`` are time, end and the next time to record; ``tally`` attempts, refused attempts, the time before the last
     step and that of the start; ``whole`` whole numbers. A step reads the state in one half of ``states`` and writes
-    the other. The rest is for cases that come next: ``given`` values, state, checks and memory in ``begun``.
+    the other. Others are for cases that come next: ``given`` values, state, checks and memory in ``begun``.
+
+    After so many rounds as the first number of ``pause`` the loop looks whether it is to stop, and returns where the
+    second is not 0. The third then is not 0, and it goes on where it was when it is called again.
     """
 
     clock: FloatArray
@@ -89,6 +99,7 @@ class Room(NamedTuple):
     clock_ahead: FloatArray
     settings_ahead: FloatArray
     constants_ahead: FloatArray
+    pause: NDArray[np.int64]
 
 
 def room(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, begun: int) -> Room:
@@ -110,6 +121,7 @@ def room(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, begun: i
         aligned(2, lanes),
         aligned(n_s, lanes),
         aligned(max(n_c, 1), lanes),
+        np.zeros(SAVED + 8, np.int64),
     )
 
 

@@ -14,6 +14,7 @@ from ...codegen.base import CaseRun
 from ...errors import ValueInputError
 from ...integrators.numba import fleet
 from ...integrators.numba.fleet import Bench, Fleet, Plan
+from ...interrupts import STOPPED
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import OPEN, Mode, side_name
@@ -154,7 +155,11 @@ class Carrier:
         def work() -> None:
             loop(plan, cases, benches[next(numbers)][0])
 
-        run = CaseRun(work, turn, lambda: None)
+        def stop() -> None:
+            for room, _ in benches:
+                room.turns[:] = STOPPED
+
+        run = CaseRun(work, turn, lambda: None, stop=stop)
         if not begin_whole(run, len(order), threads, False)(False):
             raise KeyboardInterrupt
         return True

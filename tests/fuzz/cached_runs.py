@@ -1,0 +1,106 @@
+"""Children that use a cache: forked from a process that has imported everything, so that one costs little."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import dalembert as da
+from dalembert.codegen.numba.backend import NumbaBackend
+from dalembert.codegen.numba.loops import loop_named
+from dalembert.codegen.numba.pace import _code as pace_code
+from dalembert.codegen.numba.soundness import _code as soundness_code
+from dalembert.runtime.cache import ENVIRONMENT_VARIABLE
+from dalembert.runtime.model import CompiledModel
+
+__all__ = ["SCENES", "Outcome", "begun", "ended", "prepared_models"]
+
+SCENES = {
+    "chaplygin_sleigh": (
+        {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0},
+        {"m": 1.0, "b": 0.3, "I_C": 0.5},
+    ),
+    "rolling_sphere": (
+        {"x": 0.0, "y": 0.0, "psi": 0.1, "theta": 1.2, "phi": 0.3, "psi_dot": 0.5, "theta_dot": 0.7, "phi_dot": 0.9},
+        {"m": 1.0, "r": 0.5, "g": 9.81},
+    ),
+}
+Outcome = tuple[str, str]
+"""What became of a child ("right", "wrong", "error", "signal N"), and what it said."""
+
+
+def prepared_models() -> dict[str, CompiledModel]:
+    """Return the models of the scenes, derived once; what is compiled of them is compiled by the children."""
+    return {name: da.compile_model(da.scenes.ALL[name](), cache=False) for name in SCENES}
+
+
+def _everything(model: CompiledModel, cache: bool) -> bytes:
+    """Do with a model, loaded anew, what uses files of every kind; return what came out."""
+    for kept in (loop_named, pace_code, soundness_code):
+        kept.cache_clear()
+    backend, stages = NumbaBackend(), model.stages
+    rendered = backend.render(stages.program, cache=cache)
+    fresh = CompiledModel(stages, backend.load(rendered, cache=cache), backend.serving(stages.program))
+    start, p = SCENES[fresh.name]
+    run = fresh.simulate((0, 1), start, p)
+    name = next(iter(p))
+    sweep = fresh.sweep((0, 1), start, p | {name: np.linspace(0.9, 1.1, 5)}, threads=1)
+    m = fresh.mass_matrix(run.q[-1], p)
+    assert run.success and np.all(sweep.success)
+    return run.q[-1].tobytes() + sweep.y.tobytes() + m.tobytes()
+
+
+def expected_of(model: CompiledModel) -> bytes:
+    """Return what comes out without a cache."""
+    return _everything(model, cache=False)
+
+
+def begun(model: CompiledModel, folder: Path, expected: bytes | None) -> tuple[int, int]:
+    """Fork a child that uses a cache; return its number, and the end of a pipe from which `ended` reads."""
+    reading, writing = os.pipe()
+    sys.stdout.flush()
+    child = os.fork()
+    if child:
+        os.close(writing)
+        return child, reading
+    said, code = "", 2
+    try:
+        os.environ[ENVIRONMENT_VARIABLE] = str(folder)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found = _everything(model, cache=True)
+        kinds = {warning.category.__name__ for warning in caught}
+        said = " ".join(sorted(kinds))
+        code = 0 if expected is None or found == expected else 1
+    except BaseException:
+        said = traceback.format_exc()
+    finally:
+        os.write(writing, said[-3000:].encode())
+        os._exit(code)
+
+
+def ended(child: int, reading: int, limit: float = 120.0) -> Outcome:
+    """Wait for a child and return what became of it; one that takes too long is killed."""
+    until = time.monotonic() + limit
+    while True:
+        number, status = os.waitpid(child, os.WNOHANG)
+        if number:
+            break
+        if time.monotonic() > until:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            os.close(reading)
+            return "does not end", ""
+        time.sleep(0.002)
+    with os.fdopen(reading, "rb") as file:
+        said = file.read().decode()
+    if os.WIFSIGNALED(status):
+        return f"signal {os.WTERMSIG(status)}", said
+    return {0: "right", 1: "wrong"}.get(os.WEXITSTATUS(status), "error"), said
