@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .errors import OptionError, ValueInputError
 
-__all__ = ["array_of", "listed", "number", "option", "times_of", "tolerances", "whole"]
+__all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "whole"]
 
 FloatArray = NDArray[np.float64]
 _REAL = "biuf"
@@ -46,6 +46,19 @@ def array_of(value: Any) -> FloatArray:
     if kind not in _REAL or not kind:
         raise ValueError("is not a number" if given.ndim == 0 else "is not an array of numbers")
     return np.asarray(given, dtype=float)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return an option that is on or off.
+
+    Raises
+    ------
+    OptionError
+        For what is neither.
+    """
+    if not isinstance(value, bool | int | np.bool_ | np.integer):
+        raise OptionError(f"{name} must be True or False, not {value!r}")
+    return bool(value)
 
 
 def listed(name: str, value: Any, what: str) -> list[Any]:

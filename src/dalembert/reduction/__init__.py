@@ -55,7 +55,8 @@ def reduce(
     ConstraintError
         For constraints that contradict each other, and reactions that are not determined.
     """
-    if formulation not in (*FORMULATIONS, "auto"):
+    given: object = formulation
+    if not isinstance(given, str) or given not in (*FORMULATIONS, "auto"):
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
     if any(point.kind == "break" for point in equations.watchpoints):
         still = prescribed(equations, requested)

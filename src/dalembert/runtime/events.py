@@ -10,7 +10,7 @@ import numpy as np
 from sympy import Basic
 
 from ..codegen.base import FloatArray
-from ..errors import OptionError
+from ..errors import OptionError, nesting_named
 from ..integrators.problem import DenseOutput, JoinedOutput
 from ..integrators.reductions import running_values
 from ..integrators.segments import Constants, Segments, constants_at
@@ -66,6 +66,7 @@ class Event:
     apply: Mapping[Any, Any] | None = None
     name: str | None = None
 
+    @nesting_named
     def __post_init__(self) -> None:
         faults = []
         if not isinstance(self.expression, str | Basic):

@@ -230,7 +230,8 @@ class CompiledModel(Swept):
             t_eval=None if t_eval is None else times_of("t_eval", t_eval),
             max_steps=whole("max_steps", max_steps),
         )
-        if method == "auto":
+        named: object = method
+        if isinstance(named, str) and named == "auto":
             chosen = variation.engine.automatic(self.methods, rtol, atol)
         else:
             chosen = self._method(method, rtol, atol)

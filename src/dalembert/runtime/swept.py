@@ -16,7 +16,7 @@ from ..ir.program import Layout
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
-from ..values import option, times_of, tolerances, whole
+from ..values import flag, option, times_of, tolerances, whole
 from . import inputs
 from .assumed import warn_of_motion
 from .cases import Cases, Settings, agreed, single_problem, spans_of
@@ -202,7 +202,7 @@ class Swept(Simulated):
             max_step=max_step,
             max_steps=max_steps,
             threads=threads,
-            progress=progress,
+            progress=flag("progress", progress),
         )
         watch = self._events(events, reduce)
         if watch is not None and error_estimate:

@@ -15,7 +15,7 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import OptionError, SceneError, list_names
+from ..errors import OptionError, SceneError, list_names, nesting_named
 from ..values import listed
 from .angle_sequences import AngleSequence, recognised
 from .frames_in_use import frames_in_use
@@ -56,6 +56,7 @@ class FreeOrientation:
         return () if self.sequence is None else self.sequence.angles
 
 
+@nesting_named
 def free_orientation(
     scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame | None = None, *, names: Sequence[str] | None = None
 ) -> tuple[Any, ...]:

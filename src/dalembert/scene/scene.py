@@ -156,6 +156,7 @@ class Scene:
         self.lagrangian: Expr | None = None
 
     @classmethod
+    @nesting_named
     def from_sympy(cls, source: Any, *, name: str | None = None) -> Scene:
         """Return the scene of a ``System``, a ``KanesMethod`` or a ``LagrangesMethod`` of SymPy.
 
