@@ -91,7 +91,7 @@ run = model.prepare((0, 1e6), **long)
 try:
     run(model.state(start, p), model.parameter_vector(p))
 except KeyboardInterrupt:
-    print("stopped")
+    print("stopped", run.status.name)
 """,
 }
 INTERRUPTED = int(Status.INTERRUPTED)
@@ -99,7 +99,7 @@ SAID = {
     "a small sweep": [str([0, INTERRUPTED]), str([INTERRUPTED, INTERRUPTED])],
     "a sweep in threads": [str([0, INTERRUPTED]), str([INTERRUPTED, INTERRUPTED])],
     "a sweep with times": [str([INTERRUPTED])],
-    "a prepared run": ["stopped"],
+    "a prepared run": ["stopped INTERRUPTED"],
 }
 
 

@@ -107,7 +107,7 @@ _MESSAGES = {
         "The times of the run are not finite, or go neither up nor down: give finite times in increasing or in "
         "decreasing order."
     ),
-    Status.INTERRUPTED: "The sweep was interrupted before this case was run; run the cases that remain again.",
+    Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
         "Events with apply, or phases of a contact, follow each other ever faster, infinitely many within a finite "

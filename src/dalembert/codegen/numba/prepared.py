@@ -111,7 +111,8 @@ def prepared_run(
 
     def status() -> Status:
         held = own.get(get_ident())
-        return Status.SUCCESS if held is None else statuses[held[3][0]]
+        last = int(Status.SUCCESS) if held is None else held[3][0]
+        return Status.INTERRUPTED if last < 0 else statuses[last]
 
     run.status = status  # type: ignore[attr-defined]
     run.held = steps  # type: ignore[attr-defined]  # the code lives as long as `run`

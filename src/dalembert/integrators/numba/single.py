@@ -80,12 +80,12 @@ def LOOP(
             clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
             call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
             old = 1
-    until = attempts + patience
+    limit = min(budget, attempts + patience)
     while status < 0:
-        if attempts == budget:
-            status = _MAX_STEPS
-            break
-        if attempts == until:
+        if attempts == limit:
+            if attempts == budget:
+                status = _MAX_STEPS
+                break
             span[3], outcome[0], outcome[1], outcome[2] = t, steps, attempts, old
             return -1
         attempts += 1
