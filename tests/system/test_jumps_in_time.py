@@ -298,3 +298,43 @@ def test_conditions_that_change_without_end_are_refused(numba_model):
     model = oscillator(sp.sign(sp.sin(1 / t)), backend="numpy")
     with pytest.raises(BreakTimesError, match="changes too often"):
         model.simulate((0, 1), START, {"m": 1})
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+def test_positions_with_kinks_in_time_act_by_an_impulse(formulation):
+    y = dynamicsymbols("y")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    support = origin.locatenew("S", sp.Max(t - 1, 0) * frame.x)
+    bob = support.locatenew("B", sp.sin(y) * frame.x - sp.cos(y) * frame.y)
+    scene = da.Scene("jerked", frame=frame, origin=origin, coordinates=[y])
+    scene.add_bodies(Particle("bob", bob, 1))
+    model = da.compile_model(scene, formulation=formulation)
+    run = model.simulate((0, 1.5), {"y": 0.5, "y_dot": 0}, {}, t_eval=[0.5, 1.5], rtol=1e-10, atol=1e-12)
+    # the momentum cos(y) x_dot + y_dot along y stays, and nothing turns the bob afterwards
+    np.testing.assert_allclose(run["y"], [0.5, 0.5 - 0.5 * np.cos(0.5)], atol=1e-9)
+    cases = model.sweep((0, 1.5), {"y": np.array([0.5, 0.6]), "y_dot": 0}, {}, rtol=1e-10)
+    np.testing.assert_allclose(cases["y"], [0.5 - 0.5 * np.cos(0.5), 0.6 - 0.5 * np.cos(0.6)], atol=1e-9)
+
+
+def test_turned_frames_with_kinks_in_time_act_by_an_impulse():
+    y = dynamicsymbols("y")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    table = frame.orientnew("T", "Axis", (sp.Abs(t - 1), frame.z))
+    bead = origin.locatenew("B", y * table.x + 2 * table.y)
+    scene = da.Scene("turned", frame=frame, origin=origin, coordinates=[y])
+    scene.add_bodies(Particle("bead", bead, 3))
+    model = da.compile_model(scene)
+    before, after = model.simulate((0, 2), {"y": 0.5, "y_dot": 0}, {}, t_eval=[1 - 1e-9, 1 + 1e-9], rtol=1e-10)["y_dot"]
+    assert abs(after - before - 4.0) < 1e-6  # y_dot - 2 omega stays, and omega goes from -1 to 1
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+def test_positions_that_jump_are_refused(formulation):
+    frame, origin = ReferenceFrame("N"), Point("O")
+    y = dynamicsymbols("y")
+    scene = da.Scene("torn", frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("bob", origin.locatenew("B", x * frame.x + y * frame.y), 1))
+    scene.add_holonomic_constraints(x - sp.Heaviside(t - 1))
+    model = da.compile_model(scene, formulation=formulation)
+    with pytest.raises(da.errors.ConstraintError, match=r"jumps at t = 1: .* continuous in time"):
+        model.simulate((0, 2), {"x": 0, "x_dot": 0, "y": 0, "y_dot": 1}, {})

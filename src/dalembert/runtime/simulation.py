@@ -33,6 +33,7 @@ from .events import EventCode
 from .gains import with_gains
 from .gimbal import locked, remedy
 from .held import NO_ESTIMATE, Held, span_of
+from .impulses import impulses_of
 from .keeping import kept_names, kept_values, refuse_jumps, refuse_unknown
 from .monitors import conserved
 from .prepared import PreparedRun
@@ -44,9 +45,6 @@ if TYPE_CHECKING:
     from ..compiler import Stages
 
 __all__ = ["Simulated"]
-
-_STRUCK = 1e-10
-"""Share of the rates by which constraints make them jump at a break, from which on that is an impulse."""
 
 
 class Simulated(Held):
@@ -61,7 +59,8 @@ class Simulated(Held):
         reduced = stages.reduced
         self._enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self._keepers: dict[tuple[str, ...], Simulated] = {}
-        if isinstance(engine, SegmentedEngine) and "velocity_residual" in stages.program and self.layout.state:
+        self._impulses = impulses_of(stages.equations, stages.program)
+        if isinstance(engine, SegmentedEngine) and self._impulses is not None:
             engine.landing = self._landed
         self._counters: dict[tuple[Any, ...], Simulated] = {}
 
@@ -71,24 +70,15 @@ class Simulated(Held):
         return gimbals(self.stages.reduced)
 
     def _landed(self, t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the state with which a run goes on from a break: where constraints make rates jump, by an impulse.
-
-        That of ideal constraints changes the rates least in the metric of the kinetic energy.
-        """
-        program, time = self._program, np.array([t])
-        x = interpret_rows(program.kernel("expand"), time, y[np.newaxis], before)
-        left = [interpret_rows(program.kernel("velocity_residual"), time, x, c)[0] for c in (before, after)]
-        size = len(self.layout.coordinates)
-        scale = 1.0 + float(np.max(np.abs(x[0, size:]), initial=0.0))
-        if not np.any(np.abs(left[1] - left[0]) > _STRUCK * scale):
+        """Return the state with which a run goes on from a break."""
+        assert self._impulses is not None
+        time = np.array([t])
+        x = interpret_rows(self._program.kernel("expand"), time, y[np.newaxis], before)
+        rates = self._impulses.rates(t, x[0], before, after)
+        if rates is None:
             return y
-        mass, rows = (
-            interpret_rows(program.kernel(name), time, x, after).reshape(-1, size)
-            for name in ("mass_matrix", "constraint_jacobian")
-        )
-        response = np.linalg.pinv(mass, hermitian=True) @ rows.T
-        x[0, size:] -= response @ np.linalg.pinv(rows @ response, hermitian=True) @ left[1]
         names = (*self.layout.coordinates, *self.layout.rates)
+        x[0, len(self.layout.coordinates) :] = rates
         start = self._start(names)
         given = x[:, [names.index(name) for name in start.given]]
         return interpret_rows(start.kernel, time, given, after)[0, : len(y)]

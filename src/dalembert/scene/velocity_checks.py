@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
+import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
@@ -55,6 +56,13 @@ def velocity_faults(scene: Scene, frames: Tree, points: Tree, used: Sequence[Any
     return faults
 
 
+def _of_real_numbers(e: Any) -> Any:
+    """Return an expression without the real and imaginary parts that SymPy writes into derivatives of Abs and sign."""
+    if not e.has(sp.re, sp.im):
+        return e
+    return e.replace(sp.re, lambda x: x).replace(sp.im, lambda x: sp.S.Zero).doit()
+
+
 @final
 class _Check:
     """Velocities by differentiation of positions, on a graph of their own: that of the scene stays as it is."""
@@ -94,7 +102,7 @@ class _Check:
             turn = self.from_root(frame) if frame in self.frames.parent else None
             if turn is None or any(f not in self.reader.leaves for f in matrix.atoms(AppliedUndef)):
                 return None
-            part = matvec(self.graph, transpose(turn), [self.reader.read(x, "") for x in matrix])
+            part = matvec(self.graph, transpose(turn), [self.reader.read(_of_real_numbers(x), "") for x in matrix])
             total = [a + b for a, b in zip(total, part, strict=True)]
         return total
 

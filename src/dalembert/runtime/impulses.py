@@ -1,0 +1,114 @@
+"""Impulses at the times at which prescribed velocities jump.
+
+Where a given function of time in a position, an orientation or a constraint has a kink, or one in a nonholonomic
+constraint jumps, velocities jump. Forces are bounded, so that the momenta dT/dqdot change by the impulses of ideal
+constraints alone: with J the constraint Jacobian and J qdot + drift = 0 the velocity constraints,
+dT/dqdot after - dT/dqdot before = J^T (impulses).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ..codegen.base import FloatArray
+from ..errors import ConstraintError
+from ..ir.conditions import CONDITION_TIME
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from ..mechanics.equations import EquationsOfMotion
+
+__all__ = ["Impulses", "impulses_of"]
+
+_JUMP = 1e-10
+"""Share of rates, or of positions, from which on a change at a break is no rounding."""
+
+
+@final
+@dataclass(frozen=True)
+class Impulses:
+    """The jumps of rates of one program.
+
+    Attributes
+    ----------
+    moved : bool
+        Whether positions and orientations of bodies depend on conditions on time.
+    """
+
+    program: Program
+    moved: bool
+
+    def rates(self, t: float, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray | None:
+        """Return the rates (n_q,) behind a break, None where they do not jump.
+
+        Parameters
+        ----------
+        t : float
+            The time of the break [s].
+        x : ndarray (2 n_q,)
+            Coordinates and rates at its end.
+        before, after : ndarray (n_c,)
+            Constants of the segments before and behind the break.
+
+        Raises
+        ------
+        ConstraintError
+            Where a position constraint itself jumps.
+        """
+        program, size = self.program, len(self.program.layout.coordinates)
+        rates = x[size:].copy()
+        scale = 1.0 + float(np.max(np.abs(rates), initial=0.0))
+        self._refuse_jump(t, x, before, after)
+        change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
+        constrained = "velocity_residual" in program
+        left = [self._value("velocity_residual", t, x, c) for c in (before, after)] if constrained else []
+        mass = self._value("mass_matrix", t, x, after).reshape(size, size)
+        jerked = constrained and bool(np.any(np.abs(left[1] - left[0]) > _JUMP * scale))
+        size_of_momentum = float(np.max(np.abs(mass), initial=0.0)) * scale
+        if not jerked and not np.any(np.abs(change) > _JUMP * size_of_momentum):
+            return None
+        inverse = np.linalg.pinv(mass, hermitian=True)
+        rates -= inverse @ change
+        if constrained:
+            residual = self._value("velocity_residual", t, np.concatenate([x[:size], rates]), after)
+            rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)
+            response = inverse @ rows.T
+            rates -= response @ np.linalg.pinv(rows @ response, hermitian=True) @ residual
+        return rates
+
+    def _value(self, kernel: str, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
+        return interpret_rows(self.program.kernel(kernel), np.array([t]), x[np.newaxis], c)[0]
+
+    def _momenta(self, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
+        """Return dT/dqdot (n_q,): central differences, which are exact for a quadratic function of the rates."""
+        size = len(x) // 2
+        step = 1.0 + float(np.max(np.abs(x[size:]), initial=0.0))
+        rows = np.tile(x, (2 * size, 1))
+        rows[:size, size:] += step * np.eye(size)
+        rows[size:, size:] -= step * np.eye(size)
+        kinetic = interpret_rows(self.program.kernel("energy"), np.full(2 * size, t), rows, c)[:, 0]
+        return np.asarray((kinetic[:size] - kinetic[size:]) / (2.0 * step), dtype=float)
+
+    def _refuse_jump(self, t: float, x: FloatArray, before: FloatArray, after: FloatArray) -> None:
+        if "position_residual" not in self.program:
+            return
+        left = [self._value("position_residual", t, x, c) for c in (before, after)]
+        jumps = np.abs(left[1] - left[0]) > _JUMP * (1.0 + np.abs(left[0]) + np.abs(x).max(initial=0.0))
+        if np.any(jumps):
+            layout = self.program.layout
+            label = [name for name in layout.constraints if name.startswith("holonomic")][int(np.argmax(jumps))]
+            raise ConstraintError(
+                f"{label} jumps at t = {t:g}: no finite impulse moves a body from one place to another at once."
+                " Write a position that is continuous in time, such as a ramp; its velocity may jump"
+            )
+
+
+def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | None:
+    """Return the jumps of rates of a program; None where no prescribed velocity can jump."""
+    if program.conditions is None or not program.layout.state:
+        return None
+    graph = equations.graph
+    moved = bool(equations.kinetic_energy.deps & graph.input(CONDITION_TIME).deps)
+    return Impulses(program, moved) if moved or "velocity_residual" in program else None
