@@ -13,7 +13,6 @@ import numpy as np
 
 import dalembert as da
 from dalembert.errors import DalembertError, FormulationError, InitialStateError
-from dalembert.ir.interpret import interpret, interpret_rows
 from fuzz.description import Description, PointCondition
 from fuzz.scene_builder import scene_of
 from fuzz.summary import ORDER
@@ -105,7 +104,7 @@ class _Comparison:
         known = model.layout.parameters
         self.parameters = {key: value for key, value in self.description.parameters.items() if key in known}
         if whole:
-            self._guarded(f"{path} accelerations", "evaluate", lambda: self._accelerations(path, model))
+            self._guarded(f"{path} accelerations", "evaluate", lambda: self._accelerations(path, scene, model))
             self._guarded(f"{path} contradiction", "run", lambda: self._contradicted(f"{path} contradiction", model))
         run = self._guarded(path, "run", lambda: self._simulate(path, model, bound))
         if run is None or not whole:
@@ -152,11 +151,11 @@ class _Comparison:
 
     # --- what is compared ---
 
-    def _accelerations(self, path: str, model: Any) -> None:
+    def _accelerations(self, path: str, scene: Any, model: Any) -> None:
         if self.verdict.kind not in SOLVABLE or self.judge.motion.failed:
             return
         worst, order = 0.0, self._order(model)
-        n, evaluate = len(order), self._evaluator(model)
+        n, evaluate = len(order), self._evaluator(scene, model)
         for t, y, truth in self.judge.solved_along()[:3]:
             if self._at_kink(t):
                 continue
@@ -169,14 +168,11 @@ class _Comparison:
         else:
             self.report.add(f"{path} accelerations", "agree")
 
-    def _evaluator(self, model: Any) -> Any:
-        """Return a function of (t, q, qdot) that gives second rates: compiled in some scenes, interpreted in others."""
-        if self.description.seed % 8 == 0:
-            return lambda t, q, qdot: model.accelerations(t, q, qdot, self.parameters)
-        program = model.stages.program
-        c = np.array(interpret(program.kernel("prepare"), {"p": model.parameter_vector(self.parameters).tolist()}))
-        kernel = program.kernel("accelerations")
-        return lambda t, q, qdot: interpret_rows(kernel, np.array([t]), np.concatenate([q, qdot])[None], c)[0]
+    def _evaluator(self, scene: Any, model: Any) -> Any:
+        """Return a function of (t, q, qdot) that gives second rates: of the model in some scenes, else by NumPy."""
+        if self.description.seed % 8:
+            model = da.compile_model(scene, formulation=model.formulation, backend="numpy")
+        return lambda t, q, qdot: model.accelerations(t, q, qdot, self.parameters)
 
     def _order(self, model: Any) -> list[int]:
         """Return the places of the model's coordinates among those of the description."""

@@ -48,7 +48,7 @@ def solved(e: Equations) -> Solved:
             part = Vt[c, :r].T @ (weights[:r] / s[c, :r])
             Z = Vt[c, r:].T
             clash[c] = float(np.max(np.abs(weights[r:]), initial=0.0))
-            gap[c] = s[c, r - 1] if r else 1.0
+            gap[c] = s[c, r - 1] * min(1.0, float(length[c].min())) if r else 1.0
             rest[c] = s[c, r] if r < len(s[c]) else 0.0
             spread = float(np.max(np.abs(right), initial=0.0)) / gap[c]
         push = e.forces[c] - e.M[c] @ part
