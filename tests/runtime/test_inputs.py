@@ -11,6 +11,7 @@ from sympy.physics.mechanics import Particle, dynamicsymbols
 import dalembert as da
 from dalembert.errors import (
     DalembertError,
+    ExpressionError,
     InitialStateError,
     OptionError,
     SceneError,
@@ -303,7 +304,7 @@ def test_comparison_of_unknown_formulations_and_methods():
 
 def test_no_events_are_none():
     assert run(events=None).success
-    with pytest.raises(OptionError, match="must be a name or a SymPy expression"):
+    with pytest.raises(ExpressionError, match="not a SymPy expression"):
         run(events=[None])
 
 

@@ -99,7 +99,8 @@ def _frames(motion: Motion, fps: float, speed: float) -> Motion:
     if not len(motion.t):
         raise OptionError("the motion has no recorded times, so that there is nothing to draw")
     first, last = float(motion.t[0]), float(motion.t[-1])
-    count = 1 + round(abs(last - first) / speed * fps)
+    pictures = abs(last - first) / speed * fps
+    count = 1 + round(pictures) if pictures < 1e15 else 10**15
     if count > _MOST_FRAMES:
         raise OptionError(
             f"{count:,} pictures are too many (at most {_MOST_FRAMES:,}); give a larger speed, such as"

@@ -246,6 +246,9 @@ def agreed(
     OptionError, ValueInputError
         For settings that make no sense, or not with these cases.
     """
+    for name, ends in cases.span.items():
+        if ends.ndim != 1 or not ends.size:
+            raise ValueInputError(f"the {name} of t_span has shape {ends.shape}; give one time, or one for each case")
     times = None if t_eval is None else times_of("t_eval", t_eval)
     if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
         raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
@@ -269,7 +272,7 @@ def agreed(
 def _finite(times: FloatArray) -> float:
     """Return the first of some times that is finite, or the first where none is: others are those of their cases."""
     finite = np.isfinite(times)
-    return float(times[int(np.argmax(finite))]) if len(times) else 0.0
+    return float(times[int(np.argmax(finite))]) if times.size else 0.0
 
 
 def _columns(

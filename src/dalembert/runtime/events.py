@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from sympy import Basic
 
 from ..codegen.base import FloatArray
 from ..errors import OptionError, nesting_named
@@ -69,7 +68,7 @@ class Event:
     @nesting_named
     def __post_init__(self) -> None:
         faults = []
-        if not isinstance(self.expression, str | Basic):
+        if not isinstance(self.expression, Hashable):
             faults.append(f"the expression must be a name or a SymPy expression, not {self.expression!r}")
         if self.name is not None and not isinstance(self.name, str):
             faults.append(f"the name must be a text, not {self.name!r}")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
-
-from sympy import Basic
 
 from ..errors import OptionError
 from .events import Event
@@ -79,7 +77,7 @@ def reduction_table(reduce: Any, aliases: Mapping[str, str]) -> dict[str, Reduct
         )
     for name, value in given:
         inner = value.expression if isinstance(value, Reduction) else value
-        if not isinstance(inner, str | Basic):
+        if not isinstance(inner, Hashable):
             raise OptionError(f"reduction {name!r}: the expression must be a name or a SymPy expression, not {inner!r}")
     table = {name: value if isinstance(value, Reduction) else final_value(value) for name, value in given}
     if len(table) < len(given):

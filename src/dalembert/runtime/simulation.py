@@ -23,7 +23,7 @@ from ..reduction.keeping import refuse_formulation
 from ..results.estimate import TIGHTER
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
-from ..values import option, times_of, tolerances, whole
+from ..values import flag, option, times_of, tolerances, whole
 from . import inputs
 from .assembly import assembled
 from .assumed import warn_of_motion
@@ -182,7 +182,8 @@ class Simulated(Held):
             For input that is wrong, each naming what, what is allowed and what to do.
         """
         options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
-        options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense, "error_estimate": error_estimate}
+        options |= {"max_step": max_step, "max_steps": max_steps, "dense": flag("dense", dense)}
+        options |= {"error_estimate": flag("error_estimate", error_estimate)}
         options |= {"project_invariants": project_invariants}
         t0, t1 = span_of(t_span)
         if not begins_elsewhere(t0, t1):

@@ -100,6 +100,7 @@ class Swept(Simulated):
             For input that is wrong for all cases.
         """
         options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
+        error_estimate = flag("error_estimate", error_estimate)
         options |= {"max_steps": max_steps, "threads": threads, "progress": progress, "grid": grid}
         options |= {"t_eval": t_eval, "events": events, "reduce": reduce, "error_estimate": error_estimate}
         options["project_invariants"] = project_invariants
