@@ -32,6 +32,12 @@ def conditions_of(expression):
         tuple(lower_kernel(graph, "condition", [f], inputs, arguments=("t", "p")) for f in functions),
         tuple(condition.kind for condition in reader.conditions),
         tuple(bool(f.deps & within) for f in functions),
+        tuple(
+            None
+            if c.sharpness is None
+            else lower_kernel(graph, "sharpness", [c.sharpness], inputs, arguments=("t", "p"))
+            for c in reader.conditions
+        ),
     ), names[:-1]
 
 

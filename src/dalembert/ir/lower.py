@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import ExpressionError
 from ..naming import Namer
-from .conditions import CONDITION_TIME, Conditions
+from .conditions import CONDITION_TIME, Conditions, decide
 from .forms import Forms
 from .graph import Graph, Node
 from .ops import OPERATIONS
@@ -88,7 +88,11 @@ def lower(system: ReducedSystem) -> Program:
         holonomic=sum(row.position is not None for row in rows),
         constants=len(hoisted.prepare.outputs),
         aliases=dict(symbols.aliases),
-        defaults={**equations.defaults, **system.defaults, **({CONDITION_TIME: 0.0} if equations.conditions else {})},
+        defaults={
+            **equations.defaults,
+            **system.defaults,
+            **({CONDITION_TIME: 0.0} if decide(equations.conditions) else {}),
+        },
         entries=tuple(name for entry in symbols.entries for name in entry.names),
         assumptions=dict(symbols.assumptions),
     )
@@ -122,11 +126,16 @@ def decided(equations: EquationsOfMotion) -> Conditions | None:
     inputs |= {graph.input(name): ("p", i) for i, name in enumerate(parameters)}
     functions = [condition.function for condition in equations.conditions]
     within = graph.input(CONDITION_TIME).deps
+
+    def lowered(node: Node) -> Kernel:
+        return lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p"))
+
     return Conditions(
-        place=parameters.index(CONDITION_TIME),
-        functions=tuple(lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p")) for node in functions),
+        place=parameters.index(CONDITION_TIME) if CONDITION_TIME in parameters else None,
+        functions=tuple(map(lowered, functions)),
         kinds=tuple(condition.kind for condition in equations.conditions),
         nested=tuple(bool(node.deps & within) for node in functions),
+        sharpness=tuple(None if c.sharpness is None else lowered(c.sharpness) for c in equations.conditions),
     )
 
 

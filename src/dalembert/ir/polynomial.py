@@ -24,6 +24,8 @@ Form = tuple[str, tuple[Node, ...]]
 """An operation and its operands."""
 
 _TERMS = 12
+_HIGHEST = 24
+"""Powers up to which squares of cosines and sines are opened: half as many terms come of each."""
 
 
 def times(a: Monomial, b: Monomial, sign: int = 1) -> Monomial:
@@ -125,6 +127,8 @@ def pythagorean(graph: Graph, p: Polynomial, form: Callable[[Node], Form], *, ca
     is replaced only where fewer terms come of it, because 1 - sin**2 has lost digits where cos**2 has not.
     """
     angles: dict[int, Node] = {}
+    if any(exponent > _HIGHEST for monomial in p for _, exponent in monomial):
+        return p
     for monomial in p:
         for atom, exponent in monomial:
             if exponent < 2:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import list_names
-from ..ir.conditions import CONDITION_TIME, Condition
+from ..ir.conditions import CONDITION_TIME, Condition, decide
 from ..ir.graph import Graph, Node
 from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
@@ -251,4 +251,4 @@ class EquationsOfMotion:
     @property
     def timing(self) -> tuple[Node, ...]:
         """Time, and that of conditions where there are any."""
-        return (self.time, self.graph.input(CONDITION_TIME)) if self.conditions else (self.time,)
+        return (self.time, self.graph.input(CONDITION_TIME)) if decide(self.conditions) else (self.time,)

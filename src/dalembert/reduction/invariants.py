@@ -76,7 +76,7 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
     terms = [tangents(graph, nodes, direction) for direction in directions]
     sizes = [graph.sum(graph.call("abs", row[k]) for row in terms) for k in range(len(nodes))]
     rates = [graph.sum(row[k] for row in terms) for k in range(len(nodes))]
-    if equations.conditions:  # what conditions on time decide changes where they do
+    if CONDITION_TIME in equations.symbols.parameters:  # what conditions on time decide changes where they do
         decided = graph.input(CONDITION_TIME)
         for k, (name, (node, _)) in enumerate(found.items()):
             if graph.freed_of(node, [decided]) is None:

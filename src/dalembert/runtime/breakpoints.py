@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..codegen.base import FloatArray
 from ..errors import BreakTimesError
 from ..integrators.crossings import zeros
-from ..ir.conditions import WHOLE, Conditions
+from ..ir.conditions import WHOLE, ZERO, Conditions
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.intervals import INTERVAL_OPERATIONS, Interval
 from ..ir.program import Kernel
@@ -26,6 +26,12 @@ _MOST_EACH = 2_000
 _ULP = 2.220446049250313e-16
 _TOGETHER = 16.0 * _ULP
 _PARTS, _NOTHING = 8, 1e-290
+_SHORT = 20.0
+"""How many times what is narrow must fit between its like, or in a run."""
+_AROUND = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])
+"""Where steps end about something narrow, in its size (the standard deviation of a Gaussian)."""
+_FEW_PIECES = 512
+"""Pieces a run that the search for what is narrow may need: it is given up where there are more."""
 IntArray = NDArray[np.intp]
 
 
@@ -73,17 +79,21 @@ def break_times_of_cases(
     """
     count = len(p)
     low, high = np.minimum(t0, t1), np.maximum(t0, t1)
-    fine = np.isfinite(low) & np.isfinite(high) & np.all(np.isfinite(np.delete(p, conditions.place, axis=1)), axis=1)
+    fine = np.isfinite(low) & np.isfinite(high) & np.all(np.isfinite(_without(p, conditions.place)), axis=1)
     run, times = np.zeros(0, np.intp), np.zeros(0)
-    for kernel, kind, nested in zip(conditions.functions, conditions.kinds, conditions.nested, strict=True):
+    rows = zip(conditions.functions, conditions.kinds, conditions.nested, conditions.sharpness, strict=True)
+    for kernel, kind, nested, sharpness in rows:
         if nested:
             whose, a, b = _between(run, times, low, high, fine)
         else:
             whose = np.flatnonzero(fine & (low < high))
             a, b = low[whose], high[whose]
         own = p[whose]
-        own[:, conditions.place] = a + 0.5 * (b - a)
-        piece, found = _Search(kernel, kind, own).roots(a, b)
+        conditions.decide_at(own, a + 0.5 * (b - a))
+        if sharpness is None:
+            piece, found = _Search(kernel, kind, own).roots(a, b)
+        else:
+            piece, found = _narrow(kernel, sharpness, own, a, b)
         run, times = _merged(np.concatenate([run, whose[piece]]), np.concatenate([times, found]), low, high)
     starts = np.searchsorted(run, np.arange(count + 1))
     backward = t1 < t0
@@ -93,12 +103,47 @@ def break_times_of_cases(
     return starts, times
 
 
+def _without(p: FloatArray, place: int | None) -> FloatArray:
+    return p if place is None else np.delete(p, place, axis=1)
+
+
+def _narrow(
+    kernel: Kernel, sharpness: Kernel, p: FloatArray, a: FloatArray, b: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return breaks around what is over within a short time, for rows of parameters p (k, n_p) between a and b (k,).
+
+    Short is what takes a small share of the time to the next of its kind, or of the run: a step may miss no other.
+    """
+    search = _Search(kernel, ZERO, p, _FEW_PIECES * (len(a) + _PARTS))
+    try:
+        row, times = search.roots(a, b)
+    except BreakTimesError:  # too many for any to be narrow
+        return np.zeros(0, np.intp), np.zeros(0)
+    order = np.lexsort((times, row))
+    row, times = row[order], times[order]
+    with np.errstate(all="ignore"):
+        (sharp,) = interpret(sharpness, {"t": times, "p": _Rows(p.T, row)}, ARRAY_OPERATIONS)
+        size = 1.0 / np.sqrt(np.broadcast_to(np.asarray(sharp, dtype=float), times.shape))
+    there = np.isfinite(size) & (size > 0.0)
+    row, times, size = row[there], times[there], size[there]
+    gap = (b - a)[row]
+    same = row[1:] == row[:-1]
+    apart = np.where(same, np.diff(times), np.inf)
+    gap = np.minimum(gap, np.minimum(np.append(apart, np.inf), np.append(np.inf, apart)))
+    short = _SHORT * size < gap
+    row, times, size = row[short], times[short], size[short]
+    around = times[:, np.newaxis] + size[:, np.newaxis] * _AROUND
+    rows = np.repeat(row, len(_AROUND))
+    inside = (around.ravel() > a[rows]) & (around.ravel() < b[rows])
+    return rows[inside], around.ravel()[inside]
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class CaseBreaks:
     """The breaks of many runs: between t0 and t1 (k,), where those of each begin (k + 1,), and the times (n,)."""
 
-    place: int
+    place: int | None
     t0: FloatArray
     t1: FloatArray
     starts: IntArray
@@ -152,10 +197,10 @@ def _merged(run: IntArray, times: FloatArray, low: FloatArray, high: FloatArray)
 class _Search:
     """The search for the roots of one function, of rows of parameters p (k, n_p) that are used in turn."""
 
-    def __init__(self, kernel: Kernel, kind: str, p: FloatArray) -> None:
+    def __init__(self, kernel: Kernel, kind: str, p: FloatArray, most: int | None = None) -> None:
         self.kernel, self.kind = kernel, kind
         self.p = p.T
-        self.most = max(MOST_BREAKS, _MOST_EACH * len(p))
+        self.most = max(MOST_BREAKS, _MOST_EACH * len(p)) if most is None else most
 
     def roots(self, a: FloatArray, b: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return all roots between a and b (k,): of which row each is, and the times."""
@@ -250,7 +295,7 @@ class _Search:
             level = bottom[source] + (np.arange(len(source)) - np.repeat(np.cumsum(repeats) - repeats, repeats))
             row, low, high, first, last = row[source], low[source], high[source], first[source], last[source]
         first, last = first - level, last - level
-        crosses = first * last <= 0.0
+        crosses = np.sign(first) * np.sign(last) <= 0.0
         row, low, high = row[crosses], low[crosses], high[crosses]
         level, first, last = level[crosses], first[crosses], last[crosses]
         found = np.where(first == 0.0, low, high)

@@ -119,22 +119,22 @@ class Cases:
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Let conditions of parameters p (k, n_p) be those of the first segment of each case."""
         conditions = self.program.conditions
-        if conditions is None:
+        if conditions is None or not conditions.decides:
             return
         t0, t1 = (np.broadcast_to(_part(self.span[end], block), len(p)) for end in ("start", "end"))
-        p[:, conditions.place] = CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0)
+        conditions.decide_at(p, CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0))
 
     def constants_at(self, block: slice, t: FloatArray) -> FloatArray:
         """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
         count, width = t.shape
         c, conditions = self.constants(block), self.program.conditions
-        if conditions is None:
+        if conditions is None or not conditions.decides:
             return np.repeat(c, width, axis=0)
         p = c[:, : len(self.program.layout.parameters)]
         t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
         breaks = CaseBreaks.of(conditions, p, t0, t1)
         p = np.repeat(p, width, axis=0)
-        p[:, conditions.place] = breaks.middles(np.repeat(np.arange(count), width), t.ravel())
+        conditions.decide_at(p, breaks.middles(np.repeat(np.arange(count), width), t.ravel()))
         return inputs.prepare_rows(self.program, p)
 
     def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

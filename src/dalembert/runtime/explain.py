@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ..codegen import backend_named
 from ..errors import list_names
 from ..ir.branches import kinked, unforeseen
+from ..ir.conditions import NARROW
 from ..ir.program import Program, describe_counts
 
 if TYPE_CHECKING:
@@ -96,8 +97,14 @@ def _energy(stages: Stages) -> list[str]:
 def _conditions(program: Program) -> list[str]:
     if program.conditions is None:
         return []
-    count = len(program.conditions.functions)
-    return [f"conditions    {count} on time and parameters alone: a step ends wherever one changes"]
+    kinds = program.conditions.kinds
+    count, narrow = sum(kind != NARROW for kind in kinds), NARROW in kinds
+    lines = [f"conditions    {count} on time and parameters alone: a step ends wherever one changes"] if count else []
+    return (
+        [*lines, "pulses        of time and parameters alone are looked for; steps end about narrow ones"]
+        if narrow
+        else lines
+    )
 
 
 def _projections(program: Program) -> list[str]:

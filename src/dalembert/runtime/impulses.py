@@ -107,7 +107,7 @@ class Impulses:
 
 def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | None:
     """Return the jumps of rates of a program; None where no prescribed velocity can jump."""
-    if program.conditions is None or not program.layout.state:
+    if program.conditions is None or not program.conditions.decides or not program.layout.state:
         return None
     graph = equations.graph
     moved = bool(equations.kinetic_energy.deps & graph.input(CONDITION_TIME).deps)

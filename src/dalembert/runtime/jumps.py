@@ -15,7 +15,7 @@ from ..errors import OptionError, list_names
 from ..integrators.problem import Solution
 from ..integrators.segments import Constants, constants_at
 from ..ir.branches import JUMPING
-from ..ir.conditions import Conditions
+from ..ir.conditions import NARROW, Conditions
 from ..ir.interpret import interpret_rows
 from ..ir.program import Kernel, Program
 from .breakpoints import break_times
@@ -34,17 +34,24 @@ def moved_breaks(program: Program, wrt: tuple[str, ...], c: FloatArray, t0: floa
         return np.zeros(0)
     names = program.layout.parameters
     places = {names.index(name) for name in wrt if name in names}
-    moved = [any(load.array == "p" and load.index in places for load in f.loads) for f in conditions.functions]
+    moved = [
+        kind != NARROW and any(load.array == "p" and load.index in places for load in f.loads)
+        for f, kind in zip(conditions.functions, conditions.kinds, strict=True)
+    ]
     if not any(moved):
         return np.zeros(0)
     kept = [
-        i for i, own in enumerate(moved) if own or any(conditions.nested[k] for k in range(i, len(moved)) if moved[k])
+        i
+        for i, own in enumerate(moved)
+        if own
+        or (conditions.kinds[i] != NARROW and any(conditions.nested[k] for k in range(i, len(moved)) if moved[k]))
     ]
     some = Conditions(
         conditions.place,
         tuple(conditions.functions[i] for i in kept),
         tuple(conditions.kinds[i] for i in kept),
         tuple(conditions.nested[i] for i in kept),
+        tuple(conditions.sharpness[i] for i in kept),
     )
     return break_times(some, c[: len(names)], t0, t1)
 

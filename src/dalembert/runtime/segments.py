@@ -26,6 +26,7 @@ from ..integrators.problem import (
 )
 from ..integrators.segments import Segments
 from ..integrators.status import Status
+from ..ir.conditions import Conditions
 from ..ir.interpret import interpret
 from ..ir.program import Assignment, Kernel, Load, Program
 from ..reduction.starting import Start
@@ -64,7 +65,7 @@ def _prepared(program: Program, p: FloatArray, middles: FloatArray) -> FloatArra
     """Return the constants (m, n_c) of parameters (n_p,) with conditions decided at times (m,)."""
     assert program.conditions is not None
     rows = np.tile(p, (len(middles), 1))
-    rows[:, program.conditions.place] = middles
+    program.conditions.decide_at(rows, middles)
     if len(rows) > _FEW:
         return prepare_rows(program, rows)
     kernel = program.kernel("prepare")
@@ -100,12 +101,16 @@ class SegmentedEngine(Engine):
 
     cuts: ClassVar[bool] = True
 
+    @property
+    def _conditions(self) -> Conditions:
+        assert self._program.conditions is not None
+        return self._program.conditions
+
     def segments(self, problem: IntegrationProblem) -> Segments:
         """Return the segments of a problem."""
         parameters = len(self._program.layout.parameters)
         p = problem.constants[:parameters].copy()
-        assert self._program.conditions is not None
-        p[self._program.conditions.place] = 0.0
+        self._conditions.decide_at(p, 0.0)
         key = p.tobytes(), problem.t0, problem.t1
         found = self._kept.get(key)
         if found is None:
@@ -121,6 +126,8 @@ class SegmentedEngine(Engine):
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`; conditions are decided at each time."""
+        if not self._conditions.decides:
+            return self.inner.evaluate(kernel, t, y, c)
         rows = _prepared(self._program, c[: len(self._program.layout.parameters)], t)
         return self.inner.rows(self._program.kernel(kernel), t, y, rows)
 
@@ -185,14 +192,19 @@ class SegmentedEngine(Engine):
         """See `Engine.prepared`: runs without a break are prepared, others are chained."""
         conditions = self._program.conditions
         assert conditions is not None
-        place = conditions.place
         whole = self.inner.prepared(problem, method, constants)
         middle = problem.t0 + 0.5 * (problem.t1 - problem.t0)
 
+        unbroken: dict[bytes, bool] = {}
+
         def run(state: FloatArray, p: FloatArray) -> Final:
             p = p.copy()
-            p[place] = middle
-            if len(break_times(conditions, p, problem.t0, problem.t1)) == 0:
+            conditions.decide_at(p, middle)
+            key = p.tobytes()
+            if key not in unbroken:
+                unbroken.clear()
+                unbroken[key] = len(break_times(conditions, p, problem.t0, problem.t1)) == 0
+            if unbroken.get(key):
                 return whole(state, p), whole.status()
             own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
             solution = self.integrate(own, method)
@@ -211,6 +223,19 @@ class SegmentedEngine(Engine):
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""
         return self.inner.code(kernel)
+
+    def sweeper(
+        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+    ) -> CaseRun | None:
+        """See `Engine.sweeper`: where nothing is decided, and nothing narrow happens in any case."""
+        conditions = self._conditions
+        columns = [cases.parameters[i] for i in sorted(conditions.parameters)]
+        if conditions.decides or any(len(column) > 1 for column in (*cases.spans, *columns)):
+            return None
+        p = np.array([float(column[0]) if len(column) else 0.0 for column in cases.parameters])
+        if len(break_times(conditions, p, float(cases.spans[0][0]), float(cases.spans[1][0]))):
+            return None
+        return self.inner.sweeper(cases, method, result, constants, share)
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: side by side a segment at a time where the engine can, else one by one."""
@@ -330,7 +355,7 @@ class _Rounds:
         assert program.conditions is not None
         self.inner, self.program, self.block, self.method, self.result = engine.inner, program, block, method, result
         self.landing = engine.landing
-        self.place = program.conditions.place
+        self.conditions = program.conditions
         self.p = block.c[:, : len(program.layout.parameters)].copy()
         self.start = _going_on(len(program.layout.state))
         self.starts, self.breaks = break_times_of_cases(
@@ -379,7 +404,7 @@ class _Rounds:
     ) -> BlockResult | None:
         block = self.block
         p = self.p[some]
-        p[:, self.place] = t0 + 0.5 * (t1 - t0)
+        self.conditions.decide_at(p, t0 + 0.5 * (t1 - t0))
         wanted = block.t_eval
         forward = 1.0 if block.spans[0, 1] >= block.spans[0, 0] else -1.0
         lowest, highest = np.min(forward * t0), np.max(forward * t1)

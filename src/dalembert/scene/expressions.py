@@ -14,7 +14,7 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import TOO_DEEP, list_names
-from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on
+from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on, decide, narrow_conditions
 from ..ir.graph import Graph, Node
 from ..naming import unwritable
 from .elapsed import ElapsedTime
@@ -40,6 +40,8 @@ _FUNCTIONS: dict[Any, str] = {
     sp.sign: "sign",
     sp.floor: "floor",
 }
+_SUDDEN = ("exp", "tanh", "atan", "sinh", "cosh")
+"""What is smooth, and may change within a short time."""
 _DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
 """What has kinks or jumps."""
 _FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
@@ -222,6 +224,7 @@ class ExpressionReader:
     def _divide(self, top: Node, bottom: Node, e: Any) -> Node:
         if bottom.is_zero:
             return self.fault(f"{e} divides by zero")
+        self._take_down_narrow("pow", bottom)
         return self.graph.div(top, bottom)
 
     def _power(self, e: Any) -> Node:
@@ -233,6 +236,8 @@ class ExpressionReader:
             exponent = Fraction(float(e.exp)) if halves else Fraction(int(e.exp.p), int(e.exp.q))
             if exponent < 0:
                 return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
+            if exponent > 2:
+                self._take_down_narrow("pow", base, float(exponent))
             return self.graph.power(base, exponent)
         return self.graph.call("pow", base, self._read(e.exp))
 
@@ -281,10 +286,11 @@ class ExpressionReader:
         """Return an operation; one with kinks or jumps in time alone as what it is between them."""
         graph = self.graph
         whole = graph.call(op, *args)
+        if op in _SUDDEN:
+            self._take_down_narrow(op, args[0])
         if op not in _DECIDED or self.time is None or not self._prescribed(args):
             return whole
-        time = self.time
-        held = graph.substitute(args, {time: graph.input(CONDITION_TIME)})
+        held = graph.substitute(args, {self.time: graph.input(CONDITION_TIME)})
         kind = WHOLE if op == "floor" else ZERO
         self.conditions[condition_on(graph, args[0] - args[1] if len(args) > 1 else args[0], kind)] = None
         if op == "abs":
@@ -294,6 +300,12 @@ class ExpressionReader:
             return graph.call("select", graph.call("less", *held), low, high)
         return graph.call(op, *held)
 
+    def _take_down_narrow(self, op: str, node: Node, exponent: float = -1.0) -> None:
+        """Take down where an operation on time alone may be over in a short time, so that no step passes over it."""
+        if self.time is not None and self._prescribed([node]):
+            found = narrow_conditions(self.graph, op, node, self.time, exponent)
+            self.conditions |= dict.fromkeys(found)
+
     def _prescribed(self, nodes: Sequence[Node]) -> bool:
         """Whether nodes depend on time, and on nothing else but parameters."""
         assert self.time is not None
@@ -302,7 +314,7 @@ class ExpressionReader:
             deps |= node.deps
         if not deps & self.time.deps:
             return False
-        known = [*self.parameters, *([CONDITION_TIME] if self.conditions else [])]
+        known = [*self.parameters, *([CONDITION_TIME] if decide(self.conditions) else [])]
         return not deps & ~(self.time.deps | self.graph.mask(known))
 
     def _piecewise(self, e: Any) -> Node:

@@ -9,7 +9,7 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
-from ..ir.conditions import CONDITION_TIME
+from ..ir.conditions import CONDITION_TIME, decide
 from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
@@ -129,7 +129,7 @@ class SymbolReader:
             aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
         assumptions = self._assumptions(parameters)
-        if self.expressions.conditions:
+        if decide(self.expressions.conditions):
             parameters = (*parameters, CONDITION_TIME)
         return SymbolTable(
             TIME,

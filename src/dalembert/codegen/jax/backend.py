@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -79,6 +80,8 @@ class JaxEngine(Engine):
     """
 
     def __init__(self, program: Program, namespace: Mapping[str, Any]) -> None:
+        if program.conditions is not None:  # what is only narrow is for runs that are cut into segments
+            program = replace(program, conditions=program.conditions.deciding())
         self._program = program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self.kernels = Kernels(program, namespace)

@@ -65,4 +65,5 @@ def _moving(conditions: Conditions) -> Conditions:
         functions=tuple(conditions.functions[i] for i in kept),
         kinds=tuple(conditions.kinds[i] for i in kept),
         nested=tuple(conditions.nested[i] for i in kept),
+        sharpness=tuple(conditions.sharpness[i] for i in kept),
     )

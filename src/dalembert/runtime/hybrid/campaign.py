@@ -105,7 +105,7 @@ class Value:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
         own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
-        if self.breaks is not None:
+        if self.breaks is not None and self.breaks.place is not None:
             own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
         columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
         return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

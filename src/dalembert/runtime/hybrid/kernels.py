@@ -30,7 +30,7 @@ def outputs(
         several.
     """
     c = np.broadcast_to(p, (len(t), len(p)))
-    if equations.conditions:
+    if CONDITION_TIME in equations.symbols.parameters:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":

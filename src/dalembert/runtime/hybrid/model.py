@@ -77,7 +77,7 @@ class HybridModel(Evaluated):
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
             outputs=tuple(str(output) for output in options.outputs),
-            defaults={CONDITION_TIME: 0.0} if equations.conditions else {},
+            defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
         )
 
     # -- what it is made of ----------------------------------------------------------------

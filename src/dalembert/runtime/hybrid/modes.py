@@ -56,7 +56,10 @@ class Modes:
 
     def breaks(self, p: FloatArray, t0: FloatArray, t1: FloatArray) -> CaseBreaks | None:
         """Return when conditions change in cases of parameters (k, n_p) between t0 and t1 (k,); None without any."""
-        return None if self.conditions is None else CaseBreaks.of(self.conditions, p, t0, t1)
+        if self.conditions is None:
+            return None
+        found = CaseBreaks.of(self.conditions, p, t0, t1)
+        return found if self.conditions.decides or len(found.times) else None
 
     def points(self, mode: Mode) -> list[Watchpoint]:
         """Return what can end a mode; what is constant along its motions cannot."""

@@ -125,7 +125,7 @@ class _Run:
     def _settle(self, fired: Sequence[Watchpoint]) -> Status | None:
         """Decide how the motion goes on; return a status where it cannot."""
         laws = self.modes.laws
-        if self.breaks is not None:
+        if self.breaks is not None and self.breaks.place is not None:
             c = self.now.c.copy()
             c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
             self.now = replace(self.now, c=c)

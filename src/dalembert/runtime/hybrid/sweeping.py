@@ -169,7 +169,7 @@ class _Sweep:
         rounds, _ = self.fits.get(mode, (0, ""))
         self.fits[mode] = rounds + 1, run.stats.method
         self.methods[run.stats.method] = None
-        if self.breaks is not None:
+        if self.breaks is not None and self.breaks.place is not None:
             columns = {**columns, CONDITION_TIME: self.breaks.middles(some, run.t)}
         x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
         passed = run.t - self.now.t[place]
@@ -320,7 +320,7 @@ class _Sweep:
         if cause not in self.causes:
             self.causes.append(cause)
         self.cause[some] = self.causes.index(cause)
-        if self.breaks is not None:
+        if self.breaks is not None and self.breaks.place is not None:
             self.now.c[some, self.breaks.place] = self.breaks.middles(some, self.now.t[some])
         settled = self.modes.laws.settle(self.now.part(placed(some)), mode, fired)
         good = settled.status == Status.SUCCESS
