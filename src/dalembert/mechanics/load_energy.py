@@ -72,7 +72,7 @@ def load_energy(
         return LoadEnergy()
     graph = Graph()
     if model.given is None:
-        parts = load_parts(kinematics, graph)
+        parts = load_parts(kinematics, graph, constraints)
     else:
         named = [(load.name, load_powers(kinematics, [load])) for load in model.given.loads]
         parts = given_parts(kinematics, graph, named)

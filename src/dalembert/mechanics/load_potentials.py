@@ -18,9 +18,11 @@ from ..ir.antiderivatives import Antiderivatives
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.sampling import directions, lost_at_zero, match, probe
-from ..scene.model import Action, Components
+from ..scene.model import Action, Components, Pieces
 from . import vectors as vec
+from .equations import ConstraintRow
 from .kinematics import Kinematics, Pose
+from .manifold import agree_on_manifold
 
 __all__ = ["LoadPart", "given_parts", "load_parts"]
 
@@ -69,7 +71,7 @@ class _Load:
     position: Components | None = None
 
 
-def load_parts(kinematics: Kinematics, graph: Graph) -> list[LoadPart]:
+def load_parts(kinematics: Kinematics, graph: Graph, constraints: Sequence[ConstraintRow]) -> list[LoadPart]:
     """Return the loads of a scene, those together that have one potential energy.
 
     Parameters
@@ -78,15 +80,17 @@ def load_parts(kinematics: Kinematics, graph: Graph) -> list[LoadPart]:
         Its poses are read; its graph stays as it is.
     graph : Graph
         Where the results are.
+    constraints : sequence of ConstraintRow
+        Where a unit quaternion is among the coordinates, a potential has the powers of its loads on them only.
     """
-    search = _Search(kinematics, graph)
+    search = _Search(kinematics, graph, constraints)
     loads = [search.load(action) for action in kinematics.model.actions if action.kind != "screw"]
     return search.parts(loads)
 
 
 def given_parts(kinematics: Kinematics, graph: Graph, named: Sequence[tuple[str, Sequence[Node]]]) -> list[LoadPart]:
     """Return the loads of a scene that gives velocities; `named` are their names and power coefficients."""
-    search = _Search(kinematics, graph)
+    search = _Search(kinematics, graph, ())
     return search.parts([search.named(name, powers) for name, powers in named])
 
 
@@ -94,8 +98,8 @@ def given_parts(kinematics: Kinematics, graph: Graph, named: Sequence[tuple[str,
 class _Search:
     """The loads of one scene on the graph of the search."""
 
-    def __init__(self, kinematics: Kinematics, graph: Graph) -> None:
-        self.kinematics, self.graph = kinematics, graph
+    def __init__(self, kinematics: Kinematics, graph: Graph, constraints: Sequence[ConstraintRow]) -> None:
+        self.kinematics, self.graph, self.constraints = kinematics, graph, constraints
         symbols = kinematics.model.symbols
         self.q = [graph.input(name) for name in symbols.coordinates]
         self.rates = [graph.input(name) for name in symbols.rates]
@@ -140,8 +144,12 @@ class _Search:
         still: Components = (rest[0], rest[1], rest[2])
         rates = any(a is not b for a, b in zip(vector, still, strict=True))
         screw = (still, zero) if action.kind == "force" else (zero, still)
-        force, place = self._to_root(pose, still) if action.kind == "force" else (None, None)
-        return _Load(action.name, self._powers(pose, screw), rates, force, place)
+        if action.at is None:
+            return _Load(action.name, self._powers(pose, screw), rates)
+        force = self._without_rates(self._on_root(action.force))
+        place = None if force is None else self._place(action.at)
+        on_root = None if force is None else (force[0], force[1], force[2])
+        return _Load(action.name, self._powers(pose, screw), rates, on_root, place)
 
     def named(self, name: str, powers: Sequence[Node]) -> _Load:
         """Return a load of which only the power coefficients are known."""
@@ -178,17 +186,26 @@ class _Search:
             pose = pose.parent
         return tuple(total)
 
-    def _to_root(self, pose: Pose | None, a: Components) -> tuple[Components, Components]:
-        """Return a vector of a pose, and the position of its point, on the root frame."""
-        place = vec.zero(self.graph)
-        while pose is not None:
-            if pose.offset is not None:
-                place = vec.add(place, self._vector(pose.offset))
-            elif pose.rotation is not None:
-                rotation = [self._vector(row) for row in pose.rotation]
-                place, a = vec.rotate_back(rotation, place), vec.rotate_back(rotation, a)
-            pose = pose.parent
-        return a, place
+    def _on_root(self, pieces: Pieces) -> Components:
+        """Return a vector on the root frame, each piece straight from the frame that it is written on.
+
+        The way over the frame of a body would be another one off the unit sphere of a quaternion.
+        """
+        total = vec.zero(self.graph)
+        for piece in pieces:
+            part, model = self._vector(piece.components), self.kinematics.model.frames[piece.frame]
+            while model.parent is not None and model.rotation is not None:
+                part = vec.rotate_back([self._vector(row) for row in model.rotation], part)
+                model = self.kinematics.model.frames[model.parent]
+            total = vec.add(total, part)
+        return total
+
+    def _place(self, point: int) -> Components:
+        """Return the position of a point on the root frame."""
+        total = vec.zero(self.graph)
+        for pieces in self.kinematics.point_pieces(point):
+            total = vec.add(total, self._on_root(pieces))
+        return total
 
     # -- loads that belong together -------------------------------------------------------
 
@@ -229,16 +246,27 @@ class _Search:
         potential: Node | None = None
         if all(power.is_zero for power in powers):
             potential = g.zero
-        elif len(g.nodes) < _SIZE and self._integrable(powers):
+        elif len(g.nodes) < _SIZE:
             least: int | None = None
             for candidate in self._candidates(loads, powers):
-                if match([-x for x in self._gradient(candidate)], powers):
+                if self._verified(candidate, powers):
                     lost = lost_at_zero(candidate, powers, self.moving)
                     if least is None or lost < least:
                         potential, least = candidate, lost
                     if not lost:
                         break
         return LoadPart(tuple(load.name for load in loads), powers, potential, rates, time)
+
+    def _verified(self, candidate: Node, powers: Sequence[Node]) -> bool:
+        """Whether powers are minus the gradient of a candidate, on velocities that constraints allow."""
+        gradient = [-x for x in self._gradient(candidate)]
+        if match(gradient, powers):
+            return True
+        if not self.constraints:
+            return False
+        positions = self.adopt([row.position for row in self.constraints if row.position is not None])
+        rows = [self.adopt(row.jacobian) for row in self.constraints]
+        return agree_on_manifold(self.q, gradient, powers, positions, rows)
 
     def _gradient(self, node: Node) -> list[Node]:
         tool = Antiderivatives(self.graph, self.moving)
@@ -248,7 +276,10 @@ class _Search:
 
     def _candidates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Iterator[Node]:
         """Yield potentials that loads may have."""
-        for way in (self._by_components, self._by_inner_value, self._by_coordinates):
+        ways = [self._by_components, self._by_distance]
+        if self._integrable(powers):
+            ways += [self._by_inner_value, self._by_coordinates]
+        for way in ways:
             try:
                 found = way(loads, powers)
             except ZeroDivisionError:
@@ -271,6 +302,19 @@ class _Search:
                     return None
                 total = total - found
         return total
+
+    def _by_distance(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+        """Return V of two opposite forces along the line between their points, by the distance."""
+        if len(loads) != 2 or any(load.force is None or load.position is None for load in loads):
+            return None
+        (first, place), (second, other) = ((load.force, load.position) for load in loads)
+        assert first is not None and second is not None and place is not None and other is not None
+        if not vec.is_zero(vec.add(first, second)):
+            return None
+        d = vec.subtract(place, other)
+        distance = self.graph.call("sqrt", vec.dot(d, d))
+        found = Antiderivatives(self.graph, self.moving).along(vec.dot(first, d) / distance, distance)
+        return None if found is None else -found
 
     def _by_inner_value(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
         """Return V of power coefficients that are parallel to the gradient of a value: the simplest one found."""

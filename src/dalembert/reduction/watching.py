@@ -16,6 +16,7 @@ from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.lower import lower_kernel
 from ..ir.program import Kernel
+from ..naming import unwritable
 from ..once import once_property
 from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
@@ -185,6 +186,8 @@ class _Reader:
     def read(self, expression: Any, place: str) -> Node:
         """Return an expression, or what has a name, in terms of time, state and parameters."""
         if isinstance(expression, str):
+            if unwritable(expression):
+                raise UnknownNameError(f"{place}: the name {expression!a} has a lone surrogate, half of a character")
             name = self.symbols.aliases.get(expression, expression)
             if name in ("energy", "potential_energy") and self.energy_note:
                 warnings.warn(self.energy_note, EnergyWarning, stacklevel=2)

@@ -70,8 +70,8 @@ class Animation(FuncAnimation):
 def animate(motion: Motion, drawn: Skeleton, constants: FloatArray, fps: float, speed: float) -> Animation:
     """Return the animation of a motion; see `dalembert.results.motion.Motion.animate`."""
     for name, value in (("fps", fps), ("speed", speed)):
-        if not 0.0 < value < math.inf:
-            raise OptionError(f"{name} must be a positive number, not {value!r}")
+        if not 1e-9 < value < 1e9:
+            raise OptionError(f"{name} must be a positive number of moderate size, not {value!r}")
     frames = _frames(motion, fps, speed)
     positions, axes = drawn.at(frames.elapsed, frames.q, constants)
     kept = _plane(positions)

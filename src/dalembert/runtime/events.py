@@ -22,6 +22,7 @@ from ..once import deriving
 from ..reduction.starting import Start
 from ..reduction.watching import Watch, jumping, watching
 from ..results.trajectory import projected
+from ..values import listed as members
 from .singular import suspected
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
         return ()
     if isinstance(events, Event | str) or not isinstance(events, Iterable):
         events = (events,)
+    events = members("events", events, "expressions or Events")
     made = [event if isinstance(event, Event) else Event(event) for event in events]
     names = [aliases.get(event.label, event.label) for event in made]
     listed = tuple(e if e.name == name else replace(e, name=name) for e, name in zip(made, names, strict=True))
