@@ -130,7 +130,7 @@ class Scene:
         if not isinstance(origin, Point):
             faults.append(f"origin must be a Point, not {origin!r}")
         listed: Any = coordinates
-        if not isinstance(listed, Iterable) or isinstance(listed, str):
+        if not isinstance(listed, Iterable) or isinstance(listed, str) or getattr(listed, "ndim", 1) == 0:
             faults.append(f"coordinates must be a sequence of dynamicsymbols, such as [x, y], not {coordinates!r}")
         if faults:
             raise SceneError(str(name), faults)
