@@ -383,3 +383,31 @@ def test_minimal_refuses_parameters_at_which_it_divides_by_zero():
         assert text in str(caught.value)
     sweep = model.sweep((0, 1), start, FALL | {"a": [1e-20, 1e-21], "b": 1})
     assert list(sweep.status) == [Status.INITIAL_STATE, Status.INITIAL_STATE]
+
+
+@pytest.mark.parametrize("formulation", ["auto", "projected", "augmented"])
+@pytest.mark.parametrize("kind", ["circle", "line", "rate"])
+def test_constraints_that_parameters_make_agree_or_contradict_are_decided_at_the_start(kind, formulation):
+    x, y = dynamicsymbols("x y")
+    a, b = symbols("a b")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    place = origin.locatenew("P", x * frame.x + y * frame.y)
+    scene = da.Scene(kind, frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("P", place, 1))
+    scene.add_loads((place, -10 * frame.y))
+    if kind == "circle":
+        scene.add_holonomic_constraints(x**2 + y**2 - a**2, 2 * x**2 + 2 * y**2 - b)
+    elif kind == "line":
+        scene.add_holonomic_constraints(x - a, 2 * x - b)
+    else:
+        scene.add_nonholonomic_constraints(x.diff() - a, 2 * x.diff() - b)
+    model = da.compile_model(scene, formulation=formulation)
+    start = {x: 1, y: 0, x.diff(): 1 if kind == "rate" else 0, y.diff(): 0}
+    run = model.simulate((0, 0.5), start, {a: 1, b: 2})
+    assert run.success
+    if kind != "circle":
+        assert run["y"][-1] == pytest.approx(-1.25)
+    with pytest.raises(da.errors.InitialStateError, match="constraint 2"):
+        model.simulate((0, 0.5), start, {a: 1, b: 2.5})
+    sweep = model.sweep((0, 0.5), start, {"a": 1.0, "b": np.array([2.0, 2.5])})
+    assert [Status(s) for s in sweep.status] == [Status.SUCCESS, Status.INITIAL_STATE]

@@ -244,26 +244,26 @@ class Antiderivatives:
         return None
 
     def _linear(self, f: Node, x: Node, depth: int) -> Node | None:
-        g = self.graph
-        if f.op == "neg":
-            inner = self.integral(f.args[0], x, depth + 1)
+        g, op, args = self.graph, f.op, f.args  # a node may change its form while others are made
+        if op == "neg":
+            inner = self.integral(args[0], x, depth + 1)
             return None if inner is None else -inner
-        if f.op in ("add", "sub"):
-            parts = [self.integral(arg, x, depth + 1) for arg in f.args]
+        if op in ("add", "sub"):
+            parts = [self.integral(arg, x, depth + 1) for arg in args]
             if parts[0] is None or parts[1] is None:
                 return None
-            return g.call(f.op, parts[0], parts[1])
-        if f.op == "mul":
-            for a, b in (f.args, f.args[::-1]):
+            return g.call(op, parts[0], parts[1])
+        if op == "mul":
+            for a, b in (args, args[::-1]):
                 if not a.deps & x.deps:
                     inner = self.integral(b, x, depth + 1)
                     return None if inner is None else a * inner
-        if f.op == "div" and not f.args[1].deps & x.deps:
-            inner = self.integral(f.args[0], x, depth + 1)
-            return None if inner is None else inner / f.args[1]
-        if f.op == "div" and not f.args[0].deps & x.deps and not f.args[0].is_one:
-            inner = self.integral(g.one / f.args[1], x, depth + 1)
-            return None if inner is None else f.args[0] * inner
+        if op == "div" and not args[1].deps & x.deps:
+            inner = self.integral(args[0], x, depth + 1)
+            return None if inner is None else inner / args[1]
+        if op == "div" and not args[0].deps & x.deps and not args[0].is_one:
+            inner = self.integral(g.one / args[1], x, depth + 1)
+            return None if inner is None else args[0] * inner
         return None
 
     def _elementary(self, f: Node, x: Node, depth: int) -> Node | None:
@@ -331,15 +331,14 @@ class Antiderivatives:
 
     def _distributed(self, f: Node, x: Node, depth: int) -> Node | None:
         """Return the antiderivative of a product or quotient of a sum, term by term."""
-        g = self.graph
-        if f.op == "mul":
-            for a, b in (f.args, f.args[::-1]):
-                if a.op in ("add", "sub"):
-                    parts = [self.integral(term * b, x, depth + 1) for term in a.args]
-                    if parts[0] is not None and parts[1] is not None:
-                        return g.call(a.op, parts[0], parts[1])
-        if f.op == "div" and f.args[0].op in ("add", "sub"):
-            parts = [self.integral(term / f.args[1], x, depth + 1) for term in f.args[0].args]
-            if parts[0] is not None and parts[1] is not None:
-                return g.call(f.args[0].op, parts[0], parts[1])
+        products = [f.args, f.args[::-1]] if f.op == "mul" else []
+        quotients = [f.args] if f.op == "div" else []
+        for factors in (*products, *quotients):
+            total, other = factors
+            op, terms = total.op, total.args  # a node may change its form while others are made
+            if op in ("add", "sub"):
+                wanted = [term * other if products else term / other for term in terms]
+                parts = [self.integral(term, x, depth + 1) for term in wanted]
+                if parts[0] is not None and parts[1] is not None:
+                    return self.graph.call(op, parts[0], parts[1])
         return None

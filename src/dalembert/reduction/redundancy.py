@@ -104,12 +104,17 @@ def _refuse_unless_it_follows(
                 " follows from them or contradicts them. Remove it, or correct the one that it repeats"
             )
         left.append(rest(row.position, [r.position for r in kept]))
-    if all(vanishes(node) for node in left):
-        return
+    if all(vanishes(node) or _depends_on_parameters_alone(equations, node) for node in left):
+        return  # whether parameters contradict each other is seen in the residuals at the start of a run
     raise ConstraintError(
         f"scene {equations.name!r}: {row.label} contradicts the other constraints, whatever the state."
         " Remove it, or correct the one that it contradicts"
     )
+
+
+def _depends_on_parameters_alone(equations: EquationsOfMotion, node: Node) -> bool:
+    free = equations.graph.freed_of(node, equations.moving)
+    return free is not None and bool(free.deps)
 
 
 def _slopes(equations: EquationsOfMotion, node: Node) -> list[Node]:
