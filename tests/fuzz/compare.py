@@ -179,7 +179,9 @@ class _Comparison:
         return [self.description.coordinates.index(name) for name in model.layout.coordinates]
 
     def _at_kink(self, t: float) -> bool:
-        return any(abs(t - stop) < 1e-9 for stop in self.judge.stops)
+        """Whether a load may jump at a time, where the values on its two sides differ; at the start they may, too."""
+        at_start = bool(self.judge.kinks) and abs(t - self.span[0]) < 1e-9
+        return at_start or any(abs(t - stop) < 1e-9 for stop in self.judge.stops)
 
     def _simulate(self, path: str, model: Any, bound: float) -> Any:
         run = model.simulate(

@@ -109,6 +109,8 @@ class Judge:
             return Verdict("singular start", f"rank {rank}, {int(near[0].rank[0])} nearby")
         if empty and near is not None and np.abs(near[1][empty]).max() < 1e-12:
             return Verdict("empty constraint", f"constraint {empty[0]} says nothing of the motion")
+        if regular < -SINGULAR:
+            return Verdict("unclear", f"a body's inertia is negative about some axis: mass matrix {regular:.1e}")
         if regular < SINGULAR:
             return Verdict("singular", f"mass matrix {regular:.1e}")
         if regular < UNCLEAR:

@@ -45,6 +45,8 @@ def lower(system: ReducedSystem) -> Program:
     ]
     definitions = dict(zip(system.inputs, system.initial, strict=True))
     back = {a: b for a, b in definitions.items() if a is not b}
+    # Speeds that were tried may cancel in a form only while unit quaternions stand for the coordinates.
+    graph.heal(system.accelerations, (*system.inputs, equations.time, *parameters))
     on_state = {
         "expand": (*system.coordinates, *system.rates),
         "outputs": tuple(system.outputs.values()),
