@@ -141,11 +141,8 @@ def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
     if not isinstance(coordinate, sp.Expr) or coordinate not in scene.coordinates:
         known = list_names(str(q.func.__name__) for q in scene.coordinates)
         raise SceneError(scene.name, [f"{coordinate} is no coordinate of the scene, so it cannot be imposed ({known})"])
-    try:
-        value = _solved(scene, coordinate) if expression is None else sp.sympify(expression, strict=True)
-    except (sp.SympifyError, TypeError, ValueError, AttributeError):
-        value = None
-    if not isinstance(value, sp.Expr):
+    value = _solved(scene, coordinate) if expression is None else _expression(expression)
+    if value is None:
         raise SceneError(scene.name, [f"{coordinate} is imposed as {expression!r}, which is no SymPy expression"])
     faults = _value_faults(scene, coordinate, value)
     if faults:
@@ -170,6 +167,15 @@ def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
     if faults:
         raise SceneError(scene.name, faults)
     return twin
+
+
+def _expression(given: Any) -> Any:
+    """Return what was given as a SymPy expression, None where it is none."""
+    try:
+        value = sp.sympify(given, strict=True)
+    except (sp.SympifyError, TypeError, ValueError, AttributeError):
+        return None
+    return value if isinstance(value, sp.Expr) else None
 
 
 def _solved(scene: Scene, coordinate: Any) -> Any:
