@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
@@ -215,10 +216,13 @@ class CompiledModel(Swept):
         rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         values = inputs.given_values(self.layout, initial)
+        options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+        options |= {"max_steps": max_steps}
+        divisible = self._divisible(t0, initial, parameters)
+        if divisible is not self and isinstance(divisible, CompiledModel):
+            return divisible._sensitivity(t_span, initial, parameters, wrt=wrt, of=of, **options)
         start = self._start(values)
         names = chosen_names(self._program, start.given, of, wrt)
-        key = (start.given, *names)
-        variation = derived_once(self._variations, key, lambda: vary(self.stages, start.given, *names))
         c = starting_constants(self._program, inputs.constants(self._program, p), t0, t1)
         problem = IntegrationProblem(
             t0=t0,
@@ -230,6 +234,11 @@ class CompiledModel(Swept):
             t_eval=None if t_eval is None else times_of("t_eval", t_eval),
             max_steps=whole("max_steps", max_steps),
         )
+        able = self._independent(problem, method, time.perf_counter())
+        if able is not self and isinstance(able, CompiledModel):
+            return able._sensitivity(t_span, initial, parameters, wrt=names[1], of=names[0], **options)
+        key = (start.given, *names)
+        variation = derived_once(self._variations, key, lambda: vary(self.stages, start.given, *names))
         named: object = method
         if isinstance(named, str) and named == "auto":
             chosen = variation.engine.automatic(self.methods, rtol, atol)
