@@ -11,6 +11,7 @@ from dalembert.errors import OptionError
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+QUICK = {"xla_backend_optimization_level": 0}
 JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 t, x, v = dynamicsymbols._t, dynamicsymbols("x"), dynamicsymbols("x", 1)
 F, T, D, w = sp.symbols("F T D w", positive=True)
@@ -59,11 +60,11 @@ def test_a_short_pulse_alone_and_in_batches(method, mode):
     def free(function):
         return lambda t, y, F: function(t, y, PULSE | {"F": F})
 
-    matrices = jax.jit(JACOBIANS[mode](free(places), (0, 1, 2)))(times, AT, 2.0)
+    matrices = jax.jit(JACOBIANS[mode](free(places), (0, 1, 2)), compiler_options=QUICK)(times, AT, 2.0)
     right = jax.jacfwd(free(after_a_pulse), (0, 1, 2))(times, AT, 2.0)
     for a, b in zip(matrices, right, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
-    by_all = jax.jit(JACOBIANS[mode](lambda p: places(times, AT, p)))(PULSE)
+    by_all = jax.jit(JACOBIANS[mode](lambda p: places(times, AT, p)), compiler_options=QUICK)(PULSE)
     for name in ("T", "D"):
         assert np.isfinite(by_all[name][:2]).all() and np.isnan(by_all[name][2:]).all()
     np.testing.assert_allclose(by_all["F"], right[2], rtol=1e-8, atol=1e-12)
@@ -78,7 +79,7 @@ def test_a_ramp_is_a_kink_whose_time_may_be_differentiated(mode):
         return AT[0] + AT[1] * t + p["F"] * jax.numpy.maximum(t - p["T"], 0.0) ** 3 / 6.0
 
     p, times = {"F": 1.5, "T": 0.7}, np.array([0.0, 0.5, 2.0])
-    found = jax.jit(JACOBIANS[mode](lambda p: solve(times, AT, p).q[:, 0]))(p)
+    found = jax.jit(JACOBIANS[mode](lambda p: solve(times, AT, p).q[:, 0]), compiler_options=QUICK)(p)
     right = jax.jacfwd(lambda p: known(times, p))(p)
     for name in p:
         np.testing.assert_allclose(found[name], right[name], rtol=1e-8, atol=1e-10)
@@ -123,7 +124,7 @@ def test_derivatives_behind_a_jump_in_the_state_are_nan_alone_and_in_batches(met
         return solve(np.array([0.0, 0.4, 0.7]), jax.numpy.array([0.2, speed]), p).q[:, 0]
 
     p, speeds = {"F": 0.3, "w": 4.0}, np.array([5.0, 0.9, 4.0])
-    found = jax.jit(jax.vmap(JACOBIANS[mode](places), (None, 0)))(p, speeds)
+    found = jax.jit(jax.vmap(JACOBIANS[mode](places), (None, 0)), compiler_options=QUICK)(p, speeds)
 
     def known(p, speed):
         shift, root, s = p["F"] / p["w"], jax.numpy.sqrt(p["w"]), np.array([0.0, 0.4, 0.7])
@@ -143,7 +144,7 @@ def test_a_kink_in_the_state_is_no_jump(mode):
     stop = sp.Piecewise((-F * x, x > 0), (0, True))
     solve = pushed(stop).solve_fn(method="tsit5", mode=mode, rtol=1e-11, atol=1e-12)
     times, start = np.array([0.0, 1.0]), np.array([-0.5, 1.0])
-    found = jax.jit(JACOBIANS[mode](lambda F: solve(times, start, {"F": F}).q[-1, 0]))(4.0)
+    found = jax.jit(JACOBIANS[mode](lambda F: solve(times, start, {"F": F}).q[-1, 0]), compiler_options=QUICK)(4.0)
     right = jax.grad(lambda F: jax.numpy.sin(jax.numpy.sqrt(F) * 0.5) / jax.numpy.sqrt(F))(4.0)
     assert float(found) == pytest.approx(float(right), rel=1e-6)
 

@@ -113,9 +113,7 @@ def place(t, y, p):
     [
         ("tsit5", "forward"),
         ("tsit5", "reverse"),
-        ("dopri8", "reverse"),
         ("taylor", "reverse"),
-        ("taylor", "forward"),
         ("kvaerno5", "forward"),
     ],
 )
@@ -159,7 +157,7 @@ def steps_of(method):
     return 60 if method == "kvaerno5" else 20
 
 
-@pytest.mark.parametrize("method", ["tsit5", "taylor", "kvaerno5"])
+@pytest.mark.parametrize("method", ["dopri8", "kvaerno5"])
 def test_gradients_of_a_run_that_failed_are_nan_and_its_neighbours_are_right(method):
     solve = pushed().solve_fn(method=method, max_steps=steps_of(method), rtol=1e-7)
 
@@ -167,7 +165,8 @@ def test_gradients_of_a_run_that_failed_are_nan_and_its_neighbours_are_right(met
         motion = solve(span, y, p)
         return motion.q[-1, 0] ** 2, motion.status
 
-    found, statuses = jax.jit(jax.vmap(jax.grad(cost, (0, 1, 2), has_aux=True), (None, None, 0)))(AT, FORCE, SPANS)
+    gradients = jax.vmap(jax.grad(cost, (0, 1, 2), has_aux=True), (None, None, 0))
+    found, statuses = jax.jit(gradients, compiler_options=QUICK)(AT, FORCE, SPANS)
     assert statuses.tolist() == [Status.SUCCESS, Status.MAX_STEPS, Status.SUCCESS]
     right = jax.vmap(jax.grad(lambda y, p, t: place(t, y, p)[-1] ** 2, (0, 1, 2)), (None, None, 0))(AT, FORCE, SPANS)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(right), strict=True):
@@ -192,7 +191,7 @@ def test_a_failed_case_spoils_what_it_is_part_of_unless_it_is_left_out():
 @pytest.mark.parametrize(("method", "mode"), [("tsit5", "forward"), ("tsit5", "reverse"), ("kvaerno5", "forward")])
 def test_what_was_reached_keeps_its_derivatives(method, mode):
     solve, t = pushed().solve_fn(method=method, mode=mode, rtol=1e-7, max_steps=steps_of(method)), [0.0, 0.2, 300.0]
-    found = jax.jit(JACOBIANS[mode](lambda p: solve(t, AT, p).y[:, 0]))(FORCE)
+    found = jax.jit(JACOBIANS[mode](lambda p: solve(t, AT, p).y[:, 0]), compiler_options=QUICK)(FORCE)
     right = jax.jacfwd(lambda p: place(np.array(t), AT, p))(FORCE)
     for name in FORCE:
         np.testing.assert_allclose(found[name][:2], right[name][:2], rtol=1e-5, atol=1e-6)
