@@ -338,3 +338,16 @@ def test_positions_that_jump_are_refused(formulation):
     model = da.compile_model(scene, formulation=formulation)
     with pytest.raises(da.errors.ConstraintError, match=r"jumps at t = 1: .* continuous in time"):
         model.simulate((0, 2), {"x": 0, "x_dot": 0, "y": 0, "y_dot": 1}, {})
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+def test_coordinates_without_mass_take_part_in_impulses(formulation):
+    y = dynamicsymbols("y")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("pulled", frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("bob", origin.locatenew("B", y * frame.x), 2))
+    scene.add_holonomic_constraints(x - sp.Max(t - 1, 0), y - x)
+    model = da.compile_model(scene, formulation=formulation)
+    run = model.simulate((0, 2), {"x": 0, "x_dot": 0, "y": 0, "y_dot": 0}, {}, t_eval=[1.5, 2.0])
+    np.testing.assert_allclose(run["y"], [0.5, 1.0], atol=1e-9)
+    np.testing.assert_allclose(run["x_dot"], [1.0, 1.0], atol=1e-9)

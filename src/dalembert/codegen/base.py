@@ -1,4 +1,4 @@
-"""What a backend is: it renders a program as a module, loads it, and runs its kernels."""
+"""Interface of a backend: rendering a program as a module, loading it, running its kernels."""
 
 from __future__ import annotations
 

@@ -69,14 +69,10 @@ class Impulses:
         size_of_momentum = float(np.max(np.abs(mass), initial=0.0)) * scale
         if not jerked and not np.any(np.abs(change) > _JUMP * size_of_momentum):
             return None
-        inverse = np.linalg.pinv(mass, hermitian=True)
-        rates -= inverse @ change
-        if constrained:
-            residual = self._value("velocity_residual", t, np.concatenate([x[:size], rates]), after)
-            rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)
-            response = inverse @ rows.T
-            rates -= response @ np.linalg.pinv(rows @ response, hermitian=True) @ residual
-        return rates
+        rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size) if constrained else np.empty((0, size))
+        residual = left[1] if constrained else np.empty(0)
+        saddle = np.block([[mass, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
+        return rates - np.linalg.lstsq(saddle, np.concatenate([change, residual]), rcond=None)[0][:size]
 
     def _value(self, kernel: str, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
         return interpret_rows(self.program.kernel(kernel), np.array([t]), x[np.newaxis], c)[0]

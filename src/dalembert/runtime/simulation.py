@@ -241,12 +241,12 @@ class Simulated(Held):
         project_invariants: Any = False,
     ) -> Trajectory:
         """Simulate one trajectory, as `simulate` does, in the time of this model."""
+        options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
+        options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
+        options |= {"events": events, "error_estimate": error_estimate}
         if project_invariants is not False:
             refuse_jumps(events, self.layout.aliases)
             keeper, further = self._keeping(project_invariants, span_of(t_span), initial, parameters)
-            options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
-            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
-            options |= {"events": events, "error_estimate": error_estimate}
             return keeper._simulate(t_span, initial, {**parameters, **further}, **options)
         begin = time.perf_counter()
         rtol, atol = tolerances(rtol, atol)
@@ -254,10 +254,7 @@ class Simulated(Held):
         t0, t1 = span_of(t_span)
         divisible = self._divisible(t0, initial, parameters)
         if divisible is not self:
-            options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
-            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
-            options |= {"events": events, "error_estimate": error_estimate}
-            return divisible.simulate(t_span, initial, parameters, **options)
+            return divisible._simulate(t_span, initial, parameters, **options)
         c = inputs.constants(self._program, self.parameter_vector(parameters))
         values = inputs.given_values(self.layout, initial)
         inputs.warn_below_floor(rtol, atol, self._program, chosen, stacklevel=4)
@@ -282,9 +279,6 @@ class Simulated(Held):
         if isinstance(able, Trajectory):
             return able
         if able is not self:
-            options = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
-            options |= {"first_step": first_step, "max_step": max_step, "max_steps": max_steps, "dense": dense}
-            options |= {"events": events, "error_estimate": error_estimate}
             return able._simulate(t_span, initial, parameters, **options)
         problem = with_gains(self._program, lambda pilot: self._engine.integrate(pilot, chosen), problem, parameters)
         run = self._run(problem, chosen, begin, watch, automatic=method == "auto")

@@ -37,7 +37,7 @@ MODES = ("reverse", "forward")
 
 @final
 class Solved(NamedTuple):
-    """What a traced run returns; after a failure what follows it is NaN.
+    """Result of a traced run; rows after a failure are NaN.
 
     Attributes
     ----------

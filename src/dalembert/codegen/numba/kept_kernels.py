@@ -1,4 +1,4 @@
-"""What numba compiles, kept as all compiled code is: its own cache would read files that nobody has checked.
+"""Kernels compiled by numba, in the checked cache instead of numba's own, which reads files without a check.
 
 A kernel that is evaluated by name is an ordinary function of numba. Its own cache keeps an index beside the code,
 believes both, and puts them where ``NUMBA_CACHE_DIR`` says. What is kept here has one file a kernel and signature, in

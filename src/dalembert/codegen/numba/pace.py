@@ -1,4 +1,4 @@
-"""What most steps need of the sweeping loop, for all lanes at once: the time moves on, and nothing else happens."""
+"""Advance of time for all lanes at once, for steps at which nothing else happens in the sweeping loop."""
 
 from __future__ import annotations
 

@@ -23,16 +23,16 @@ _LEVELS: Mapping[str, tuple[str, ...]] = {
     "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"),
     "x86-64-v4": ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"),
 }
-"""What each level of the x86-64 ABI has that the one before has not."""
+"""Features that each level of the x86-64 ABI adds to the one before."""
 
 _TUNING = {"x86-64-v4": "-prefer-256-bit"}
-"""What LLVM would choose otherwise: registers of eight lanes are there to be used."""
+"""Features turned off by level: LLVM would prefer registers of four lanes where there are some of eight."""
 
 
 @final
 @dataclass(frozen=True)
 class Target:
-    """What code is compiled for.
+    """Processor that code is compiled for.
 
     Attributes
     ----------

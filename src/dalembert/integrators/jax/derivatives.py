@@ -38,7 +38,7 @@ CHUNK = 16
 
 @final
 class Record(NamedTuple):
-    """What a run leaves: the number of attempts (), what they were (room, 2 + n_y), and its end.
+    """Record of a run: the number of attempts (), the attempts (room, 2 + n_y), and its end.
 
     Of each attempt that is when it started, its size, and the state there. The room is a multiple of `CHUNK`. Rejected
     attempts have size 0, and so does room that was not used. ``end`` is the last state (n_y,), at the time ``reached``.

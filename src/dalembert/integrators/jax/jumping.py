@@ -21,7 +21,7 @@ _JUMP = 1e-7
 """Share of the rates that counts as a jump."""
 _HALVINGS = 52
 _ROUNDS = 2
-"""How many changes are looked at between two points."""
+"""Largest number of changes examined between two points."""
 
 OnRows = Callable[[Any, Rows, Rows], Rows]
 

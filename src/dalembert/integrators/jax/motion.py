@@ -77,7 +77,7 @@ class Limits:
 
 @final
 class _Way(NamedTuple):
-    """How a run went: its record, which times it reached (n_t,), and for more than two times the steps over them.
+    """Course of a run: its record, which times it reached (n_t,), and for more than two times the steps over them.
 
     These are the numbers of the attempts, and the steps cut at the times. Times that are `moved` (n_t,) lie behind a
     jump whose time depends on constants.
