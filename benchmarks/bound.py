@@ -23,16 +23,16 @@ from peak import flops_of_step, multiply_adds
 from sweeps import BATCHES, CASES, END
 
 import dalembert as da
-from dalembert.codegen.machine import loop_assembly
-from dalembert.codegen.numba.llvm import compile_object, instructions, load_object, native_lanes
-from dalembert.codegen.numba.loops import packed
-from dalembert.integrators.numba.code import bare, call_code, row
-from dalembert.integrators.numba.kinds import INTEGER, MATRIX
-from dalembert.integrators.numba.workspace import aligned
-from dalembert.ir.program import Kernel
-from dalembert.ir.recurrences import recurrences
-from dalembert.ir.taylor import clipped_tolerance, order_for, step_kernel
+from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object, native_lanes
+from dalembert.codegen.llvm.loops import packed
+from dalembert.codegen.subset import loop_assembly
+from dalembert.integrators.compiled_subset import bare, call_code, row
+from dalembert.integrators.kinds import INTEGER, MATRIX
+from dalembert.integrators.workspace import aligned
+from dalembert.ir.kernel import Kernel
 from dalembert.runtime.inputs import constants
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor import clipped_tolerance, order_for, step_kernel
 
 TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
 

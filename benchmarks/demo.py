@@ -24,7 +24,7 @@ from precision import work_precision
 from startup import first_trajectory, import_seconds
 
 import dalembert as da
-from dalembert.ir.program import describe_counts
+from dalembert.ir.kernel import describe_counts
 
 PICTURES = ROOT / "build" / "demo"
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -35,7 +35,7 @@ def main() -> None:
     """Run the demo."""
     begin = time.perf_counter()
     say(f"dalembert {da.__version__}: {report.describe_machine(machine())}")
-    backends, missing = available_backends(("numba", "jax", "numpy"))
+    backends, missing = available_backends(("llvm", "jax", "numpy"))
     for line in missing:
         say(line)
     show_scene("The Chaplygin sleigh (example 13.4.6)", SLEIGH, ("X", "Y"))
@@ -64,7 +64,7 @@ def show_scene(title: str, case: Case, reactions: Sequence[str]) -> None:
     """Derive a scene, print what was found, simulate it and compare with its exact solution."""
     heading(title)
     scene = da.scenes.ALL[case.scene]()
-    model = da.compile_model(scene, backend="numba", outputs=reactions)
+    model = da.compile_model(scene, backend="llvm", outputs=reactions)
     say(model.explain())
     rhs = model.stages.program.kernel("rhs")
     say(f"\nequations found, {describe_counts(rhs)}; generated code of the right-hand side:")

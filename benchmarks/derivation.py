@@ -11,8 +11,9 @@ from measure import Watch, growth_exponent
 from sympy import cse
 from sympy.core.cache import clear_cache
 
-from dalembert.ir.lower import lower
-from dalembert.ir.program import Program, count_operations
+from dalembert.ir.kernel import count_operations
+from dalembert.ir.program import Program
+from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read

@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 COLOURS = {
-    "dalembert numba": "#0072B2",
+    "dalembert llvm": "#0072B2",
     "dalembert jax": "#D55E00",
     "dalembert numpy": "#009E73",
     "SciPy": "#999999",

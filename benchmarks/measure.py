@@ -20,7 +20,7 @@ K = TypeVar("K", bound=Hashable)
 
 _SAMPLE_SECONDS = 2e-3
 _MOST_CALLS = 1000
-_PACKAGES = ("dalembert", "numba", "jax", "diffrax", "heyoka", "numpy", "scipy", "sympy")
+_PACKAGES = ("dalembert", "llvm", "jax", "diffrax", "heyoka", "numpy", "scipy", "sympy")
 
 
 @dataclass(frozen=True)

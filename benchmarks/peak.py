@@ -9,9 +9,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from dalembert.codegen.numba.llvm import Compiled, compile_object, fma_name, load_object, native_lanes
-from dalembert.ir.recurrences import recurrences
-from dalembert.ir.taylor import clipped_tolerance, order_for, step_kernel
+from dalembert.codegen.llvm.assembly import Compiled, compile_object, fma_name, load_object, native_lanes
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor import clipped_tolerance, order_for, step_kernel
 
 __all__ = ["flops_of_step", "multiply_adds", "peak_flops"]
 

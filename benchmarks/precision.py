@@ -56,7 +56,7 @@ def work_precision(
         problem, begin = PROBLEMS[name], time.perf_counter()
         contenders = []
         for backend in backends:
-            wanted = formulations if backend == "numba" else formulations[:1]
+            wanted = formulations if backend == "llvm" else formulations[:1]
             contenders += own(problem, backend, wanted, methods.get(backend))
         contenders += list(peers(problem)) if with_peers else []
         records += measure_contenders(name, contenders, tolerances, rounds, seconds_each, slowest)

@@ -43,7 +43,7 @@ def _single_runs(heyoka: Any) -> Mapping[str, float]:
     """Return prepared runs by `taylor` over heyoka's, and a call of `simulate` over a prepared run."""
     found = {}
     for name in SCENES:
-        mine = next(c for c in own(PROBLEMS[name], "numba", ("minimal",)) if c.method == "taylor")
+        mine = next(c for c in own(PROBLEMS[name], "llvm", ("minimal",)) if c.method == "taylor")
         theirs = next((c for c in peers(PROBLEMS[name]) if heyoka and c.solver == "heyoka"), None)
         for rtol in TOLERANCES:
             ours = mine.prepare(rtol)
@@ -108,7 +108,7 @@ def _starts() -> Mapping[str, float]:
     yardstick = statistics.median(_seconds(partial(subprocess.run, command, check=True)) for _ in range(5))
     found = {}
     for what in ("simulate", "sweep"):
-        for process, record in first_trajectory("numba", 3, what).items():
+        for process, record in first_trajectory("llvm", 3, what).items():
             found[f"first {what}, {process}, over an import"] = record["process"] / yardstick
     return found
 

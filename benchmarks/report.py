@@ -190,7 +190,7 @@ def _ratio_rows(records: Sequence[Record], kind: str, reference: str, labels: Se
 
 
 _EQUAL = ["", *(f"error {target:.0e}" for target in TARGETS)]
-_OWN_RUN, _OWN_SWEEP = "dalembert numba minimal taylor", "dalembert numba taylor, 2 threads"
+_OWN_RUN, _OWN_SWEEP = "dalembert llvm minimal taylor", "dalembert llvm taylor, 2 threads"
 _PEERS = ("heyoka by hand taylor", "diffrax by hand Tsit5", "diffrax by hand Dopri8", "SciPy by hand DOP853")
 
 
@@ -272,7 +272,7 @@ def selected(records: Sequence[Record]) -> list[Record]:
         r
         for r in records
         if r["label"] == first[r["scene"], r["solver"]]
-        or (r["solver"] == "dalembert numba" and r["formulation"] != "augmented")
+        or (r["solver"] == "dalembert llvm" and r["formulation"] != "augmented")
     ]
 
 

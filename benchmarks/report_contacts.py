@@ -16,7 +16,7 @@ from sympy import Symbol, sin
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import CONTACT_CASES, contact_motion, corner_plate
 

@@ -66,7 +66,7 @@ class Extent:
 QUICK = Extent(
     tolerances=(1e-6, 1e-9),
     formulations=("minimal",),
-    methods={"numba": 3, "numpy": 1, "jax": 1},
+    methods={"llvm": 3, "numpy": 1, "jax": 1},
     rounds=5,
     seconds_each=0.1,
     slowest=0.05,
@@ -74,7 +74,7 @@ QUICK = Extent(
     derivation_limit=10.0,
     kane_sizes=(2, 4),
     startups=1,
-    startup_backends=("numba",),
+    startup_backends=("llvm",),
     names=("sleigh", "unequal sphere"),
     sweep_cases=2048,
     contact_cases=2000,
@@ -99,7 +99,7 @@ FULL = Extent(
     derivation_limit=120.0,
     kane_sizes=(2, 4, 6, 8),
     startups=3,
-    startup_backends=("numba", "jax", "numpy"),
+    startup_backends=("llvm", "jax", "numpy"),
     names=tuple(PROBLEMS),
     sweep_cases=CASES,
     contact_cases=10_000,
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     """Return the result of all benchmarks, ready for JSON."""
     extent, begin = MODES[mode], time.perf_counter()
-    backends, missing = available_backends(("numba", "jax", "numpy"))
+    backends, missing = available_backends(("llvm", "jax", "numpy"))
     where = machine()
     print(report.describe_machine(where))
     for line in missing:
@@ -189,7 +189,7 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         for backend in extent.startup_backends
         if backend in backends
     }
-    startup["numba, sweep"] = first_trajectory("numba", extent.startups, "sweep")
+    startup["llvm, sweep"] = first_trajectory("llvm", extent.startups, "sweep")
     return {
         "mode": mode,
         "machine": where,

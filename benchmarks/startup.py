@@ -94,7 +94,7 @@ def _medians(samples: Sequence[Record]) -> Record:
 def import_seconds(repetitions: int = 5) -> dict[str, float]:
     """Return the median seconds of ``import dalembert`` in a new process, and of its larger dependencies alone."""
     code = "import sys, time; b = time.perf_counter(); __import__(sys.argv[1]); print(time.perf_counter() - b)"
-    names = ("dalembert", "sympy.physics.mechanics", "numba", "numpy")
+    names = ("dalembert", "sympy.physics.mechanics", "llvm", "numpy")
     samples: dict[str, list[float]] = {name: [] for name in names}
     for _ in range(repetitions):
         for name in names:

@@ -126,7 +126,7 @@ def stiff_methods() -> str:
     for name in CASES:
         case = hard_case(name)
         plain, compiled = (
-            da.compile_model(case.scene, backend=backend, outputs=case.outputs) for backend in ("numpy", "numba")
+            da.compile_model(case.scene, backend=backend, outputs=case.outputs) for backend in ("numpy", "llvm")
         )
         compiled.simulate((0, 1e-6), case.initial, case.parameters, method="radau")
         for rtol in TOLERANCES:

@@ -107,7 +107,7 @@ Solver = tuple[Callable[[], Any], Callable[[], FloatArray], int | None]
 """What is timed, what gives (q, q_dot) of the sample at the end, and the number of steps."""
 
 
-def own_sweep(batch: Batch, method: str, threads: int, rtol: float, backend: str = "numba") -> Solver:
+def own_sweep(batch: Batch, method: str, threads: int, rtol: float, backend: str = "llvm") -> Solver:
     """Return our sweep by a method."""
     model = da.compile_model(batch.problem.build(), backend=backend)
     options = {"method": method, "rtol": rtol, "atol": absolute(rtol), "threads": threads}
@@ -189,7 +189,7 @@ def _contenders(batch: Batch) -> dict[str, Callable[[float], Solver]]:
     found: dict[str, Callable[[float], Solver]] = {}
     for threads in (THREADS, 1):
         for method in ("taylor", "dop853", "tsit5")[: 3 if threads == THREADS else 1]:
-            label = f"dalembert numba {method}, {_threads(threads)}"
+            label = f"dalembert llvm {method}, {_threads(threads)}"
             found[label] = lambda rtol, m=method, n=threads: own_sweep(batch, m, n, rtol)
     if installed("jax") is not None and installed("diffrax") is not None:
         found["dalembert jax auto"] = lambda rtol: own_sweep(batch, "auto", 1, rtol, "jax")

@@ -5,7 +5,7 @@ The second is the best one whose lanes are not those of the processor itself; no
 
 import sys
 
-from dalembert.codegen.numba.target import available_targets
+from dalembert.codegen.llvm.target import available_targets
 
 
 def main(which: str) -> None:

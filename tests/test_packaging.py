@@ -26,7 +26,7 @@ sys.path[:] = [installed, *(p for p in sys.path if p != checkout_src)]
 import dalembert as da
 
 assert Path(da.__file__).is_relative_to(installed), da.__file__
-model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numba")
+model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="llvm")
 initial = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 trajectory = model.simulate((0, 1), initial, {"m": 1, "b": 0.3, "I_C": 0.5})
 assert trajectory.success, trajectory.message

@@ -5,16 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
 from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, unknowns
+from .version import __version__
 
 if TYPE_CHECKING:
     from .compiler import compile_model
+    from .integrators.event_code import Event
     from .results.grid import grid
-    from .runtime.events import Event
     from .runtime.reductions import final_value as final
     from .runtime.reductions import first_crossing, maximum, mean, minimum
     from .textbook import LagrangeView, Screw, lagrange
-
-__version__ = "0.1.0"
 
 __all__ = [
     "CoulombFriction",
@@ -45,7 +44,7 @@ _ELSEWHERE = {
     "lagrange": ("textbook", "lagrange"),
     "compile_model": ("compiler", "compile_model"),
     "grid": ("results.grid", "grid"),
-    "Event": ("runtime.events", "Event"),
+    "Event": ("integrators.event_code", "Event"),
     "final": ("runtime.reductions", "final_value"),
     "first_crossing": ("runtime.reductions", "first_crossing"),
     "maximum": ("runtime.reductions", "maximum"),

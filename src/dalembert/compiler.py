@@ -6,25 +6,18 @@ Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSyst
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .errors import EnergyWarning, nesting_named
-from .ir.lower import lower
-from .mechanics.derive import derive
+from .errors import nesting_named
 from .naming import rate_name
 from .once import deriving
 from .options import CompileOptions
-from .reduction import reduce
-from .reduction.keeping import keeping
-from .reduction.modes import Mode, always, in_mode
+from .pipeline import SeveralModes, compile_stages, output_names
 from .scene import Scene
 from .scene.orientation import with_quaternions
 from .scene.outputs import requested
-from .scene.reading import read
-from .stages import Stages, Stopwatch
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
@@ -32,7 +25,7 @@ if TYPE_CHECKING:
     from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
 
-__all__ = ["Stages", "compile_model", "compile_scene"]
+__all__ = ["compile_model"]
 
 
 @deriving
@@ -40,7 +33,7 @@ __all__ = ["Stages", "compile_model", "compile_scene"]
 def compile_model(
     source: Scene | System | KanesMethod | LagrangesMethod,
     *,
-    backend: str = "numba",
+    backend: str = "llvm",
     formulation: str = "auto",
     outputs: Sequence[Any] = (),
     cache: bool = True,
@@ -55,7 +48,7 @@ def compile_model(
         The scene; it is copied, so that later changes to it do not reach the model. For what SymPy's systems become,
         see `Scene.from_sympy`.
     backend : str
-        "numba" (default), "jax" or "numpy".
+        "llvm" (default), "jax" or "numpy".
     formulation : str
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
@@ -90,6 +83,9 @@ def compile_model(
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:
     """Return the model of a scene, or of what becomes one, with the outputs that it always has."""
+    from .runtime.hybrid import HybridModel
+    from .runtime.model import CompiledModel
+
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
     wanted = options.outputs
     angles: list[str] = []
@@ -98,50 +94,7 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridMod
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
     speeds = [u.func.__name__ for u in scene.speeds]
     named = dict.fromkeys((*angles, *map(rate_name, angles), *wanted))
-    named |= dict.fromkeys(name for name in speeds if name not in _names(wanted))
+    named |= dict.fromkeys(name for name in speeds if name not in output_names(wanted))
     options = replace(options, outputs=tuple(named))
-    return compile_scene(scene, options)
-
-
-@deriving
-def compile_scene(
-    scene: Scene,
-    options: CompileOptions,
-    without: tuple[int, ...] = (),
-    mode: Mode | None = None,
-    kept: tuple[str, ...] = (),
-) -> CompiledModel | HybridModel:
-    """Return the model of a scene by the stages; `recompiling` tells the arguments."""
-    from .codegen import backend_named
-    from .runtime.model import CompiledModel
-    from .runtime.segments import segmented
-
-    names = _names(options.outputs)
-    watch = Stopwatch()
-    chosen = watch("backend", lambda: backend_named(options.backend))
-    model = watch("read", lambda: read(scene, options.outputs))
-    equations = watch("derive", lambda: derive(model))
-    if equations.contacts:
-        mode = mode or always(equations.contacts)
-        if mode is None:
-            from .runtime.hybrid import HybridModel
-
-            return HybridModel(scene, options, equations)
-        equations = watch("mode", lambda: in_mode(equations, mode))
-        names += [point.output for point in equations.watchpoints]
-    reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
-    if kept:
-        reduced = watch("keep", lambda: keeping(reduced, kept))
-    program = watch("lower", lambda: lower(reduced))
-    if program.energy_note and {"energy", "potential_energy"} & set(names):
-        warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
-    methods = chosen.serving(program)
-    rendered = watch("render", lambda: chosen.render(program, cache=options.cache))
-    engine = watch("load", lambda: segmented(chosen.load(rendered, cache=options.cache), program))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
-    return CompiledModel(stages, engine, methods)
-
-
-def _names(outputs: Sequence[Any]) -> list[str]:
-    """Return what requested outputs are called: names as they are, symbols and expressions by their text."""
-    return [str(output) for output in outputs]
+    compiled = compile_stages(scene, options)
+    return HybridModel(compiled) if isinstance(compiled, SeveralModes) else CompiledModel.of(compiled)

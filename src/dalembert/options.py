@@ -8,7 +8,10 @@ from typing import Any, final
 
 from .errors import OptionError, unknown_name
 
-__all__ = ["ORIENTATIONS", "CompileOptions"]
+__all__ = ["DEFAULT_TOLERANCES", "ORIENTATIONS", "CompileOptions"]
+
+DEFAULT_TOLERANCES = 1e-8, 1e-10
+"""Relative and absolute tolerance of a run that is not told another."""
 
 ORIENTATIONS = ("scene", "quaternion")
 """What orients bodies: the coordinates that the scene has, or unit quaternions in place of three angles."""
@@ -40,7 +43,7 @@ class CompileOptions:
         For an orientation that does not exist, gains that are not two positive numbers, or that no formulation takes.
     """
 
-    backend: str = "numba"
+    backend: str = "llvm"
     formulation: str = "auto"
     outputs: tuple[Any, ...] = ()
     cache: bool = True

@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import FloatArray
 from .errors import OptionError, ValueInputError
 
 __all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "whole"]
 
-FloatArray = NDArray[np.float64]
 _REAL = "biuf"
 _UNITS = ("magnitude", "to_value")
 """What quantities with units have, of the packages that offer them."""

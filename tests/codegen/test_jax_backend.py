@@ -10,10 +10,11 @@ import dalembert as da
 from dalembert.codegen import backend_named
 from dalembert.codegen.printers import JAX
 from dalembert.integrators.problem import IntegrationProblem
-from dalembert.integrators.status import Status
 from dalembert.ir.interpret import interpret
+from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.ir.ops import OPERATIONS
-from dalembert.ir.program import Assignment, Kernel, Layout, Load, Program
+from dalembert.ir.program import Layout, Program
+from dalembert.methods.status import Status
 from oracles.cases import SLEIGH_CASES, SPHERE_CASES
 
 jax = pytest.importorskip("jax")

@@ -124,7 +124,7 @@ def test_derivatives_are_those_of_complex_steps(scene, formulation, mode, point)
 @pytest.mark.parametrize("mode", JACOBIANS)
 def test_numba_has_the_same_derivatives(mode):
     parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
-    model = compiled("chaplygin_sleigh", "minimal", "numba")
+    model = compiled("chaplygin_sleigh", "minimal", "llvm")
     of, wrt = (*model.layout.coordinates, *model.layout.rates, "X", "Y"), (*parameters, *initial)
     run = model.sensitivity((T[0], T[-1]), initial, parameters, wrt=wrt, of=of, t_eval=T, rtol=1e-12, atol=1e-14)
     assert_close(jacobian("chaplygin_sleigh", "minimal", mode, "somewhere")[1], run.jacobians)

@@ -5,7 +5,7 @@ import pytest
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")

@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.errors import ValueInputError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
@@ -58,7 +58,7 @@ def everything(motion):
 @cache
 def expected():
     """Return the derivatives (n_t, n_of, n_t) by differences of runs of another backend, at the times T."""
-    model, size = compiled(backend="numba"), 1e-5
+    model, size = compiled(backend="llvm"), 1e-5
 
     def values(times):
         run = model.simulate((times[0], times[-1]), START, PARAMETERS, rtol=1e-13, atol=1e-14, t_eval=times)

@@ -12,8 +12,8 @@ from codegen.programs import PROGRAMS
 from dalembert.codegen import BACKENDS, backend_named
 from dalembert.errors import MissingExtraError
 from dalembert.ir.interpret import interpret, interpret_rows
+from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.ir.ops import ALL_OPERATIONS
-from dalembert.ir.program import Assignment, Kernel, Load
 from dalembert.reduction import FORMULATIONS
 
 OUTPUTS = {"chaplygin_sleigh": ["X", "Y"], "rolling_sphere": ["F_u", "F_v"]}
@@ -116,7 +116,7 @@ def aligned(values):
 @pytest.mark.parametrize("lanes", [1, 2, 4, 8])
 @pytest.mark.parametrize("name", ALL_OPERATIONS)
 def test_machine_code_means_the_same_in_every_lane(name, lanes):
-    from dalembert.codegen.numba.llvm import assembly, compile_object, load_object
+    from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 
     operation = ALL_OPERATIONS[name]
     loads = tuple(Load(f"a{i}", "y", i) for i in range(operation.arity))
@@ -142,7 +142,7 @@ def test_machine_code_means_the_same_in_every_lane(name, lanes):
 @pytest.mark.parametrize("lanes", [1, 4])
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_sines_of_machine_code_hold_at_large_angles_and_beyond(name, lanes):
-    from dalembert.codegen.numba.llvm import assembly, compile_object, load_object
+    from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 
     kernel = Kernel("k", ("y",), (Load("a", "y", 0),), (Assignment("z", name, ("a",)),), ("z",))
     library = load_object(compile_object(assembly([("k", kernel)], lanes)))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.codegen.numba.loops import loop_named, packed
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.llvm.loops import loop_named, packed
 from dalembert.errors import CacheWarning
-from dalembert.integrators.status import Status
-from dalembert.runtime.cache import ENVIRONMENT_VARIABLE
+from dalembert.methods.status import Status
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
@@ -100,16 +100,16 @@ def test_prepared_run_backwards_returns(method):
 def test_damaged_code_is_rebuilt_with_a_warning(tmp_path, monkeypatch):
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
     loop_named.cache_clear()
-    assert loop_named("single").call is not None
-    (path,) = tmp_path.rglob("single_*.o")
+    assert loop_named("prepared_loop").call is not None
+    (path,) = tmp_path.rglob("prepared_loop_*.o")
     path.write_bytes(path.read_bytes()[:-1])
     loop_named.cache_clear()
     with pytest.warns(CacheWarning, match="damaged and is rebuilt"):
-        assert loop_named("single").call is not None
+        assert loop_named("prepared_loop").call is not None
     loop_named.cache_clear()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert loop_named("single").call is not None
+        assert loop_named("prepared_loop").call is not None
     loop_named.cache_clear()
 
 

@@ -6,12 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.codegen.machine import loop_assembly
-from dalembert.codegen.numba.llvm import compile_object, load_object
-from dalembert.codegen.numba.loops import packed
-from dalembert.integrators.numba import explicit, implicit, lanes, march, samples, single
-from dalembert.integrators.numba.code import ahead, bare, element, flat, lowest, row, take
-from dalembert.integrators.numba.kinds import ARRAY_OF_FLAGS, INTEGER, INTEGERS, MATRIX, VECTOR, Group
+from dalembert.codegen.llvm.assembly import compile_object, load_object
+from dalembert.codegen.llvm.loops import packed
+from dalembert.codegen.subset import loop_assembly
+from dalembert.integrators import explicit_loop as explicit
+from dalembert.integrators import implicit_loop as implicit
+from dalembert.integrators import lane_loop as lanes
+from dalembert.integrators import prepared_loop as single
+from dalembert.integrators import sample_projection as samples
+from dalembert.integrators import taylor_loop as march
+from dalembert.integrators.compiled_subset import ahead, bare, element, flat, lowest, row, take
+from dalembert.integrators.kinds import ARRAY_OF_FLAGS, INTEGER, INTEGERS, MATRIX, VECTOR, Group
 
 TABLE = np.array([[1.5, -2.0], [0.25, 8.0]])
 WANTED = True

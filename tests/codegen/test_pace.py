@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.llvm import compile_object, load_object, native_lanes
-from dalembert.codegen.numba.pace import pace_assembly
+from dalembert.codegen.llvm.advance_lanes import pace_assembly
+from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
 
 LARGEST, BUDGET = 2.0, 10.0
 # time, end, next time to record, size of the step, its check, attempts, direction, and whether there is nothing else

@@ -24,7 +24,7 @@ from dalembert.naming import Namer
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 TEMPLATES = {
-    "numba": ("numba.py.j2", PYTHON, 'nogil=True, error_model="numpy"'),
+    "llvm": ("numba.py.j2", PYTHON, 'nogil=True, error_model="numpy"'),
     "numpy": ("numpy.py.j2", NUMPY, ""),
     "jax": ("jax.py.j2", JAX, ""),
 }
@@ -124,7 +124,7 @@ import hashlib, sys
 import dalembert as da
 from dalembert.codegen import backend_named
 from dalembert.errors import FormulationError
-from dalembert.ir.lower import lower
+from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read
@@ -178,7 +178,7 @@ def test_source_is_byte_identical_in_five_processes():
     assert outputs[2] == outputs[3] == outputs[4] == plain
     found = {tuple(line.split()[:3]) for line in outputs[0]}
     assert {(scene, "auto", backend) for scene in READY for backend in backends} <= found
-    assert {(scene, "projected", "numba") for scene in READY} <= found
+    assert {(scene, "projected", "llvm") for scene in READY} <= found
 
 
 # -- names --------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ HOSTILE = (
     "Ω",
     "{{ 7 * 7 }}",
     "math",
-    "numba",
+    "llvm",
     "jnp",
     "out",
     "y",
@@ -245,7 +245,7 @@ SCENE_NAMES = ("", '"""', "a\nimport os", "{{ 7 * 7 }}", "Ω", "../../escape", "
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_scenes_of_any_name_compile_and_can_be_cached(name, tmp_path, monkeypatch):
     monkeypatch.setenv("DALEMBERT_CACHE_DIR", str(tmp_path / "cache"))
-    model = da.compile_model(hostile_scene(name, ["k"]), backend="numba")
+    model = da.compile_model(hostile_scene(name, ["k"]), backend="llvm")
     tree = ast.parse(model.source)
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     assert {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names} == {"math", "numba"}

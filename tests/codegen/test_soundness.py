@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.llvm import compile_object, load_object, native_lanes
-from dalembert.codegen.numba.soundness import sound_assembly
+from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.check_inputs import sound_assembly
 
 # two plain numbers, then two checks: a magnitude, and what it may be at most
 CASES = {

@@ -7,15 +7,15 @@ import sys
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.target import ENVIRONMENT_VARIABLE, available_targets, target
+from dalembert.codegen.llvm.target import ENVIRONMENT_VARIABLE, available_targets, target
 from dalembert.errors import OptionError
 
 SCRIPT = """
 import warnings
 import numpy as np
 import dalembert as da
-from dalembert.codegen.numba.llvm import instructions, native_lanes
-from dalembert.codegen.numba.target import target
+from dalembert.codegen.llvm.assembly import instructions, native_lanes
+from dalembert.codegen.llvm.target import target
 warnings.simplefilter("error")
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 model = da.compile_model(da.scenes.chaplygin_sleigh())

@@ -7,10 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object, native_lanes
 from dalembert.ir.interpret import interpret
+from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.ir.ops import ALL_OPERATIONS
-from dalembert.ir.program import Assignment, Kernel, Load
 
 LANES = (1, 2, 4)
 REPEATED = (1, native_lanes())

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 import dalembert as da
-from dalembert.codegen.numba.backend import NumbaBackend
-from dalembert.codegen.numba.loops import loop_named
-from dalembert.codegen.numba.pace import _code as pace_code
-from dalembert.codegen.numba.soundness import _code as soundness_code
-from dalembert.runtime.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.llvm.advance_lanes import _code as pace_code
+from dalembert.codegen.llvm.backend import NumbaBackend
+from dalembert.codegen.llvm.check_inputs import _code as soundness_code
+from dalembert.codegen.llvm.loops import loop_named
 from dalembert.runtime.model import CompiledModel
 
 __all__ = ["SCENES", "Outcome", "begun", "ended", "prepared_models"]

@@ -100,7 +100,7 @@ ACTIONS["apart"] = ACTIONS["shared"]
 
 def compiled(kind: str) -> object:
     scene = da.scenes.belt_oscillator() if kind == "contacts" else da.scenes.chaplygin_sleigh()
-    return da.compile_model(scene, backend=kind if kind in ("numpy", "jax") else "numba")
+    return da.compile_model(scene, backend=kind if kind in ("numpy", "jax") else "llvm")
 
 
 def child(kind: str, seed: int) -> None:

@@ -82,10 +82,10 @@ class _Comparison:
         scene = self.timed("build", lambda: scene_of(self.description))
         if self.verdict.kind in SOLVABLE:
             self.timed("reference", lambda: self.judge.motion)
-        self._path("auto", scene, "auto", "numba", whole=True)
+        self._path("auto", scene, "auto", "llvm", whole=True)
         if formulations:
             for name in OTHERS:
-                self._path(name, scene, name, "numba")
+                self._path(name, scene, name, "llvm")
         if backends:
             for name in ("numpy", "jax"):
                 self._path(name, scene, "auto", name)

@@ -5,9 +5,9 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from dalembert.codegen.cache import directory
 from dalembert.errors import ExpressionError, MissingExtraError, OptionError, SceneError
 from dalembert.naming import Namer
-from dalembert.runtime.cache import directory
 from fuzz.hostile import Outcome, Targets, attack, deep
 
 

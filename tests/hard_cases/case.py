@@ -81,7 +81,7 @@ class HardCase:
         """Return the times of the reference values, in order."""
         return sorted(t for t in self.values if all_of_them or t not in self.report_only)
 
-    def compile(self, formulation: str, backend: str = "numba") -> Any:
+    def compile(self, formulation: str, backend: str = "llvm") -> Any:
         """Compile the scene with everything that is observed."""
         return da.compile_model(self.scene, backend=backend, formulation=formulation, outputs=self.outputs)
 

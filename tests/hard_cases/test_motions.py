@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS as ALL_FORMULATIONS
 from hard_cases import CASES, hard_case
 

@@ -5,15 +5,16 @@ from functools import cache
 
 import numpy as np
 
-from dalembert.codegen.numba.loops import loop_named
-from dalembert.integrators.numba import explicit, implicit
+from dalembert.codegen.llvm.loops import loop_named
+from dalembert.integrators import explicit_loop as explicit
+from dalembert.integrators import implicit_loop as implicit
 from dalembert.integrators.problem import IntegrationProblem, Kernels, Solution
 from dalembert.integrators.scipy import solvers
-from dalembert.integrators.tableaus import TABLEAUS
+from dalembert.methods.tableaus import TABLEAUS
 
 NO_CONSTANTS = np.zeros(0)
 NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)
-COMPILED = (*(f"numba-{name}" for name in NUMBA_METHODS), "numba-radau")
+COMPILED = (*(f"llvm-{name}" for name in NUMBA_METHODS), "llvm-radau")
 METHODS = (*COMPILED, *(f"scipy-{name}" for name in solvers.METHODS))
 PROJECTABLE = (*COMPILED, *(f"scipy-{name}" for name in solvers.PROJECTABLE))
 
@@ -136,8 +137,8 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     rhs_, position, velocity = (f and machine_code(f, (n, n_c, n)).address for f in functions)
     if name == "radau":
         jacobian = machine_code(differences(rhs), (n, n_c, n * n)).address
-        code = implicit.ImplicitCode(loop_named("implicit"), rhs_, jacobian, 0, position or 0, velocity or 0)
+        code = implicit.ImplicitCode(loop_named("implicit_loop"), rhs_, jacobian, 0, position or 0, velocity or 0)
         return implicit.integrate(code, problem)
     tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)
-    code = explicit.ExplicitCode(loop_named("explicit"), rhs_, position or 0, velocity or 0)
+    code = explicit.ExplicitCode(loop_named("explicit_loop"), rhs_, position or 0, velocity or 0)
     return explicit.integrate(code, tableau, problem)

@@ -10,11 +10,11 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.numba import backend
-from dalembert.codegen.numba.attempts import attempt_assembly
-from dalembert.codegen.numba.llvm import compile_object, load_object, native_lanes
-from dalembert.integrators.status import Status
-from dalembert.integrators.tableaus import TABLEAUS
+from dalembert.codegen.llvm import backend
+from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.attempts import attempt_assembly
+from dalembert.methods.status import Status
+from dalembert.methods.tableaus import TABLEAUS
 
 METHODS = ("taylor", "dop853", "tsit5")
 FORMULATIONS = ("minimal", "projected")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from dalembert.integrators.status import Status
-from dalembert.integrators.tableaus import TABLEAUS
+from dalembert.methods.status import Status
+from dalembert.methods.tableaus import TABLEAUS
 from integrators.integrator_cases import (
     METHODS,
     MIXED_START,
@@ -26,7 +26,7 @@ methods = pytest.mark.parametrize("method", METHODS)
 projectable = pytest.mark.parametrize("method", PROJECTABLE)
 PROJECTIONS = (pendulum_position, pendulum_velocity)
 
-ORDERS = {f"numba-{tableau.name}": (tableau.order, tableau.dense_order) for tableau in TABLEAUS} | {
+ORDERS = {f"llvm-{tableau.name}": (tableau.order, tableau.dense_order) for tableau in TABLEAUS} | {
     "scipy-dop853": (8, 7),
     "scipy-rk45": (5, 4),
 }
@@ -78,7 +78,7 @@ def test_order_of_dense_output(method):
 @methods
 def test_error_falls_with_tolerance(method):
     tolerances = np.array([1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
-    slow = method in ("scipy-bdf", "scipy-radau", "numba-radau")
+    slow = method in ("scipy-bdf", "scipy-radau", "llvm-radau")
     times = np.linspace(0.0, 6.0, 31)
     errors = []
     for tolerance in tolerances[: 3 if slow else None]:
@@ -209,7 +209,7 @@ def test_projection_holds_for_20_000_steps(name):
         "constants": PENDULUM_CONSTANTS,
         "max_steps": 10**5,
     }
-    method = f"numba-{name}"
+    method = f"llvm-{name}"
     times = np.linspace(0.0, 400.0, 997)
     free = solve(method, pendulum, PENDULUM_START, **options)
     held = solve(method, pendulum, PENDULUM_START, projections=PROJECTIONS, **options)
@@ -233,7 +233,7 @@ def test_projection_keeps_dense_output_continuous_and_t_eval_on_the_constraints(
     sampled = solve(method, pendulum, PENDULUM_START, projections=PROJECTIONS, t_eval=times, **options)
     assert pendulum_violation(sampled.y) < 1e-12
     np.testing.assert_allclose(sampled.y, run.dense(times), atol=2e-2)
-    exact = solve("numba-dop853", pendulum, PENDULUM_START, **{**options, "rtol": 1e-12, "atol": 1e-12})
+    exact = solve("llvm-dop853", pendulum, PENDULUM_START, **{**options, "rtol": 1e-12, "atol": 1e-12})
     np.testing.assert_allclose(run.y[-1], exact.y[-1], atol=0.1)
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from dalembert.errors import OptionError
 from dalembert.integrators.problem import IntegrationProblem, PiecewisePolynomial
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 
 
 def problem(**changes):

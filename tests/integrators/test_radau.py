@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.loops import loop_named
-from dalembert.integrators import collocation as radau
-from dalembert.integrators.numba import implicit
+from dalembert.codegen.llvm.loops import loop_named
+from dalembert.integrators import implicit_loop as implicit
 from dalembert.integrators.problem import IntegrationProblem
 from dalembert.integrators.scipy import solvers
-from dalembert.integrators.status import Status
+from dalembert.methods import collocation as radau
+from dalembert.methods.status import Status
 from integrators.integrator_cases import MIXED_START, machine_code, mixed, mixed_solution, solve
 
 VAN_DER_POL_START = np.array([2.0, 0.0])
@@ -67,7 +67,7 @@ def test_order():
     for n in counts:
         h = 2.0 / n * (1 + 1e-12)
         start = oscillator_solution(0.0)
-        run = solve("numba-radau", oscillator, start, t0=0.0, t1=2.0, first_step=h, max_step=h, rtol=1e6, atol=1e6)
+        run = solve("llvm-radau", oscillator, start, t0=0.0, t1=2.0, first_step=h, max_step=h, rtol=1e6, atol=1e6)
         assert run.steps == n
         errors.append(np.abs(run.y[-1] - oscillator_solution(2.0)).max())
     assert np.polyfit(np.log(2.0 / counts), np.log(errors), 1)[0] == pytest.approx(5, abs=0.2)
@@ -77,7 +77,7 @@ def test_order_of_dense_output():
     sizes, errors = np.array([0.05, 0.1, 0.2]), []
     for h in sizes:
         start = oscillator_solution(1.0)
-        run = solve("numba-radau", oscillator, start, t0=1.0, t1=1.0 + h, first_step=h, rtol=1e6, atol=1e6, dense=True)
+        run = solve("llvm-radau", oscillator, start, t0=1.0, t1=1.0 + h, first_step=h, rtol=1e6, atol=1e6, dense=True)
         assert run.steps == 1
         times = np.linspace(1.0, 1.0 + h, 41)
         errors.append(np.abs(run.dense(times) - oscillator_solution(times)).max())
@@ -87,7 +87,7 @@ def test_order_of_dense_output():
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
 def test_van_der_pol(tolerance):
     options = {"t0": 0.0, "t1": 2.0, "constants": np.array([1e-6]), "rtol": tolerance, "atol": tolerance}
-    run = solve("numba-radau", van_der_pol, VAN_DER_POL_START, **options, max_steps=10**5)
+    run = solve("llvm-radau", van_der_pol, VAN_DER_POL_START, **options, max_steps=10**5)
     assert run.success
     np.testing.assert_allclose(run.y[-1], VAN_DER_POL_END, atol=max(50 * tolerance, 1e-9))
     if tolerance == 1e-6:
@@ -98,7 +98,7 @@ def test_van_der_pol(tolerance):
 @pytest.mark.parametrize("stiffness", [1e2, 1e5, 1e8])
 def test_stiff_relaxation_towards_a_smooth_solution_takes_few_steps(stiffness):
     options = {"t0": 0.0, "t1": 10.0, "constants": np.array([stiffness]), "rtol": 1e-6, "atol": 1e-8, "dense": True}
-    run = solve("numba-radau", prothero_robinson, [0.5], **options)
+    run = solve("llvm-radau", prothero_robinson, [0.5], **options)
     assert run.success and run.steps < 300
     times = np.linspace(1.0, 10.0, 50)
     np.testing.assert_allclose(run.dense(times)[:, 0], np.sin(times), atol=2e-5)
@@ -121,7 +121,7 @@ def decay_code(whole):
 
     kernel = machine_code(jacobian, (n, n, n * n)) if whole else machine_code(tangent, (2 * n, n, 2 * n))
     rhs, address = machine_code(decay, (n, n, n)).address, kernel.address
-    return implicit.ImplicitCode(loop_named("implicit"), rhs, address * whole, address * (not whole))
+    return implicit.ImplicitCode(loop_named("implicit_loop"), rhs, address * whole, address * (not whole))
 
 
 def test_jacobian_by_columns_is_the_jacobian():
@@ -132,7 +132,7 @@ def test_jacobian_by_columns_is_the_jacobian():
 
 
 def test_backward_in_time_through_an_unstable_mode():
-    run = solve("numba-radau", mixed, mixed_solution(3.0), t0=3.0, t1=0.0, rtol=1e-8, atol=1e-10)
+    run = solve("llvm-radau", mixed, mixed_solution(3.0), t0=3.0, t1=0.0, rtol=1e-8, atol=1e-10)
     assert run.success and np.all(np.diff(run.t) < 0)
     np.testing.assert_allclose(run.y[-1], MIXED_START, atol=1e-6)
 
@@ -142,7 +142,7 @@ def leaves_its_domain(t, y, c, out):
 
 
 def test_end_of_a_domain_is_a_status():
-    run = solve("numba-radau", leaves_its_domain, [0.0], t0=0.0, t1=2.0, rtol=1e-6, atol=1e-8)
+    run = solve("llvm-radau", leaves_its_domain, [0.0], t0=0.0, t1=2.0, rtol=1e-6, atol=1e-8)
     assert run.status is Status.NON_FINITE
     assert 0.9 < run.t[-1] <= 1.0
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853 as SCIPY_DOP853
 
-from dalembert.integrators.rooted_trees import density, node_count, trees_of_order
-from dalembert.integrators.tableaus import DOP853, TABLEAUS, TSIT5
+from dalembert.methods.rooted_trees import density, node_count, trees_of_order
+from dalembert.methods.tableaus import DOP853, TABLEAUS, TSIT5
 
 tableaus = pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda tableau: tableau.name)
 
@@ -64,7 +64,7 @@ def test_import_needs_no_backend():
     code = (
         "import numpy, time, sys; import dalembert.errors; before = set(sys.modules);"
         "start = time.perf_counter();"
-        "import dalembert.integrators.tableaus, dalembert.integrators.problem;"
+        "import dalembert.methods.tableaus, dalembert.integrators.problem;"
         "print(time.perf_counter() - start, {'numba', 'scipy', 'jax', 'sympy'} & (set(sys.modules) - before))"
     )
     runs = [

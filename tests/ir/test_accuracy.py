@@ -10,8 +10,8 @@ import pytest
 from dalembert.ir import accuracy
 from dalembert.ir.graph import Graph, unit_names
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower_kernel
 from dalembert.ir.ops import OPERATIONS
+from dalembert.transforms.lower_kernels import lower_kernel
 from ir.trees import EXTENDED, OutOfDomain, build
 
 NAMES = ("x", "y", "a")

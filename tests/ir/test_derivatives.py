@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 
-from dalembert.ir.derivatives import GUARDED, RULES, cotangents, jacobian, tangents
 from dalembert.ir.graph import Graph
 from dalembert.ir.ops import OPERATIONS
+from dalembert.transforms.derivatives import GUARDED, RULES, cotangents, jacobian, tangents
 from ir.trees import EXTENDED, POINT, TREES, OutOfDomain, build, evaluate, extended
 
 #: Points inside each operation's domain, away from its kinks and jumps.

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from dalembert.integrators.numba.following import plain
-from dalembert.integrators.numba.workspace import scratch, unwatched
-from dalembert.ir.branches import unforeseen
+from dalembert.integrators.event_series import plain
+from dalembert.integrators.workspace import scratch, unwatched
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower_kernel
-from dalembert.ir.recurrences import recurrences
-from dalembert.ir.taylor import step_kernel
-from dalembert.ir.watch import followed_kernel
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.nonsmooth import unforeseen
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.step_bounds import followed_kernel
+from dalembert.transforms.taylor import step_kernel
 
 ORDER = 14
 STATE, LARGEST = [0.7, 0.4], 5.0

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 
 from dalembert.ir import fingerprint as fp
-from dalembert.ir.derivatives import tangents
 from dalembert.ir.graph import Graph
+from dalembert.transforms.derivatives import tangents
 from ir.trees import NAMES, POINT, TREES, OutOfDomain, build, evaluate, extended
 
 HALF = Fraction(1, 2)

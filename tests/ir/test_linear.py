@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dalembert.ir.graph import Graph
-from dalembert.ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from dalembert.transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from ir.trees import evaluate
 
 

@@ -8,10 +8,10 @@ import pytest
 
 from dalembert.codegen.printers import JAX, NUMPY, PRINTERS, PYTHON
 from dalembert.ir import ieee
-from dalembert.ir.derivatives import RULES
 from dalembert.ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
+from dalembert.ir.kernel import Assignment, Kernel, Load, count_operations, describe_counts
 from dalembert.ir.ops import OPERATIONS
-from dalembert.ir.program import Assignment, Kernel, Load, count_operations, describe_counts
+from dalembert.transforms.derivatives import RULES
 from ir.trees import EXTENDED
 
 approx = functools.partial(pytest.approx, rel=1e-13, abs=1e-15)

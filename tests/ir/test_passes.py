@@ -9,8 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dalembert.ir.interpret import interpret
+from dalembert.ir.kernel import Assignment, Kernel, Load, count_operations
 from dalembert.ir.ops import OPERATIONS
-from dalembert.ir.passes import (
+from dalembert.ir.verify import MalformedKernel, verify
+from dalembert.transforms.passes import (
     eliminate_dead_code,
     group_products,
     hoist_parameters,
@@ -18,8 +20,6 @@ from dalembert.ir.passes import (
     share_equal,
     share_reciprocals,
 )
-from dalembert.ir.program import Assignment, Kernel, Load, count_operations
-from dalembert.ir.verify import MalformedKernel, verify
 
 PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
 ARGUMENTS = {

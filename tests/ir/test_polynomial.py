@@ -4,7 +4,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dalembert.ir.graph import Graph
-from dalembert.ir.polynomial import Polynomials, pythagorean, times
+from dalembert.transforms.polynomial import Polynomials, pythagorean, times
 from ir.trees import NAMES, TREES, OutOfDomain, build
 
 

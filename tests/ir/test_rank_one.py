@@ -3,8 +3,8 @@
 import pytest
 
 from dalembert.ir.graph import Graph
-from dalembert.ir.linear import factorize
-from dalembert.ir.rank_one import diagonal_less_dyad
+from dalembert.transforms.linear import factorize
+from dalembert.transforms.rank_one import diagonal_less_dyad
 
 PARAMETERS = ("a", "b", "c", "d", "k", "w")
 

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 import dalembert as da
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower, lower_kernel
-from dalembert.ir.rewriting import rewritten
+from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.rewriting import rewritten
 from ir.trees import EXTENDED, NAMES, POINT, TREES, OutOfDomain, build, evaluate, extended
 from mechanics.chains import chain
 from scene.builders import unequal_sphere

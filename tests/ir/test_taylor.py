@@ -7,17 +7,17 @@ import mpmath
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba import order_loops
-from dalembert.codegen.numba.llvm import assembly, compile_object, load_object, native_lanes
-from dalembert.codegen.numba.order_loops import LEAST_ORDER, order_loop_assembly
-from dalembert.codegen.numba.series_loops import loop_assembly
-from dalembert.ir.expansion import FAITHFUL_ORDER
+from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
+from dalembert.codegen.llvm.series_loops import loop_assembly
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower_kernel
 from dalembert.ir.ops import OPERATIONS
-from dalembert.ir.recurrences import recurrences
-from dalembert.ir.taylor import order_for, series_kernel, step_kernel
+from dalembert.transforms.expansion import FAITHFUL_ORDER
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor import order_for, series_kernel, step_kernel
 
 ORDER = 9
 X, Y = "x", "y"

@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 
 from dalembert.ir.graph import Graph, unit_names
-from dalembert.ir.linear import SingularMatrix, factorize
 from dalembert.ir.zero_tests import TOLERANCE, terms_of, vanishes
+from dalembert.transforms.linear import SingularMatrix, factorize
 
 
 @pytest.fixture
@@ -125,6 +125,6 @@ def test_gram_matrices_of_decimals_with_dependent_rows_are_singular(seed):
 def test_terms_of_a_pivot(g, x, y):
     size = terms_of(g, x * y - y / x)
     at = g.substitute([size], {x: g.const(2), y: g.const(-3)})[0]
-    from dalembert.ir.lower import lower_kernel
+    from dalembert.transforms.lower_kernels import lower_kernel
 
     assert lower_kernel(g, "k", [at], {}, arguments=()).outputs == (6.0 + 3.0 * 2.0 / 4.0,)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower_kernel
+from dalembert.transforms.lower_kernels import lower_kernel
 
 NAMES = ("x", "y", "z")
 POINT = {"x": "0.7310585786300049", "y": "1.3862943611198906", "z": "-0.4142135623730951"}

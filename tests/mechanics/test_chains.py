@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.ir.lower import lower
+from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read

@@ -17,12 +17,12 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import EnergyWarning
-from dalembert.ir.antiderivatives import Antiderivatives
 from dalembert.ir.graph import Graph
 from dalembert.ir.sampling import match
 from dalembert.mechanics import derive as deriving
 from dalembert.mechanics.equations import LoadEnergy
 from dalembert.scene.expressions import ExpressionReader
+from dalembert.transforms.antiderivatives import Antiderivatives
 
 t = dynamicsymbols._t
 x, y, z, w = dynamicsymbols("x y z w")

@@ -10,8 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from dalembert.errors import ConstraintError, InitialStateError, SingularMassMatrixError
-from dalembert.integrators.status import Status
-from dalembert.ir.program import count_operations
+from dalembert.ir.kernel import count_operations
+from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS
 from scene.builders import cartesian_pendulum
 

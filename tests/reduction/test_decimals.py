@@ -16,7 +16,7 @@ from dalembert.errors import (
     SingularMassMatrixError,
     ValueInputError,
 )
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS
 
 ALL = ["auto", *FORMULATIONS]

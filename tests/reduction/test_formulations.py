@@ -47,14 +47,14 @@ SCENES = {
 
 
 @functools.cache
-def compiled(scene, formulation, backend="numba"):
+def compiled(scene, formulation, backend="llvm"):
     try:
         return da.compile_model(SCENES[scene][0](), backend=backend, formulation=formulation)
     except FormulationError:
         return None
 
 
-def simulate(scene, formulation, backend="numba", **options):
+def simulate(scene, formulation, backend="llvm", **options):
     _, start, parameters, end = SCENES[scene]
     model = compiled(scene, formulation, backend)
     if model is None:

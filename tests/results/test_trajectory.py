@@ -202,7 +202,7 @@ def test_projection_holds_the_constraints_over_a_hundred_thousand_steps():
     p, initial = {"m": 1.0, "l": 1.0, "g": 9.81}, {"x": 0.6, "y": -0.8, "x_dot": 0.0, "y_dot": 0.0}
     worst = {}
     for formulation in ("projected", "augmented"):
-        compiled = da.compile_model(cartesian_pendulum(), backend="numba", formulation=formulation, cache=False)
+        compiled = da.compile_model(cartesian_pendulum(), backend="llvm", formulation=formulation, cache=False)
         run = compiled.simulate(
             (0, 1000), initial, p, method="dop853", rtol=1e-9, atol=1e-11, first_step=0.01, max_step=0.01, dense=False
         )

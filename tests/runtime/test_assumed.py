@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.errors import AssumptionWarning, SceneError, ValueInputError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 
 START = {"x": 1.0, "x_dot": 0.0}
 
@@ -98,7 +98,7 @@ def test_symbols_that_are_no_real_numbers_are_refused_with_the_scene(declared):
         da.compile_model(spring(further=sp.Symbol("c", **declared)), backend="numpy")
 
 
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
 @pytest.mark.parametrize("t_eval", [None, [0.0, 1.0]])
 def test_cases_of_a_sweep_that_contradict_have_a_status_and_spare_their_neighbours(backend, t_eval):
     sweep = model(backend).sweep((0, 1), START, {"m": 1.0, "k": np.array([-1.0, 0.0, 1.0, np.nan])}, t_eval=t_eval)

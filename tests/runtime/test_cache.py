@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE, directory, load_in_memory, store
 from dalembert.errors import CacheWarning
-from dalembert.runtime.cache import ENVIRONMENT_VARIABLE, directory, load_in_memory, store
 
 Q, QDOT = np.array([0.0, 0.0, 0.3]), np.array([0.9, 0.3, 1.7])
 P = {"m": 1.0, "b": 0.3, "I_C": 0.5}
@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 
 def use(**options):
     """Compile the sleigh, call a kernel, run it with machine code; return what came out."""
-    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numba", **options)
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="llvm", **options)
     trajectory = model.simulate((0, 1), START, P, method="taylor")
     assert trajectory.success
     return np.concatenate([model.accelerations(0.0, Q, QDOT, P), trajectory.q[-1]])

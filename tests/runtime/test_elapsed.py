@@ -40,12 +40,12 @@ def driven(t, t0, number=float, k=VALUES["k"], w=VALUES["w"], a=VALUES["a"]):
         return number(share * mpmath.sin(w * t) + b * mpmath.cos(tau) + c * mpmath.sin(tau))
 
 
-@pytest.fixture(scope="module", params=["numpy", "numba"])
+@pytest.fixture(scope="module", params=["numpy", "llvm"])
 def spring(request):
     return da.compile_model(mass(-k * X), backend=request.param)
 
 
-@pytest.fixture(scope="module", params=["numpy", "numba"])
+@pytest.fixture(scope="module", params=["numpy", "llvm"])
 def shaken(request):
     return da.compile_model(mass(-k * X + a * sp.sin(w * T)), backend=request.param)
 

@@ -50,10 +50,10 @@ def samples(name):
 
 
 # a search takes milliseconds in compiled code, and tenths of a second a step in Python
-@pytest.mark.parametrize("backend, method", [("numba", "taylor"), ("numba", "tsit5"), ("numpy", "dop853")])
+@pytest.mark.parametrize("backend, method", [("llvm", "taylor"), ("llvm", "tsit5"), ("numpy", "dop853")])
 def test_extrema_and_means_end(backend, method):
     kept = {}
-    names = list(FLAT) if backend == "numba" else ["saturated", "saturated at zero", "underflow", "steps", "dead zone"]
+    names = list(FLAT) if backend == "llvm" else ["saturated", "saturated at zero", "underflow", "steps", "dead zone"]
     for name in names:
         kept |= {f"{name} {kind.__name__}": kind(written(name)) for kind in (da.maximum, da.minimum, da.mean)}
     sweep = model(backend).sweep(
@@ -79,9 +79,9 @@ def test_events_end(sweeping):
         options = {"events": watched, "rtol": 1e-9}
         start = {x: 1.0, x.diff(): 0.0}
         if sweeping:
-            run = model("numba").sweep((0.0, 7.0), start, {k: np.ones(2)}, threads=1, **options)
+            run = model("llvm").sweep((0.0, 7.0), start, {k: np.ones(2)}, threads=1, **options)
             count = int(np.asarray(next(iter(run.events.values())).count)[0])
         else:
-            run = model("numba").simulate((0.0, 7.0), start, {k: 1.0}, **options)
+            run = model("llvm").simulate((0.0, 7.0), start, {k: 1.0}, **options)
             count = len(run.events[0].t)
         assert np.all(run.success) and count == changes, name

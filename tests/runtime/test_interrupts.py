@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.codegen.numba import prepared, sweeps
-from dalembert.integrators.status import Status
+from dalembert.codegen.llvm import prepared, sweeps
+from dalembert.methods.status import Status
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 P = {"m": 1.0, "b": 0.3, "I_C": 0.5}

@@ -27,11 +27,11 @@ RUNS += [(*KEPT[1], method) for method in METHODS if method != METHODS[1]]
 
 
 @cache
-def model_of(name, formulation, backend="numba"):
+def model_of(name, formulation, backend="llvm"):
     return da.compile_model(hard_case(name).scene, formulation=formulation, backend=backend)
 
 
-def simulate(name, formulation, end, backend="numba", **options):
+def simulate(name, formulation, end, backend="llvm", **options):
     case = hard_case(name)
     options = LOOSE | options
     return model_of(name, formulation, backend).simulate((0.0, end), case.initial, case.parameters, **options)
@@ -144,8 +144,8 @@ def test_neighbours_in_a_sweep_do_not_matter():
 @pytest.mark.parametrize(
     ("name", "formulation", "method", "backend"),
     [
-        ("double pendulum, Cartesian", "projected", "taylor", "numba"),
-        ("edge plate falling flat", "projected", "radau", "numba"),
+        ("double pendulum, Cartesian", "projected", "taylor", "llvm"),
+        ("edge plate falling flat", "projected", "radau", "llvm"),
         ("knife edge on an incline", "minimal", "dop853", "numpy"),
     ],
 )

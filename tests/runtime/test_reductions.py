@@ -5,12 +5,12 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.numba import backend as numba_backend
+from dalembert.codegen.llvm import backend as llvm_backend
 from dalembert.errors import ExpressionError, OptionError, UnknownNameError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, model, pendulum, theta, time, x, y
 
-METHODS = [("numba", "taylor"), ("numba", "dop853"), ("numba", "tsit5"), ("numpy", "dop853"), ("jax", "dopri8")]
+METHODS = [("llvm", "taylor"), ("llvm", "dop853"), ("llvm", "tsit5"), ("numpy", "dop853"), ("jax", "dopri8")]
 N = 13  # not a multiple of any number of lanes
 ANGLES = np.linspace(0.5, 2.9, N)
 KEPT = {
@@ -27,7 +27,7 @@ KEPT = {
 }
 
 
-def swings(cases=slice(None), *, backend="numba", formulation="minimal", method="taylor", **options):
+def swings(cases=slice(None), *, backend="llvm", formulation="minimal", method="taylor", **options):
     start = {theta: ANGLES[cases], theta.diff(): 0.4}
     options = {"rtol": 1e-11, "atol": 1e-12, "threads": 1, "reduce": KEPT} | options
     return model(pendulum, backend, formulation).sweep((0.5, 2.5), start, SWING, method=method, **options)
@@ -44,14 +44,14 @@ def top_of(values):
 
 @pytest.mark.parametrize(
     "backend, method, formulation",
-    [(*pair, "minimal") for pair in METHODS] + [(*pair, "projected") for pair in METHODS if pair[0] == "numba"],
+    [(*pair, "minimal") for pair in METHODS] + [(*pair, "projected") for pair in METHODS if pair[0] == "llvm"],
 )
 def test_against_dense_trajectories(backend, method, formulation):
     cases = np.arange(0, N, 5)
     kept = swings(cases, backend=backend, method=method, formulation=formulation).reduced
     assert list(kept) == list(KEPT) and all(values.shape == cases.shape for values in kept.values())
     for place, i in enumerate(cases):
-        run = model(pendulum, "numba").simulate(
+        run = model(pendulum, "llvm").simulate(
             (0.5, 2.5),
             {theta: ANGLES[i], theta.diff(): 0.4},
             SWING,
@@ -127,12 +127,12 @@ def test_company_changes_no_bit(method, monkeypatch):
     for threads in (1, 2):
         assert_same(swings(many, method=method, threads=threads), together, many)
     for lanes in (1, 2):
-        monkeypatch.setattr(numba_backend, "native_lanes", lambda lanes=lanes: lanes)
+        monkeypatch.setattr(llvm_backend, "native_lanes", lambda lanes=lanes: lanes)
         assert_same(swings(method=method), together, slice(None))
     assert_same(swings(slice(3, 4), method=method), together, slice(3, 4))
 
 
-@pytest.mark.parametrize("backend", ["numba", "numpy"])
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_short_forms_failures_and_empty_spans(backend):
     start = {x: 0.0, y: 1.0, x.diff(): 2.0, y.diff(): np.array([0.0, np.nan, 1.0])}
     sweep = model(ball, backend).sweep((0.0, 1.0), start, FALL, reduce=["x", y.diff(), "energy", x * y])

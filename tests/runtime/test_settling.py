@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.integrators.status import Status
 from dalembert.mechanics.equations import Watchpoint
+from dalembert.methods.status import Status
 from dalembert.runtime.hybrid.instants import Instants
 from hard_cases.contacts import corner_plate, loose_plate
 

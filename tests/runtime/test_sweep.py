@@ -10,7 +10,7 @@ import pytest
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.runtime import sweeping
 from oracles.sleigh_exact import sleigh_state
 
@@ -24,7 +24,7 @@ def model():
     return da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
 
 
-@pytest.mark.parametrize("backend", ["numba", "numpy"])
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_sweep_equals_single_runs(backend):
     model = da.compile_model(da.scenes.chaplygin_sleigh(), backend=backend, outputs=["X"])
     lengths = LENGTHS[::10]

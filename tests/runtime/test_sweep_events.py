@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.numba import backend as numba_backend
-from dalembert.integrators.status import Status
+from dalembert.codegen.llvm import backend as llvm_backend
+from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, bounces, g, model, pendulum, theta, time, x, y
 
 LANES = ("taylor", "dop853", "tsit5")
@@ -24,7 +24,7 @@ PENDULUM_EVENTS = [
 ]
 
 
-def sweep_balls(cases=slice(None), *, backend="numba", method="auto", events=BALL_EVENTS, **options):
+def sweep_balls(cases=slice(None), *, backend="llvm", method="auto", events=BALL_EVENTS, **options):
     start = {x: 0.0, y: HEIGHTS[cases], x.diff(): 0.7, y.diff(): 0.0}
     options = {"rtol": 1e-10, "atol": 1e-11, "threads": 1} | options
     return model(ball, backend).sweep((0.0, 2.5), start, FALL, events=events, method=method, **options)
@@ -33,9 +33,7 @@ def sweep_balls(cases=slice(None), *, backend="numba", method="auto", events=BAL
 def sweep_pendula(cases=slice(None), *, formulation="minimal", method="auto", events=PENDULUM_EVENTS, **options):
     start = {theta: ANGLES[cases], theta.diff(): 0.4}
     options = {"rtol": 1e-10, "atol": 1e-11, "threads": 1} | options
-    return model(pendulum, "numba", formulation).sweep(
-        (0.0, 3.0), start, SWING, events=events, method=method, **options
-    )
+    return model(pendulum, "llvm", formulation).sweep((0.0, 3.0), start, SWING, events=events, method=method, **options)
 
 
 def assert_equal_to_single_runs(sweep, single, cases, tolerance):
@@ -91,7 +89,7 @@ def test_pendula_equal_single_runs(method, formulation):
     def single(i):
         start = {theta: ANGLES[i], theta.diff(): 0.4}
         options = {"rtol": 1e-10, "atol": 1e-11, "method": method}
-        chosen = model(pendulum, "numba", formulation)
+        chosen = model(pendulum, "llvm", formulation)
         return chosen.simulate((0.0, 3.0), start, SWING, events=PENDULUM_EVENTS, **options)
 
     assert_equal_to_single_runs(sweep, single, range(0, N, 3), 1e-7)
@@ -112,7 +110,7 @@ def test_company_changes_no_bit(run, method, sampled, monkeypatch):
     for threads in (1, 2):
         assert_same(run(many, **options | {"threads": threads}), together, many)
     for lanes in (1, 2):
-        monkeypatch.setattr(numba_backend, "native_lanes", lambda lanes=lanes: lanes)
+        monkeypatch.setattr(llvm_backend, "native_lanes", lambda lanes=lanes: lanes)
         assert_same(run(**options), together)
     for i in (0, N // 2):
         assert_same(run(slice(i, i + 1), **options), together, slice(i, i + 1))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.once import computed_once, derived_once, once, once_property
 from fuzz.cold_threads import round_of
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dalembert.codegen.numba.llvm import compile_object
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE, kept_text, read_kept, write_kept
+from dalembert.codegen.llvm.assembly import compile_object
+from dalembert.codegen.trust import folder_refusal, make_folder
 from dalembert.errors import CacheWarning
-from dalembert.runtime.cache import ENVIRONMENT_VARIABLE, kept_text, read_kept, write_kept
-from dalembert.runtime.trust import folder_refusal, make_folder
 from runtime.test_cache import files, homes, use
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="the platform has no owners")

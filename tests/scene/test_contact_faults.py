@@ -15,7 +15,7 @@ from dalembert.errors import (
     UnknownNameError,
     ValueInputError,
 )
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.scene.reading import read
 from hard_cases.contacts import corner_plate, loose_plate
 

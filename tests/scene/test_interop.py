@@ -18,8 +18,8 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import InitialStateError, SceneError, UnknownNameError
+from dalembert.interop import sympy_systems as interop
 from dalembert.reduction import FORMULATIONS
-from dalembert.scene import interop
 from scene.sympy_systems import CASES, rates_function, state_names, sympy_rates
 
 SMALL = [name for name in CASES if name != "bicycle"]

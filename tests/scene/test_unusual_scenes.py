@@ -117,7 +117,7 @@ def test_wheel_without_mass_on_an_arm_without_inertia():
         ((1.5, -1.0, 0.1, -2.0), (-40.0 * 0.5, 0.3 * 0.5 + 40.0)),
     ],
 )
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
 def test_piecewise_forces_act_where_they_say(backend, state, expected):
     model = da.compile_model(stop(), backend=backend, cache=False)
     p = {"m": 1.0, "k": 40.0, "l": 1.0, "c": 0.3, "r": 0.5}

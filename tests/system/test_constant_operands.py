@@ -40,7 +40,7 @@ def expected(name):
     return run["x"][-1]
 
 
-@pytest.mark.parametrize("backend, method", [("numba", "taylor"), ("numba", "dop853"), ("numba", "radau")])
+@pytest.mark.parametrize("backend, method", [("llvm", "taylor"), ("llvm", "dop853"), ("llvm", "radau")])
 @pytest.mark.parametrize("name", FORCES)
 def test_numba(name, backend, method):
     run = model(name, backend).simulate((0.1, 1.1), START, {a: 1.7}, method=method, rtol=1e-10, atol=1e-12)
@@ -49,15 +49,15 @@ def test_numba(name, backend, method):
 
 @pytest.mark.parametrize("name", FORCES)
 def test_sweep(name):
-    sweep = model(name, "numba").sweep((0.1, 1.1), START, {a: np.full(5, 1.7)}, rtol=1e-10, atol=1e-12)
+    sweep = model(name, "llvm").sweep((0.1, 1.1), START, {a: np.full(5, 1.7)}, rtol=1e-10, atol=1e-12)
     assert np.all(sweep.success) and np.allclose(sweep.final["x"], expected(name), rtol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["atan2", "power"])
 def test_sensitivity(name):
-    found = model(name, "numba").sensitivity((0.1, 1.1), START, {a: 1.7}, of=[x], wrt=[a], rtol=1e-9)
+    found = model(name, "llvm").sensitivity((0.1, 1.1), START, {a: 1.7}, of=[x], wrt=[a], rtol=1e-9)
     ends = [
-        model(name, "numba").simulate((0.1, 1.1), START, {a: 1.7 + s}, rtol=1e-11, atol=1e-13)["x"][-1]
+        model(name, "llvm").simulate((0.1, 1.1), START, {a: 1.7 + s}, rtol=1e-11, atol=1e-13)["x"][-1]
         for s in (-1e-4, 1e-4)
     ]
     assert found.jacobian(x, a)[-1] == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-5)

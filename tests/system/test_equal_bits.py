@@ -15,11 +15,11 @@ PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}
 LENGTHS = np.linspace(0.2, 0.4, 37)
 SPAN, RTOL = (0.0, 5.0), 1e-9
 COMPILED = [
-    ("numba", "minimal", "taylor"),
-    ("numba", "minimal", "dop853"),
-    ("numba", "projected", "taylor"),
-    ("numba", "projected", "tsit5"),
-    ("numba", "projected", "radau"),
+    ("llvm", "minimal", "taylor"),
+    ("llvm", "minimal", "dop853"),
+    ("llvm", "projected", "taylor"),
+    ("llvm", "projected", "tsit5"),
+    ("llvm", "projected", "radau"),
 ]
 PLAIN = [("numpy", "minimal", "dop853"), ("numpy", "projected", "radau")]
 

@@ -12,7 +12,7 @@ import sympy as sp
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 from dalembert.runtime.hybrid import carrying
 from dalembert.runtime.hybrid import running as hybrid_running
 from dalembert.runtime.hybrid import sweeping as hybrid_sweeping
@@ -32,14 +32,14 @@ def at_angle(theta, h=0.5, omega=0.0):
 
 
 @cache
-def plate_model(force=0, backend="numba", contact=False):
+def plate_model(force=0, backend="llvm", contact=False):
     if backend == "jax":
         pytest.importorskip("diffrax")
     return da.compile_model(corner_plate(force, contact=contact), backend=backend, outputs=["N_Q", "F_Q"])
 
 
 @cache
-def ready(name, *outputs, backend="numba"):
+def ready(name, *outputs, backend="llvm"):
     return da.compile_model(getattr(da.scenes, name)(), backend=backend, outputs=list(outputs))
 
 
@@ -277,9 +277,9 @@ def test_static_friction_holds_more():
 @pytest.mark.parametrize(
     "backend, method, bound",
     [
-        ("numba", "taylor", 1e-10),
-        ("numba", "dop853", 1e-9),
-        ("numba", "tsit5", 1e-9),
+        ("llvm", "taylor", 1e-10),
+        ("llvm", "dop853", 1e-9),
+        ("llvm", "tsit5", 1e-9),
         ("numpy", "dop853", 1e-9),
         ("jax", "dopri8", 1e-9),
     ],
@@ -410,7 +410,7 @@ def test_one_paradox_does_not_spoil_a_sweep():
 # -- the smooth law -------------------------------------------------------------------------------
 
 
-def smooth_plate(force=0, backend="numba"):
+def smooth_plate(force=0, backend="llvm"):
     if backend == "jax":
         pytest.importorskip("diffrax")
     eps = sp.Symbol("eps", positive=True)

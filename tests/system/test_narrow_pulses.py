@@ -8,7 +8,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.runtime.breakpoints import break_times
+from dalembert.integrators.breakpoints import break_times
 
 t, x = dynamicsymbols._t, dynamicsymbols("x")
 tp, w = sp.symbols("tp w")
@@ -34,7 +34,7 @@ PULSES = {
 
 
 @cache
-def model(name, backend="numba", formulation="auto"):
+def model(name, backend="llvm", formulation="auto"):
     N, O = ReferenceFrame("N"), Point("O")
     P = O.locatenew("P", x * N.x)
     scene = da.Scene(f"at rest, {name}", frame=N, origin=O, coordinates=[x])
@@ -72,7 +72,7 @@ def test_other_runs_and_backends_find_it():
     own = model("Gaussian", "numpy")
     for method in own.methods:
         assert own.simulate((0.0, END), REST, values, method=method)["x"][-1] == pytest.approx(right, abs=1e-7)
-    own = model("Gaussian", "numba", "projected")
+    own = model("Gaussian", "llvm", "projected")
     assert own.simulate((0.0, END), REST, values)["x"][-1] == pytest.approx(right, abs=1e-7)
     backward = model("Gaussian").simulate((END, 0.0), REST, values)
     assert abs(backward["x"][-1] - WIDTH * np.sqrt(np.pi) * np.sin(1.234)) < 1e-6

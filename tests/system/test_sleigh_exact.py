@@ -15,7 +15,7 @@ END = 10.0
 
 @functools.cache
 def compiled(formulation):
-    return da.compile_model(da.scenes.chaplygin_sleigh(), backend="numba", formulation=formulation)
+    return da.compile_model(da.scenes.chaplygin_sleigh(), backend="llvm", formulation=formulation)
 
 
 def simulate(case, formulation, method, rtol, atol):

@@ -65,7 +65,7 @@ def with_outputs(backend):
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("backend", ["numba", "numpy"])
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_outputs_are_as_accurate_as_they_are_written(backend, size):
     run = with_outputs(backend).simulate((0.0, 1e-9), start(size), VALUES, t_eval=[0.0])
     for expression in ACCURATE:
@@ -80,7 +80,7 @@ def pulled(place):
     scene.add_bodies(Particle("p", P, m))
     # of 1 - cos(x) and sin(x)**2 / (1 + cos(x)) either loses digits that the other has, at 0 and at a straight angle
     scene.add_loads((P, LOSSY[1 if place != 3 else 0] * 1e-9 * N.x + ACCURATE[place] * N.y))
-    return da.compile_model(scene, backend="numba")
+    return da.compile_model(scene, backend="llvm")
 
 
 @pytest.mark.parametrize("place", [0, 2, 3, 5])

@@ -17,7 +17,7 @@ TOLERANCE = 1e-10
 @functools.cache
 def simulate(case, formulation):
     model = da.compile_model(
-        da.scenes.rolling_sphere(), backend="numba", formulation=formulation, outputs=["F_u", "F_v"]
+        da.scenes.rolling_sphere(), backend="llvm", formulation=formulation, outputs=["F_u", "F_v"]
     )
     traj = model.simulate((0, END), case.initial, case.parameters, rtol=1e-12, atol=1e-14)
     assert traj.success, traj.message

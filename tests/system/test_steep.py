@@ -9,13 +9,13 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.numba.steps import StepLibrary
-from dalembert.ir.branches import LEAST_INVERSE, LEAST_POWER, unforeseen
+from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.ir.lower import lower_kernel
-from dalembert.ir.recurrences import recurrences
-from dalembert.ir.taylor import order_for, step_kernel
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.nonsmooth import LEAST_INVERSE, LEAST_POWER, unforeseen
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor import order_for, step_kernel
 from hard_cases.contacts import table_oscillator
 
 x, t = dynamicsymbols("x"), dynamicsymbols._t
@@ -75,7 +75,7 @@ def check(model, name, method, rtol):
 
 @pytest.mark.parametrize("name", CASES)
 def test_numbers_are_right(name):
-    model = da.compile_model(scene(CASES[name][0]), backend="numba")
+    model = da.compile_model(scene(CASES[name][0]), backend="llvm")
     for rtol in (1e-6, 1e-10):
         runs = [check(model, name, method, rtol) for method in METHODS]
     assert runs[0].stats.steps < 400 and runs[1].stats.method == "taylor"
@@ -92,7 +92,7 @@ def test_numbers_of_jax_are_right(name, tolerances):
 
 
 def test_prepared_runs_and_runs_back():
-    model = da.compile_model(scene(CASES["pulse in time"][0]), backend="numba")
+    model = da.compile_model(scene(CASES["pulse in time"][0]), backend="llvm")
     exact = CASES["pulse in time"][-1]
     ends = model.prepare((0, 3), method="taylor")
     for _ in range(2):  # what one run leaves behind is nothing to the next
@@ -104,7 +104,7 @@ def test_prepared_runs_and_runs_back():
 def test_cases_of_a_sweep_know_nothing_of_those_before():
     """More cases than lanes, after others with other steps: all to the bit as if alone."""
     a = sp.Symbol("a", positive=True)
-    model = da.compile_model(scene(sp.exp(-50 * (t - a) ** 2)), backend="numba")
+    model = da.compile_model(scene(sp.exp(-50 * (t - a) ** 2)), backend="llvm")
     places = np.linspace(0.5, 2.5, 37)
     together = model.sweep((0, 3), {"x": 0, "x_dot": 0}, {"a": places}, method="taylor")
     for i in (0, 17, 36):
@@ -181,7 +181,7 @@ def repelling(power):
 @pytest.mark.parametrize("power", [5, 7, 13])
 def test_what_is_far_away_is_not_passed_over(power):
     """From 1e4 times the shortest distance, where the force is 1e-20 to 1e-52: energy and angular momentum are kept."""
-    model = da.compile_model(repelling(power), backend="numba")
+    model = da.compile_model(repelling(power), backend="llvm")
     start = {"x": -1e4, "y": 0.5, "x_dot": 1, "y_dot": 0}
     for run in (model.simulate((0, 2e4), start, {}), model.sweep((0, 2e4), start, {})):
         x1, y1, vx, vy = (float(np.ravel(run[name])[-1]) for name in ("x", "y", "x_dot", "y_dot"))
@@ -234,5 +234,5 @@ def test_only_rates_that_need_it_are_looked_at():
 
 
 def test_explanation():
-    text = da.compile_model(scene(LATE + sp.cos(t) ** 40), backend="numba").explain()
+    text = da.compile_model(scene(LATE + sp.cos(t) ** 40), backend="llvm").explain()
     assert "high powers" in text and "tanh" in text and "taylor looks at the defect of its steps" in text

@@ -9,7 +9,7 @@ import dalembert as da
 from oracles.lagrange_sleigh import sleigh_equations
 from oracles.lagrange_sphere import sphere_equations
 
-BACKENDS = ("numpy", "numba", "jax")
+BACKENDS = ("numpy", "llvm", "jax")
 TEXT = {"chaplygin_sleigh": sleigh_equations, "rolling_sphere": sphere_equations}
 PARAMETERS = {
     "chaplygin_sleigh": [

@@ -65,7 +65,7 @@ def test_ready_scenes(name, formulation):
     assert max(differences) < RTOL
 
 
-@pytest.mark.parametrize("backend", ["numba", "jax"])
+@pytest.mark.parametrize("backend", ["llvm", "jax"])
 @pytest.mark.parametrize("name", sorted(da.scenes.ALL))
 def test_ready_scenes_with_other_backends(name, backend):
     if backend == "jax":

@@ -165,7 +165,7 @@ def test_released_rotation_about_v_gives_M(plate):
     assert with_M(s.t, s.q, s.v, s.p)[0] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
 def test_question_d_released_from_rest(plate, backend):
     """With F = 0 the edge keeps its direction, with F not zero it turns; psi_dot (..) + F theta_dot sin(theta) = 0."""
     model = da.compile_model(plate[0], backend=backend, outputs=["Z"])

@@ -152,7 +152,7 @@ def test_total_momentum_is_found_as_a_combination():
 def test_first_integrals_are_constant_in_simulations(name):
     scene = da.scenes.ALL[name]()
     view = da.lagrange(scene)
-    model = da.compile_model(scene, backend="numba", outputs=list(view.first_integrals.expressions))
+    model = da.compile_model(scene, backend="llvm", outputs=list(view.first_integrals.expressions))
     state = view._states.states[1]
     p = {x.name: value for x, value in zip(view.system.p, state.p, strict=True)}
     p = {key: p.get(key, 0.8) for key in model.layout.parameters}

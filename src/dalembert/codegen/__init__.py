@@ -10,10 +10,10 @@ from .base import Backend, Engine, RenderedModule
 __all__ = ["BACKENDS", "Backend", "Engine", "RenderedModule", "backend_named"]
 
 
-def _numba() -> Backend:
-    from .numba.backend import NumbaBackend
+def _llvm() -> Backend:
+    from .llvm.backend import LLVMBackend
 
-    return NumbaBackend()
+    return LLVMBackend()
 
 
 def _numpy() -> Backend:
@@ -28,7 +28,7 @@ def _jax() -> Backend:
     return JaxBackend()
 
 
-BACKENDS: dict[str, Callable[[], Backend]] = {"numba": _numba, "jax": _jax, "numpy": _numpy}
+BACKENDS: dict[str, Callable[[], Backend]] = {"llvm": _llvm, "jax": _jax, "numpy": _numpy}
 """Every backend by name; each is imported when first asked for."""
 
 

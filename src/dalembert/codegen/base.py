@@ -11,16 +11,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import FormulationError, OptionError
+from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
-from ..integrators.status import Status
-from ..integrators.watched import integrate_watched
 from ..ir.interpret import interpret_rows
-from ..ir.program import Kernel, Program
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..methods.status import Status
+from ..once import once_property
 
 if TYPE_CHECKING:
+    from ..integrators.event_code import EventCode
     from ..reduction.starting import Start
-    from ..runtime.events import EventCode
 
 __all__ = [
     "Backend",
@@ -29,7 +32,6 @@ __all__ = [
     "CaseColumns",
     "CaseRun",
     "Engine",
-    "FloatArray",
     "LoopCall",
     "Prepared",
     "PreparedStates",
@@ -38,7 +40,6 @@ __all__ = [
     "watched_case",
 ]
 
-FloatArray = NDArray[np.float64]
 Final = tuple[FloatArray, Status]
 
 
@@ -86,16 +87,21 @@ class RenderedModule:
         Name of the backend that rendered it and can load it.
     program : Program
         What it was rendered from.
-    source : str
-        The text; the same scene gives the same text in every process.
+    write : function without arguments
+        Prints the text; the same scene gives the same text in every process.
     digest : str
         Digest of the text, of the integrator sources and of the versions that compiled code depends on.
     """
 
     backend: str
     program: Program
-    source: str
+    write: Callable[[], str]
     digest: str
+
+    @once_property
+    def source(self) -> str:
+        """The text."""
+        return self.write()
 
 
 @final
@@ -203,7 +209,7 @@ class LoopCall:
     held : object
         What must stay alive.
     pause : ndarray of int
-        See `dalembert.integrators.numba.workspace.Room`.
+        See `dalembert.integrators.workspace.Room`.
     """
 
     entry: int
@@ -261,6 +267,9 @@ class BlockResult:
 class Engine(ABC):
     """A loaded module: kernels that can be called, and the integrators that call them."""
 
+    def accept_as_static(self, kind: type) -> None:  # noqa: B027
+        """Let instances of a class pass through the transformations of the backend as constants, where it has any."""
+
     @abstractmethod
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,)."""
@@ -271,6 +280,10 @@ class Engine(ABC):
         What is not finite stays so.
         """
         return interpret_rows(kernel, t, y, c)
+
+    def source_of(self, method: str, rtol: float, atol: float) -> str:
+        """Return the text of what runs by a method at these tolerances; nothing where it is the module's own text."""
+        return ""
 
     def course(self, problem: IntegrationProblem) -> Any:
         """Return the constants along a run: those of the problem, or of its segments where they change."""
@@ -354,7 +367,7 @@ class Engine(ABC):
 
     @property
     def phases(self) -> Callable[..., int] | None:
-        """The loop of `dalembert.integrators.numba.phases`, for engines that have it."""
+        """The loop of `dalembert.integrators.phase_loop`, for engines that have it."""
         return None
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -447,7 +460,7 @@ class Backend(ABC):
         if not self.for_stages:
             raise FormulationError(
                 f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
-                f' {program.name!r}. Use formulation="minimal" or "projected", or backend="numba"'
+                f' {program.name!r}. Use formulation="minimal" or "projected", or backend="llvm"'
             )
         return {name: self.methods[name] for name in self.for_stages}
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
-from ..ir.branches import only_in_branches
-from ..ir.program import Assignment, Kernel, Load, Operand
+from ..ir.kernel import Assignment, Kernel, Load, Operand
+from ..transforms.nonsmooth import only_in_branches
 
 __all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
 

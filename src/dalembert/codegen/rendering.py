@@ -11,9 +11,10 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
-from ..ir.program import Kernel, Layout, Program, describe_counts
-from ..runtime.cache import kept_text
+from ..ir.kernel import Kernel, describe_counts
+from ..ir.program import Layout, Program
+from ..version import __version__
+from .cache import kept_text
 from .printers import Printer
 
 __all__ = ["digest_of", "render_source", "template_directory", "template_variables"]

@@ -15,17 +15,14 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from .problem import FloatArray
+from ..arrays import FloatArray
+from ..methods.chebyshev import BEND, COEFFICIENTS, COUNT, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 
 __all__ = [
     "BUDGET",
     "COARSE",
-    "COEFFICIENTS",
     "DEEP",
     "DEEP_COST",
-    "DIVIDED",
-    "POINTS",
-    "SLOPES",
     "Changes",
     "Crossing",
     "Pieces",
@@ -38,43 +35,10 @@ IntArray = NDArray[np.intp]
 Sample = Callable[[IntArray, FloatArray], FloatArray]
 """From numbers of steps (k,) and fractions of them (k,) to the values of all functions (k, n)."""
 
-_COUNT = 8
-_ANGLES = np.pi * np.arange(_COUNT) / (_COUNT - 1)
-_HALVES = np.where(np.isin(np.arange(_COUNT), (0, _COUNT - 1)), 0.5, 1.0)
-
-POINTS: FloatArray = np.concatenate([[0.0], 0.5 - 0.5 * np.cos(_ANGLES[1:-1]), [1.0]])
-"""The Chebyshev points of an interval of length 1."""
-
-COEFFICIENTS: FloatArray = (
-    2.0 / (_COUNT - 1) * np.cos(np.outer(np.arange(_COUNT), _ANGLES[::-1])) * _HALVES * _HALVES[:, np.newaxis]
-)
-"""From values at the points to Chebyshev coefficients."""
-
-SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T @ COEFFICIENTS
-"""From values at the points to the Chebyshev coefficients of the derivative, over half the length of the interval."""
-
-_REST = POINTS[1:]
-_TOWARDS: FloatArray = np.array([np.prod([other / (other - x) for other in _REST if other != x]) for x in _REST])
-"""From values at the other points to that of their polynomial at zero."""
-
-
-def _divided(power: int) -> FloatArray:
-    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0."""
-    matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], _TOWARDS)
-    return np.hstack([np.zeros((_COUNT, 1)), matrix / _REST**power])
-
-
-DIVIDED: FloatArray = np.array([_divided(power) for power in (1, 2, 3)])
-"""The same for a function that is zero where the interval begins, divided by a power of the distance from there."""
-
-BEND: FloatArray = np.concatenate([[0.0], _TOWARDS / _REST**2])
-"""From values at the points to half the second derivative where the interval begins, with value and slope zero."""
 
 FLAT, BENT = 1e-12, 1e-9
 """Slope and bend, as shares of the values, up to which a function leaves zero as if it had none."""
 
-TAIL, SLOPE_TAIL = 2.0, 2.0 * (_COUNT - 1) ** 2
-"""What the last two coefficients are multiplied by, to stand for all that follow."""
 
 DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
@@ -141,7 +105,7 @@ def pieces(
     budget = 64 * count + _MOST
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
-        values = sample(np.repeat(step, _COUNT), theta.ravel()).reshape(len(step), _COUNT, -1)
+        values = sample(np.repeat(step, COUNT), theta.ravel()).reshape(len(step), COUNT, -1)
         simple, finite = _simple(values, noise)
         if slopes is not None:
             here = np.flatnonzero((step == 0) & (low == 0.0) & ~simple)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dalembert.errors import OptionError
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from ..arrays import FloatArray
+
 Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 
 

@@ -13,44 +13,33 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .crossings import BUDGET, COARSE, COEFFICIENTS, DEEP, DEEP_COST, DEEPEST, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from .problem import DenseOutput, FloatArray, JoinedOutput
+from ..arrays import FloatArray
+from ..methods.chebyshev import (
+    BEND_TAIL,
+    BENDS,
+    CLOSE,
+    COEFFICIENTS,
+    INTEGRAL,
+    NEGLIGIBLE,
+    POINTS,
+    SLOPE_TAIL,
+    SLOPES,
+    SMOOTH,
+    TAIL,
+)
+from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
+from .problem import DenseOutput, JoinedOutput
 
 __all__ = [
-    "BENDS",
-    "BEND_TAIL",
-    "CLOSE",
     "DEEP_IN_MEAN",
     "FLAT",
-    "INTEGRAL",
     "KINDS",
-    "NEGLIGIBLE",
     "SHALLOW",
-    "SMOOTH",
     "running_values",
 ]
 
 KINDS = ("minimum", "maximum", "mean")
 
-_COUNT = len(POINTS)
-
-_DERIVATIVE = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(_COUNT)]).T
-
-BENDS: FloatArray = _DERIVATIVE @ SLOPES
-"""From values at the points to the Chebyshev coefficients of the second derivative."""
-
-INTEGRAL: FloatArray = np.array([1.0 / (1.0 - k * k) if k % 2 == 0 else 0.0 for k in range(_COUNT)])
-"""From Chebyshev coefficients to the mean over the piece (Clenshaw and Curtis, Numerische Mathematik 2, 1960)."""
-
-BEND_TAIL = 2.0 * (_COUNT - 1) ** 2 * ((_COUNT - 1) ** 2 - 1) / 3.0
-"""What the last two coefficients are multiplied by, to stand for what the second derivative leaves out."""
-
-SMOOTH, CLOSE = 3e-11, 1e-8
-"""For an integral, share in all coefficients of the last two times their ratio to the two before them, which is what
-the first two that are left out may be; for an extremum, share of the last two in what varies."""
-
-NEGLIGIBLE = 1e-13
-"""Share of the last two coefficients in all, below which their ratio to others is rounding."""
 
 SHALLOW = 16
 """Halvings after which the integral of a piece is taken as it is: a jump or a kink is in it."""

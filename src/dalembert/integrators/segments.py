@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from .problem import FloatArray
+from ..arrays import FloatArray
 
 __all__ = ["Constants", "Segments", "constants_at"]
 

@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .problem import FloatArray, IntegrationProblem, Solution
-from .status import Status
+from ..arrays import FloatArray
+from ..methods.status import Status
+from .problem import IntegrationProblem, Solution
 
 __all__ = ["Rates", "damped_rate", "fitting", "radau_pays", "still_stiff"]
 

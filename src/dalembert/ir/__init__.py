@@ -1,1 +1,1 @@
-"""The expression graph, the programs lowered from it, and what is done to them."""
+"""The intermediate representation: expression graph, kernels, programs, verifier and interpreter."""

@@ -9,8 +9,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernel import Kernel
 from .ops import ALL_OPERATIONS
-from .program import Kernel
 
 __all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows"]
 

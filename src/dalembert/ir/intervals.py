@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from .interpret import ARRAY_OPERATIONS
 
 __all__ = ["INTERVAL_OPERATIONS", "Interval"]
 
 _SLACK = 4.0 * 2.220446049250313e-16
 _LEAST = 1e-300
-FloatArray = NDArray[np.float64]
 
 
 @final

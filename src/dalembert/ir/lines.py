@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from .program import Assignment, Operand
+from .kernel import Assignment, Operand
 
 __all__ = ["Lines"]
 

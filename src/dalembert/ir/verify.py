@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from .kernel import Kernel
 from .ops import ALL_OPERATIONS
-from .program import Kernel
 
 __all__ = ["MalformedKernel", "verify"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import SceneError
-from ..ir.branches import sudden
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import Matrix
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix
+from ..transforms.nonsmooth import sudden
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from .given import given_powers
 from .kinematics import Kinematics

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import list_names
-from ..ir.conditions import CONDITION_TIME, Condition, decide
+from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix
 from ..scene.model import SymbolTable
+from ..transforms.conditions import Condition, decide
+from ..transforms.linear import Matrix
 
 __all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
 __all__ += ["LoadEnergy", "Watchpoint"]

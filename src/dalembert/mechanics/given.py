@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import SceneError
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import Matrix
 from ..ir.zero_tests import agree
 from ..scene.model import Components, GivenBody, GivenLoad, Pieces, SceneModel
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix
 from . import vectors as vec
 from .kinematics import Kinematics
 from .virtual_power import Powers

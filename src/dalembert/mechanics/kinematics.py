@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from typing import final
 
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..scene.model import Components, Pieces, SceneModel
+from ..transforms.derivatives import tangents
 from . import vectors as vec
 
 __all__ = ["Kinematics", "Motion", "Pose"]

@@ -9,8 +9,8 @@ no work.
 from __future__ import annotations
 
 from ..errors import SceneError
-from ..ir.derivatives import jacobian, tangents
-from ..ir.linear import Matrix
+from ..transforms.derivatives import jacobian, tangents
+from ..transforms.linear import Matrix
 from .given import load_powers
 from .kinematics import Kinematics
 from .virtual_power import Powers

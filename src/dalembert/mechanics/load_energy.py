@@ -8,10 +8,10 @@ from itertools import combinations
 
 from ..errors import EnergyWarning, list_names
 from ..ir.algebra import Algebra
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.sampling import match
 from ..ir.zero_tests import agree
+from ..transforms.derivatives import tangents
 from .equations import ConstraintRow, LoadEnergy
 from .given import load_powers
 from .kinematics import Kinematics

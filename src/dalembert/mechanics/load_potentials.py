@@ -14,11 +14,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..ir.antiderivatives import Antiderivatives
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.sampling import directions, lost_at_zero, match, probe
 from ..scene.model import Action, Components, Pieces
+from ..transforms.antiderivatives import Antiderivatives
 from . import vectors as vec
 from .equations import ConstraintRow
 from .kinematics import Kinematics, Pose

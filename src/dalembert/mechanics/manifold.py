@@ -6,14 +6,13 @@ import random
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..ir.graph import Node
 from ..ir.sampling import random_inputs, values_of
 
 __all__ = ["agree_on_manifold"]
 
-FloatArray = NDArray[np.float64]
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9
 """Relative size of a difference that counts as zero at positions that satisfy the constraints."""

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from itertools import permutations
 
 from ..ir.graph import Graph, Node
-from ..ir.quaternions import rotation_entries, spin_matrix
 from ..scene.model import FrameModel, SceneModel
+from ..transforms.quaternions import rotation_entries, spin_matrix
 from .equations import VelocityChoice, VelocityGroup
 from .kinematics import Kinematics
 

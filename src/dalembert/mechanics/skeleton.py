@@ -6,24 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..ir.interpret import interpret_rows
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..scene.model import Pieces, SceneModel
 from ..scene.outputs import placed
 from ..scene.reading import read
+from ..transforms.lower_kernels import lower_kernel
 from .kinematics import Kinematics
 
 if TYPE_CHECKING:
     from ..scene import Scene
 
 __all__ = ["Skeleton", "skeleton"]
-
-FloatArray = NDArray[np.float64]
 
 
 @final

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..errors import SceneError
 from ..ir.graph import Node, unit_names
-from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from .equations import ConstraintRow
 from .kinematics import Kinematics
 from .manifold import agree_on_manifold

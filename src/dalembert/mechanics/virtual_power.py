@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import Matrix
 from ..ir.zero_tests import agree
 from ..scene.model import Components
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix
 from . import vectors as vec
 from .kinematics import Kinematics, Motion, Pose
 

@@ -9,9 +9,9 @@ from typing import final
 
 from ..errors import SingularMassMatrixError
 from ..ir.graph import Graph, Node
-from ..ir.linear import Factorization, Matrix, SingularMatrix, factorize
-from ..ir.rank_one import diagonal_less_dyad
 from ..mechanics.equations import EquationsOfMotion
+from ..transforms.linear import Factorization, Matrix, SingularMatrix, factorize
+from ..transforms.rank_one import diagonal_less_dyad
 
 __all__ = [
     "Formulation",

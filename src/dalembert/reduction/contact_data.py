@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.graph import Graph, Node
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..transforms.lower_kernels import lower_kernel
 
 __all__ = ["ContactData", "contact_data"]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.graph import Graph, Node
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..mechanics.equations import VelocityGroup
+from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 
 __all__ = ["Gimbals", "gimbals"]

@@ -13,12 +13,12 @@ from typing import final
 
 from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import matvec
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..mechanics.equations import EquationsOfMotion
+from ..transforms.derivatives import tangents
+from ..transforms.linear import matvec
+from ..transforms.lower_kernels import lower_kernel
 
 __all__ = ["Candidates", "candidates", "integrals", "why_not"]
 

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import FormulationError
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import Factorization, factorize
 from ..mechanics.equations import EquationsOfMotion
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Factorization, factorize
 from .base import Projection, ReducedSystem
 from .invariants import integrals
 from .saddle import SaddlePoint, velocity_residuals

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import FormulationError, SingularMassMatrixError
-from ..ir.derivatives import tangents
-from ..ir.forms import Forms
 from ..ir.graph import Node
-from ..ir.linear import Factorization, matmul, matvec, transpose
-from ..ir.simplify import drop_independent
 from ..mechanics.equations import EquationsOfMotion
+from ..transforms.derivatives import tangents
+from ..transforms.forms import Forms
+from ..transforms.linear import Factorization, matmul, matvec, transpose
+from ..transforms.simplify import drop_independent
 from .base import Formulation, ReducedSystem, ReductionSettings, inertia_pivots, solve_inertia
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs

@@ -17,8 +17,8 @@ from typing import final
 
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
-from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Watchpoint
+from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from .rubbing import Rubbed, Rubbing, rub
 from .saddle import SaddlePoint
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import ConstraintError
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import matvec
 from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from ..transforms.derivatives import tangents
+from ..transforms.linear import matvec
 
 __all__ = ["NoRegularBasis", "Parametrization", "parametrizations"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..ir.graph import Node
-from ..ir.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
 from .reactions import requested_outputs
 

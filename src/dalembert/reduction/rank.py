@@ -8,9 +8,9 @@ is not to hide it: s_i^2 = |J_i|^2 + 0.01 sum |J_k|^2 / n + 1e-4 |dJ_i/dt|^2, th
 
 from __future__ import annotations
 
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import SingularMatrix, factorize
+from ..transforms.derivatives import tangents
+from ..transforms.linear import SingularMatrix, factorize
 from .base import ReducedSystem
 
 __all__ = ["rank_margins"]

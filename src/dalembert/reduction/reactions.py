@@ -13,9 +13,9 @@ from typing import final
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 
 __all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
 

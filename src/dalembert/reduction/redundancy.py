@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import ConstraintError
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
 from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..transforms.derivatives import tangents
 
 __all__ = ["Independent", "independent_constraints"]
 

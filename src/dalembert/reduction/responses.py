@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .reactions import independent_columns
 from .saddle import SaddlePoint
 

@@ -13,9 +13,9 @@ from typing import final
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
+from ..transforms.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 from .reactions import independent_columns
 from .saddle import SaddlePoint
 

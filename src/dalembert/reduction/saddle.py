@@ -14,8 +14,8 @@ from typing import final
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
-from ..ir.linear import Factorization, SingularMatrix, factorize
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..transforms.linear import Factorization, SingularMatrix, factorize
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia, inertia_pivots
 from .reactions import requested_outputs
 

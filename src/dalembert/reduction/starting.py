@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import InitialStateError, list_names
-from ..ir.derivatives import GUARDED, tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
 from ..scene.elapsed import START
 from ..scene.model import Entry
+from ..transforms.derivatives import GUARDED, tangents
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .reactions import independent_columns
 

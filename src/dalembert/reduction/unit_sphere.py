@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..ir.graph import Node, unit_names
-from ..ir.linear import Matrix
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from ..transforms.linear import Matrix
 from .base import Projection
 
 __all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes"]

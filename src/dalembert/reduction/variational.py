@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import final
 
-from ..ir.derivatives import GUARDED, tangents
 from ..ir.graph import Graph, Node
-from ..ir.lower import decided, lower_kernel
-from ..ir.passes import hoist_parameters
 from ..ir.program import Layout, Program
+from ..lowering.programs import decided
+from ..transforms.derivatives import GUARDED, tangents
+from ..transforms.lower_kernels import lower_kernel
+from ..transforms.passes import hoist_parameters
 from .base import ReducedSystem
 
 __all__ = ["variational"]

@@ -12,10 +12,10 @@ from typing import final
 
 from ..errors import ConstraintError, SingularMassMatrixError
 from ..ir.graph import Node
-from ..ir.linear import SingularMatrix, determinant_and_solution
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..transforms.linear import SingularMatrix, determinant_and_solution
+from ..transforms.lower_kernels import lower_kernel
 from .modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
 from .responses import Own, Response, Responses, Undetermined, sized
 

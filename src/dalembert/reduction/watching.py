@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_name
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.lower import lower_kernel
-from ..ir.program import Kernel
+from ..ir.kernel import Kernel
 from ..naming import unwritable
 from ..once import once_property
 from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
+from ..transforms.derivatives import tangents
+from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 
 __all__ = ["Watch", "expanding", "jumping", "watching"]

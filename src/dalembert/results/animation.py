@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, writers
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Animation", "animate"]
 
-FloatArray = NDArray[np.float64]
 _MOST_FRAMES = 5_000
 _FLAT = 1e-9
 _WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}

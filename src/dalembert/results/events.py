@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
-from ..integrators.watched import Occurrence
+from ..integrators.events import Occurrence
 from .motion import Motion
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]
-
-FloatArray = NDArray[np.float64]
 
 
 @final

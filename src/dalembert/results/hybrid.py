@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.status import Status
 from ..ir.program import Layout
+from ..methods.status import Status
 from ..values import times_of
 from .events import EventRecord, EventRecords
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 __all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
-
-FloatArray = NDArray[np.float64]
 
 
 @final

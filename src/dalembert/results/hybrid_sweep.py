@@ -9,10 +9,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
 from .motion import reaction_hint
-from .sweep import CaseResults, FloatArray, SweepStatistics
+from .sweep import CaseResults, SweepStatistics
 
 __all__ = ["HybridSweep", "States"]
 

@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Linearization"]
+from ..arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
+__all__ = ["Linearization"]
 
 
 @final

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import EnergyWarning, MissingExtraError, OptionError, nesting_named
-from ..integrators.status import Status
 from ..ir.program import Layout, Program
+from ..methods.status import Status
 from ..values import option
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "warn_of_energy", "xarray_package"]
 
-FloatArray = NDArray[np.float64]
 ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 
 

@@ -6,15 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
-from ..integrators.status import Status
+from ..methods.status import Status
 
 __all__ = ["Sensitivity"]
-
-FloatArray = NDArray[np.float64]
 
 
 @final

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
+from ..methods.status import Status
 from .estimate import ErrorEstimate
 from .motion import ENERGIES, warn_of_energy, xarray_package
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistics"]
 
-FloatArray = NDArray[np.float64]
 _BLOCK = 65_536
 
 

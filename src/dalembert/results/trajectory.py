@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..integrators.events import Occurrence
 from ..integrators.problem import DenseOutput
+from ..integrators.projected_states import projected
 from ..integrators.segments import Constants, Segments, constants_at
-from ..integrators.status import Status
-from ..integrators.watched import Occurrence
 from ..ir.interpret import interpret_rows
-from ..ir.periodic import angles_in
 from ..ir.program import Program
+from ..methods.status import Status
+from ..transforms.periodic import angles_in
 from ..values import times_of
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
@@ -28,20 +30,11 @@ if TYPE_CHECKING:
 
     from ..scene import Scene
 
-__all__ = ["Trajectory", "projected"]
+__all__ = [
+    "Trajectory",
+]
 
-FloatArray = NDArray[np.float64]
 Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
-
-
-def projected(program: Program, c: Constants, t: FloatArray, y: FloatArray) -> FloatArray:
-    """Return interpolated states (k, n_y) at times t (k,) on the constraints, where the formulation projects."""
-    c = constants_at(c, t)
-    for kernel in ("project_position", "project_velocity"):
-        if kernel in program:
-            for _ in range(2):
-                y = y + interpret_rows(program.kernel(kernel), t, y, c)
-    return y
 
 
 @final

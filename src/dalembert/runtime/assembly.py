@@ -14,7 +14,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import InitialStateError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program

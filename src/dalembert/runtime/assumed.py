@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import AssumptionWarning, ValueInputError
 
 __all__ = ["ROUNDING", "contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]

@@ -10,18 +10,19 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import BlockResult, CaseBlock, CaseColumns, FloatArray
+from ..arrays import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, CaseColumns
 from ..errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.breakpoints import CaseBreaks
+from ..integrators.event_code import EventCode
 from ..integrators.problem import IntegrationProblem
-from ..integrators.status import Status
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Program
+from ..methods.status import Status
 from ..reduction.starting import Start
 from ..values import array_of, times_of, whole
 from . import inputs
 from .assumed import ROUNDING, contradicts, refuse_contradictions
-from .breakpoints import CaseBreaks
-from .events import EventCode
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of"]
 

@@ -15,11 +15,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
+from ..integrators.event_code import Event, event_list
 from ..integrators.problem import times_wanted
 from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.model import SymbolTable
-from .events import Event, event_list
 from .reductions import Reduction, reduction_table
 
 __all__ = [

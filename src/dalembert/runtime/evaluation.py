@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
 from ..ir.program import Layout
 from ..values import array_of, times_of

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
 from ..errors import list_names
-from ..ir.branches import kinked, unforeseen
 from ..ir.conditions import NARROW
-from ..ir.program import Program, describe_counts
+from ..ir.kernel import describe_counts
+from ..ir.program import Program
+from ..transforms.nonsmooth import kinked, unforeseen
 
 if TYPE_CHECKING:
-    from ..compiler import Stages
+    from ..pipeline import Stages
 
 __all__ = ["explain"]
 
@@ -139,7 +140,7 @@ def _left_out(stages: Stages) -> list[str]:
 def _formulations(stages: Stages) -> dict[str, str]:
     """Return the operation count of the right-hand side in every formulation that can serve the scene."""
     from ..errors import ConstraintError, FormulationError
-    from ..ir.lower import lower
+    from ..lowering.programs import lower
     from ..mechanics.derive import derive
     from ..reduction import FORMULATIONS, reduce
     from ..scene.reading import read

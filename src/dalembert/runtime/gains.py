@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import Engine, FloatArray
+from ..arrays import FloatArray
+from ..codegen.base import Engine
 from ..integrators.problem import IntegrationProblem, Solution
 from ..ir.program import Layout, Program
 from ..reduction.baumgarte import GAINS

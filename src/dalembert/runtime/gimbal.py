@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codegen.base import BlockResult, CaseBlock, FloatArray
+from ..arrays import FloatArray
+from ..codegen.base import BlockResult, CaseBlock
 from ..errors import OptionError, list_names
 from ..integrators.problem import Solution
-from ..integrators.status import Status
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..methods.status import Status
 from ..reduction.gimbal import Gimbals
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene

@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..arrays import FloatArray
 from ..codegen import backend_named
-from ..codegen.base import Engine, FloatArray
+from ..codegen.base import Engine
 from ..errors import OptionError, ValueInputError, list_names, unknown_name
+from ..integrators.event_code import Event, EventCode, event_list
 from ..ir.program import Layout
 from ..once import DERIVING, derived_once
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
-from ..values import number
+from ..values import number, tolerances
 from . import inputs
 from .evaluation import Evaluated
-from .events import Event, EventCode, compiled_events, event_list
+from .events import compiled_events
 from .explain import explain
 from .reductions import reduction_table
 
 if TYPE_CHECKING:
-    from ..compiler import Stages
+    from ..pipeline import Stages
 
 __all__ = ["NO_ESTIMATE", "Held", "span_of"]
 
@@ -42,6 +44,30 @@ class Held(Evaluated):
         self._starts: dict[frozenset[str], Start] = {}
         self._watches: dict[str, EventCode] = {}
         self._named: dict[int, tuple[Any, EventCode]] = {}
+
+    def _recompiled(self, without: tuple[int, ...], kept: tuple[str, ...] | None = None) -> Any:
+        """Return the model of the same scene that enforces fewer constraints, or keeps other first integrals.
+
+        Parameters
+        ----------
+        without : tuple of int
+            Constraints that a run found to follow from the others; they are watched, but not enforced.
+        kept : tuple of str, optional
+            First integrals that are kept at their initial values; by default as before.
+
+        Raises
+        ------
+        FormulationError
+            Where the formulation cannot keep first integrals.
+        """
+        raise NotImplementedError
+
+    def _in_elapsed_time(self, watched: Sequence[Any]) -> Any:
+        """Return the model of the same scene in which time is counted from the start of each run.
+
+        `watched` are expressions of events and reductions in which time itself occurs.
+        """
+        raise NotImplementedError
 
     @property
     def name(self) -> str:
@@ -65,8 +91,19 @@ class Held(Evaluated):
 
     @property
     def source(self) -> str:
-        """The generated code."""
+        """The generated code that runs by default, by the method "auto" at the default tolerances."""
         return self.stages.rendered.source
+
+    def source_of(self, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+        """Return the generated code that `simulate` runs by a method at some tolerances.
+
+        Raises
+        ------
+        OptionError
+            For a method that the backend does not have, or tolerances that are not positive.
+        """
+        rtol, atol = tolerances(rtol, atol)
+        return self._engine.source_of(self._method(method, rtol, atol), rtol, atol) or self.source
 
     def explain(self) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""

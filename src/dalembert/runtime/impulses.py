@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import ConstraintError
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import (
     InitialStateError,
     PrecisionWarning,

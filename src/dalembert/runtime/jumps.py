@@ -6,21 +6,19 @@ motion jumps too. At a time that stays, it does not, and steps end there.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import OptionError, list_names
+from ..integrators.breakpoints import break_times
 from ..integrators.problem import Solution
 from ..integrators.segments import Constants, constants_at
-from ..ir.branches import JUMPING
 from ..ir.conditions import NARROW, Conditions
 from ..ir.interpret import interpret_rows
-from ..ir.program import Kernel, Program
-from .breakpoints import break_times
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 
-__all__ = ["decisions", "moved_breaks", "refuse_jumps_at", "refuse_jumps_between"]
+__all__ = ["moved_breaks", "refuse_jumps_at", "refuse_jumps_between"]
 
 _JUMP = 1e-7
 """Share of the rates that counts as a jump."""
@@ -78,19 +76,6 @@ def refuse_jumps_at(
         ]
         if _differ(sides[0][0, :size], sides[1][0, :size]):
             raise OptionError(_message(float(t), wrt, "at a time that depends on it"))
-
-
-def decisions(program: Program) -> Kernel | None:
-    """Return the kernel of what jumps with state or time in the rates; None where nothing does."""
-    rhs = program.kernel("rhs")
-    moving = {load.target for load in rhs.loads if load.array in ("t", "y")}
-    found = []
-    for line in rhs.body:
-        if any(arg in moving for arg in line.args):
-            moving.add(line.target)
-            if line.op in JUMPING:
-                found.append(line.target)
-    return replace(rhs, name="decisions", outputs=tuple(found)) if found else None
 
 
 def refuse_jumps_between(

@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
+from ..integrators.event_code import event_list
 from ..ir.interpret import interpret_rows
-from ..ir.program import Kernel, Program
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariants import Candidates, why_not
 from ..reduction.keeping import TIME_SCALE, initial_name
 from ..values import listed
-from .events import event_list
 from .monitors import conserved
 
 __all__ = ["Rows", "case_by_case", "kept_names", "kept_values", "refuse_jumps", "refuse_unknown"]

@@ -12,13 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import OptionError, list_names, unknown_name
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
-from ..ir.partials import jacobian_kernel
-from ..ir.program import Kernel, Program
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 from ..results.linearization import Linearization
+from ..transforms.partials import jacobian_kernel
 from ..values import listed
 
 __all__ = ["linearized"]

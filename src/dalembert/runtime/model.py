@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -15,23 +15,23 @@ from ..errors import OptionError, nesting_named
 from ..integrators.problem import IntegrationProblem
 from ..once import derived_once
 from ..options import CompileOptions
+from ..pipeline import Compiled, Stages, compile_stages
+from ..reduction.modes import Mode
 from ..results.comparison import Comparison
 from ..results.linearization import Linearization
 from ..results.sensitivity import Sensitivity
+from ..scene import Scene
 from ..values import option, times_of, tolerances, whole
 from . import inputs
 from .comparing import compare
 from .elapsed import begins_elsewhere, elapsed_times, noted_from
 from .held import span_of
 from .linear import linearized
-from .segments import at_time, starting_constants
+from .segments import at_time, segmented, starting_constants
 from .sensitivity import Variation, chosen_names, through_offsets, vary
 from .swept import Swept
 
-if TYPE_CHECKING:
-    from ..compiler import Stages
-
-__all__ = ["CompiledModel"]
+__all__ = ["CompiledModel", "compiled_mode"]
 
 
 @final
@@ -48,8 +48,26 @@ class CompiledModel(Swept):
 
     def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
         super().__init__(stages, engine, methods)
+        engine.accept_as_static(CompiledModel)
         self._others: dict[str, CompiledModel] = {}
         self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
+
+    @classmethod
+    def of(cls, compiled: Compiled) -> CompiledModel:
+        """Return the model of a scene that went through all stages."""
+        stages = compiled.stages
+        return cls(stages, segmented(compiled.engine, stages.program), compiled.methods)
+
+    def _recompiled(self, without: tuple[int, ...], kept: tuple[str, ...] | None = None) -> CompiledModel:
+        """See `Held._recompiled`."""
+        stages = self.stages
+        options = replace(stages.options, formulation=stages.program.formulation)
+        return compiled_mode(stages.scene, options, stages.mode, without, stages.kept if kept is None else kept)
+
+    def _in_elapsed_time(self, watched: Sequence[Any]) -> CompiledModel:
+        """See `Held._in_elapsed_time`."""
+        stages = self.stages
+        return compiled_mode(stages.scene.in_elapsed_time(watched), stages.options, stages.mode, (), stages.kept)
 
     @nesting_named
     def compare_formulations(
@@ -128,12 +146,10 @@ class CompiledModel(Swept):
 
     def _in_formulation(self, name: str) -> CompiledModel:
         """Return the scene's model in another formulation, on the same backend, compiled once."""
-        from ..recompiling import compile_mode
-
         if name == self.formulation:
             return self
         options = CompileOptions(backend=self.backend, formulation=name)
-        return derived_once(self._others, name, lambda: compile_mode(self.stages.scene, options, self.stages.mode))
+        return derived_once(self._others, name, lambda: compiled_mode(self.stages.scene, options, self.stages.mode))
 
     @nesting_named
     def sensitivity(
@@ -308,6 +324,17 @@ class CompiledModel(Swept):
         return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from ..recompiling import compile_mode
+        return compiled_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)
 
-        return compile_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)
+
+def compiled_mode(
+    scene: Scene,
+    options: CompileOptions,
+    mode: Mode | None,
+    without: tuple[int, ...] = (),
+    kept: tuple[str, ...] = (),
+) -> CompiledModel:
+    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
+    compiled = compile_stages(scene, options, without, mode, kept)
+    assert isinstance(compiled, Compiled)
+    return CompiledModel.of(compiled)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..errors import InitialStateError
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program

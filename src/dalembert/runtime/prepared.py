@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
-from ..codegen.base import FloatArray, Prepared
+from ..arrays import FloatArray
+from ..codegen.base import Prepared
 from ..errors import ValueInputError, list_names, nesting_named
-from ..integrators.status import Status
 from ..ir.program import Layout
+from ..methods.status import Status
 from ..values import array_of
 
 __all__ = ["PreparedRun"]

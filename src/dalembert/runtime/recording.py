@@ -6,11 +6,11 @@ from typing import final
 
 import numpy as np
 
-from ..codegen.base import FloatArray
+from ..arrays import FloatArray
 from ..integrators.problem import IntegrationProblem, Solution
-from ..integrators.status import Status
+from ..integrators.projected_states import projected
 from ..ir.program import Program
-from ..results.trajectory import projected
+from ..methods.status import Status
 
 __all__ = ["Record"]
 

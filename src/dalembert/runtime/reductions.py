@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from ..errors import OptionError
-from .events import Event
+from ..integrators.event_code import Event
 
 __all__ = ["Reduction", "final_value", "first_crossing", "maximum", "mean", "minimum", "reduction_table"]
 

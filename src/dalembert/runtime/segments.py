@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import BlockResult, CaseBlock, CaseColumns, Engine, Final, FloatArray, Prepared, PreparedStates
+from ..arrays import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, CaseColumns, Engine, Final, Prepared, PreparedStates
+from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.problem import (
     DenseOutput,
     IntegrationProblem,
@@ -25,12 +27,12 @@ from ..integrators.problem import (
     prescribed,
 )
 from ..integrators.segments import Segments
-from ..integrators.status import Status
 from ..ir.conditions import Conditions
 from ..ir.interpret import interpret
-from ..ir.program import Assignment, Kernel, Load, Program
+from ..ir.kernel import Assignment, Kernel, Load
+from ..ir.program import Program
+from ..methods.status import Status
 from ..reduction.starting import Start
-from .breakpoints import break_times, break_times_of_cases
 from .inputs import prepare_rows
 
 if TYPE_CHECKING:
@@ -123,6 +125,14 @@ class SegmentedEngine(Engine):
     def course(self, problem: IntegrationProblem) -> Segments:
         """See `Engine.course`."""
         return self.segments(problem)
+
+    def accept_as_static(self, kind: type) -> None:
+        """See `Engine.accept_as_static`."""
+        self.inner.accept_as_static(kind)
+
+    def source_of(self, method: str, rtol: float, atol: float) -> str:
+        """See `Engine.source_of`."""
+        return self.inner.source_of(method, rtol, atol)
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`; conditions are decided at each time."""

@@ -8,26 +8,29 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..codegen import backend_named
-from ..codegen.base import Engine, FloatArray
+from ..codegen.base import Engine
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.segments import Constants, constants_at
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
-from ..ir.program import Kernel, Program
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 from ..once import deriving
 from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
+from ..transforms.nonsmooth import decisions
 from ..values import listed
 from . import inputs
-from .jumps import decisions, moved_breaks, refuse_jumps_at, refuse_jumps_between
+from .jumps import moved_breaks, refuse_jumps_at, refuse_jumps_between
 from .segments import segmented, starting_constants
 
 if TYPE_CHECKING:
-    from ..compiler import Stages
+    from ..pipeline import Stages
 
 __all__ = ["Variation", "chosen_names", "through_offsets", "vary"]
 

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..codegen.base import Engine, FloatArray, Prepared, PreparedStates
+from ..arrays import FloatArray
+from ..codegen.base import Engine, Prepared, PreparedStates
 from ..errors import OptionError, nesting_named
+from ..integrators.event_code import EventCode
+from ..integrators.events import Occurrence, integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
-from ..integrators.status import Status
-from ..integrators.watched import Occurrence, integrate_watched
 from ..ir.interpret import interpret_rows
+from ..methods.status import Status
 from ..once import derived_once, derived_property
 from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
@@ -29,7 +31,6 @@ from .assembly import assembled
 from .assumed import warn_of_motion
 from .elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_values
 from .evaluation import rows_of
-from .events import EventCode
 from .gains import with_gains
 from .gimbal import locked, remedy
 from .held import NO_ESTIMATE, Held, span_of
@@ -42,7 +43,7 @@ from .segments import SegmentedEngine, at_time, starting_constants
 from .singular import indeterminate, judged, nearly_redundant, redundant, searched, singular_start, still_redundant
 
 if TYPE_CHECKING:
-    from ..compiler import Stages
+    from ..pipeline import Stages
 
 __all__ = ["Simulated"]
 
@@ -209,9 +210,7 @@ class Simulated(Held):
             return self, events, reduce
         if found.watched:
             self._events(events, reduce)  # what is wrong with them is said of them as they were given
-        from ..recompiling import recompile_elapsed
-
-        other = derived_once(self._counters, found.watched, lambda: recompile_elapsed(self.stages, found.watched))
+        other = derived_once(self._counters, found.watched, lambda: self._in_elapsed_time(found.watched))
         return other, found.events, found.reductions
 
     def _with_offsets(self, other: Simulated, start: float, parameters: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -307,11 +306,9 @@ class Simulated(Held):
 
     def _keeper(self, wanted: Any, c: FloatArray, t0: float, y: FloatArray) -> tuple[Simulated, tuple[str, ...]]:
         """Return the model that keeps first integrals, compiled once for each set of them, and their names."""
-        from ..recompiling import recompile
-
         names = kept_names(wanted, self.stages.equations, self._program, self._conservable, c, t0, y)
         left_out = self.stages.reduced.left_out
-        return derived_once(self._keepers, names, lambda: recompile(self.stages, left_out, names)), names
+        return derived_once(self._keepers, names, lambda: self._recompiled(left_out, names)), names
 
     def _prepared_by(self, other: Simulated, t_span: tuple[float, float], options: Mapping[str, Any]) -> PreparedRun:
         """Return a prepared run in the time since its start, by this model or another one of the scene."""
@@ -404,14 +401,12 @@ class Simulated(Held):
 
     def _without(self, found: tuple[int, ...]) -> Simulated:
         """Return the model that does not enforce some constraints, compiled once for each set of them."""
-        from ..recompiling import recompile
-
         without = tuple(sorted({*found, *self.stages.reduced.left_out}))
 
         def make() -> Simulated:
             dropped = tuple(sorted({*found, *self._dropped}))
             labels = [self.layout.constraints[i] for i in dropped]
-            fewer = recompile(self.stages, without)
+            fewer = self._recompiled(without)
             fewer._dropped = dropped
             fewer._note = f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
             return fewer

@@ -13,13 +13,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.base import BlockResult, CaseBlock, Engine, FloatArray
+from ..arrays import FloatArray
+from ..codegen.base import BlockResult, CaseBlock, Engine
 from ..errors import list_names
+from ..integrators.event_code import SUSPECT
+from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution
-from ..integrators.status import Status
-from ..integrators.watched import integrate_watched
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..methods.status import Status
 
 __all__ = [
     "cut",
@@ -31,7 +33,6 @@ __all__ = [
     "searched",
     "singular_start",
     "still_redundant",
-    "suspected",
     "unlike",
 ]
 
@@ -47,7 +48,6 @@ _NEAR = 0.05
 CROSSED = 1e-5
 """Share below which a minimum along a motion is one where rank is lost."""
 
-_SUSPECT = -100.0
 
 _NEARBY = 1e-3
 _PER_STEP = 3
@@ -291,12 +291,6 @@ def _crossing(
     return None
 
 
-def suspected(ends: FloatArray, happened: FloatArray) -> None:
-    """Mark cases (ends (k, 3)) that came near a lost rank, as `happened` (k,) counts, for `judged_cases`."""
-    near = happened > 0.0
-    ends[near, 1] = _SUSPECT - ends[near, 1]
-
-
 def judged_cases(
     program: Program, engine: Engine, method: str, enforced: Sequence[int], block: CaseBlock, done: BlockResult
 ) -> None:
@@ -305,8 +299,8 @@ def judged_cases(
     Those of "radau", which run alone in any case, are not marked, and all looked at. Samples behind the
     place are NaN, as are reductions, and nothing is said of events.
     """
-    marked = done.ends[:, 1] <= _SUSPECT
-    done.ends[marked, 1] = _SUSPECT - done.ends[marked, 1]
+    marked = done.ends[:, 1] <= SUSPECT
+    done.ends[marked, 1] = SUSPECT - done.ends[marked, 1]
     looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
     if method == "radau":
         looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..codegen.base import BlockResult, CaseRun, Engine
 from ..errors import MissingExtraError
-from ..integrators.status import Status
 from ..interrupts import STOPPED, check, stopped_by
+from ..methods.status import Status
 from ..once import once
 from .cases import Cases, Settings, single_problem
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.base import BlockResult, CaseBlock, FloatArray
+from ..arrays import FloatArray
+from ..codegen.base import BlockResult, CaseBlock
 from ..errors import InitialStateError, OptionError, UnknownNameError, ValueInputError, nesting_named, unknown_name
-from ..integrators.status import Status
 from ..ir.program import Layout
+from ..methods.status import Status
 from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics

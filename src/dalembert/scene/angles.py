@@ -16,10 +16,10 @@ import sympy as sp
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import list_names
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.quaternions import rotation_entries, spin_matrix
 from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from ..transforms.quaternions import rotation_entries, spin_matrix
 from .expressions import ExpressionReader
 from .orientation import FreeOrientation
 

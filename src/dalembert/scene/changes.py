@@ -17,7 +17,7 @@ from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
 from .identity import equal, vanishes
-from .interop import without_speeds
+from .plain_rates import without_speeds
 from .tree import Tree
 
 if TYPE_CHECKING:

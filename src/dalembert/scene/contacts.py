@@ -176,7 +176,7 @@ class _Reading:
 
     def slip(self, expression: Any, where: str) -> Node:
         """Return a slip velocity, which must be affine in the rates."""
-        from ..ir.derivatives import tangents
+        from ..transforms.derivatives import tangents
 
         place = f"slip velocity of {where}"
         before = len(self.expressions.faults)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import matvec
-from ..ir.quaternions import spin_matrix
 from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from ..transforms.linear import matvec
+from ..transforms.quaternions import spin_matrix
 from .model import Entry
 from .orientation import FreeOrientation
 

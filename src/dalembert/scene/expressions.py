@@ -14,9 +14,10 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import TOO_DEEP, list_names
-from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO, Condition, condition_on, decide, narrow_conditions
+from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ..ir.graph import Graph, Node
 from ..naming import unwritable
+from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 from .elapsed import ElapsedTime
 
 __all__ = ["ExpressionReader", "short"]

@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
 from ..ir.graph import Node
-from ..ir.quaternions import rotation_entries
+from ..transforms.quaternions import rotation_entries
 from . import changes
 from .angles import Angles
 from .expressions import short

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
-from ..ir.conditions import Condition
 from ..ir.graph import Graph, Node
+from ..transforms.conditions import Condition
 from .elapsed import Offset
 
 __all__ = [

@@ -19,7 +19,7 @@ from ..errors import OptionError, SceneError, list_names, nesting_named
 from ..values import listed
 from .angle_sequences import AngleSequence, recognised
 from .frames_in_use import frames_in_use
-from .interop import without_speeds
+from .plain_rates import without_speeds
 from .tree import Tree
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 
 from ..errors import TOO_DEEP, SceneError, list_names
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
 from ..naming import rate_name, unwritable
+from ..transforms.derivatives import tangents
 from .belonging import foreign_points
 from .contacts import read_contacts
 from .dyadics import matrix_of

@@ -15,7 +15,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import OptionError, SceneError, nesting_named
-from . import changes, interop
+from . import changes
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
 
@@ -180,7 +180,9 @@ class Scene:
         SceneError
             For what cannot be taken over.
         """
-        return interop.scene_from_sympy(source, name)
+        from ..interop.sympy_systems import scene_from_sympy  # the one import of a package that comes later
+
+        return scene_from_sympy(source, name)
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""

@@ -8,10 +8,10 @@ from typing import Any
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import list_names
-from ..ir.derivatives import tangents
 from ..ir.graph import Node
-from ..ir.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .expressions import ExpressionReader
 from .model import Entry, SpeedGroup
 

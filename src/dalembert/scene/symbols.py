@@ -9,10 +9,11 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
-from ..ir.conditions import CONDITION_TIME, decide
-from ..ir.derivatives import tangents
+from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..naming import rate_name
+from ..transforms.conditions import decide
+from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
 from .entries import entries_of
 from .expressions import ExpressionReader

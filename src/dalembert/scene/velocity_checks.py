@@ -9,11 +9,11 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
-from ..ir.derivatives import tangents
 from ..ir.graph import Graph, Node
-from ..ir.linear import Matrix, matmul, matvec, transpose
 from ..ir.zero_tests import agree
 from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix, matmul, matvec, transpose
 from .expressions import ExpressionReader
 
 if TYPE_CHECKING:

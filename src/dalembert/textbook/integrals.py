@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 import sympy as sp
 
+from ..arrays import FloatArray
 from .energy import readable
-from .numeric import TOLERANCE, FloatArray, null_basis, rank
+from .numeric import TOLERANCE, null_basis, rank
 
 if TYPE_CHECKING:
     from .numeric import States

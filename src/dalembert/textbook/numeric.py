@@ -11,12 +11,12 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..scene.identity import leaves_of
 from .functions import function_of
 
 __all__ = ["PlainSystem", "State", "States", "rank"]
 
-FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-9
 """Relative size below which a number that was computed from random states counts as zero."""
 

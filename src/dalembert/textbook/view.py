@@ -13,7 +13,7 @@ from ..errors import ConstraintError, SceneError, list_names, nesting_named
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
-from ..scene.interop import without_speeds
+from ..scene.plain_rates import without_speeds
 from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian

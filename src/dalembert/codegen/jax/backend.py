@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
-from ... import __version__
+from ...arrays import FloatArray
 from ...errors import MissingExtraError
-from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.problem import IntegrationProblem, Solution
 from ...ir.program import Program
-from ...ir.recurrences import Recurrences, recurrences
-from ...ir.taylor import order_for, step_kernel
+from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
-from ...runtime.cache import load_in_memory
-from ..base import Backend, BlockResult, CaseBlock, Engine, FloatArray, Prepared, RenderedModule, growing_stretches
+from ...transforms.recurrences import Recurrences, recurrences
+from ...transforms.taylor import order_for, step_kernel
+from ...version import __version__
+from ..base import Backend, BlockResult, CaseBlock, Engine, Prepared, RenderedModule, growing_stretches
+from ..cache import load_in_memory
 from ..printers import JAX
 from ..rendering import digest_of, render_source
 
@@ -45,7 +46,7 @@ from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import CORRECTIONS, Kernels, compile_kernel
 from .pieces import PAIRS, pieces_of
 from .prepared import Final, final_function, prepared_run
-from .pure import Solve, register_models
+from .pure import Solve, register_static
 
 __all__ = ["JaxBackend", "JaxEngine"]
 
@@ -92,6 +93,10 @@ class JaxEngine(Engine):
         self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
         self._batches: dict[tuple[str, int], Callable[..., Any]] = {}
         self._finals: dict[tuple[str, int], Final] = {}
+
+    def accept_as_static(self, kind: type) -> None:
+        """See `Engine.accept_as_static`."""
+        register_static(kind)
 
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """See `Engine.evaluate`. Batches are padded to a power of two, so that few sizes are ever compiled."""
@@ -262,10 +267,10 @@ class JaxBackend(Backend):
         """See `Backend.render`."""
         source = render_source("jax.py.j2", program, JAX)
         versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
-        return RenderedModule(self.name, program, source, digest_of(self.name, versions, source))
+        return RenderedModule(self.name, program, lambda: source, digest_of(self.name, versions, source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`; XLA compiles in memory, so that there is nothing to keep on disk."""
-        register_models()
+        register_static(Solve)
         module = load_in_memory(rendered.digest, rendered.source)
         return JaxEngine(rendered.program, module.__dict__)

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...integrators.jax.adjoint import Pull
-from ...ir.branches import only_in_branches
-from ...ir.partials import cotangent_kernel
-from ...ir.program import Assignment, Kernel, Load
+from ...ir.kernel import Assignment, Kernel, Load
+from ...transforms.nonsmooth import only_in_branches
+from ...transforms.partials import cotangent_kernel
 from ..printers import JAX, JAX_STEPS, Printer
 from .kernels import Function, compile_kernel, stacked
 

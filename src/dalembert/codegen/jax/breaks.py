@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...integrators.breakpoints import break_times_of_cases
 from ...ir.conditions import Conditions
-from ...runtime.breakpoints import break_times_of_cases
 
 __all__ = ["traced_breaks"]
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...ir.passes import eliminate_dead_code, run
-from ...ir.program import Assignment, Kernel, Load, Operand, Program
+from ...ir.kernel import Assignment, Kernel, Load, Operand
+from ...ir.program import Program
+from ...transforms.passes import eliminate_dead_code, run
 
 __all__ = ["in_elapsed_time"]
 

@@ -2,7 +2,7 @@
 
 A root, a power and an arctangent have no derivative at zero, and the product of an infinite derivative with a tangent
 that is zero is NaN, which a body at rest or at zero angle would meet. Here such derivatives are taken to be zero
-(`dalembert.ir.derivatives.GUARDED` has the same convention). The argument is replaced before the function is
+(`dalembert.transforms.derivatives.GUARDED` has the same convention). The argument is replaced before the function is
 applied, because a selection after it does not stop a NaN in reverse mode. For the same reason `guarded` wraps
 whatever only branches of selections use: a quotient in the branch that is not taken may divide by zero.
 """

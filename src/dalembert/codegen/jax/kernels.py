@@ -8,10 +8,11 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 
-from ...integrators.gains import BRANCH, SLOW
+from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
-from ...ir.program import Kernel, Program
-from ..base import FloatArray
+from ...ir.kernel import Kernel
+from ...ir.program import Program
+from ...methods.step_constants import BRANCH, SLOW
 from ..printers import JAX_STEPS, Printer
 from . import functions
 

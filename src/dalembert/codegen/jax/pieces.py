@@ -17,14 +17,14 @@ from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
 from ...integrators.jax.motion import Pieces
 from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
 from ...integrators.jax.solvers import METHODS
-from ...integrators.tableau import Tableau
-from ...integrators.tableaus import TABLEAUS
-from ...ir.branches import only_in_branches
-from ...ir.program import Kernel, Program
-from ...ir.recurrences import recurrences
-from ...ir.taylor import series_kernel, step_kernel
+from ...ir.kernel import Kernel
+from ...ir.program import Program
+from ...methods.tableau import Tableau
+from ...methods.tableaus import TABLEAUS
 from ...once import once
-from ...runtime.jumps import decisions
+from ...transforms.nonsmooth import decisions, only_in_branches
+from ...transforms.recurrences import recurrences
+from ...transforms.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel

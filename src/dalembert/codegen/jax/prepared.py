@@ -9,14 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...integrators.gains import SMALLEST_SCALE
+from ...arrays import FloatArray
 from ...integrators.jax.compiling import compiled
 from ...integrators.jax.lanes import Batch
 from ...integrators.jax.motion import Pieces, ended
 from ...integrators.jax.precision import double_precision
 from ...integrators.jax.series import clipped_tolerance
-from ...integrators.problem import FloatArray, IntegrationProblem
-from ...integrators.status import Status
+from ...integrators.problem import IntegrationProblem
+from ...methods.status import Status
+from ...methods.step_constants import SMALLEST_SCALE
 from ..base import Prepared, PreparedStates
 
 if TYPE_CHECKING:

@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
-from ...integrators.gains import SMALLEST_SCALE
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
-from ...ir.taylor import order_for
+from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
-from ...runtime.jumps import decisions
+from ...transforms.nonsmooth import decisions
+from ...transforms.taylor import order_for
 from ...values import times_of
 from ..printers import JAX
 from .breaks import traced_breaks
@@ -30,7 +30,7 @@ from .pieces import SERVED, pieces_of
 if TYPE_CHECKING:
     from ...reduction.starting import Start
 
-__all__ = ["Solve", "Solved", "register_models"]
+__all__ = ["Solve", "Solved", "register_static"]
 
 MODES = ("reverse", "forward")
 
@@ -50,7 +50,7 @@ class Solved(NamedTuple):
     outputs : Array (n_t, n_outputs)
         Requested outputs (reactions, for example), in the order of ``layout.outputs``.
     status : Array ()
-        How the run ended, a number of `dalembert.integrators.status.Status`; 0 is success.
+        How the run ended, a number of `dalembert.methods.status.Status`; 0 is success.
     """
 
     t: Any
@@ -270,9 +270,6 @@ def _elapsed(program: Program) -> Kernels:
 
 
 @once
-def register_models() -> None:
-    """Let models and their functions pass through ``jax.jit`` as arguments: pytrees without leaves."""
-    from ...runtime.model import CompiledModel
-
-    for kind in (CompiledModel, Solve):
-        jax.tree_util.register_static(kind)
+def register_static(kind: type) -> None:
+    """Let instances of a class pass through ``jax.jit`` as arguments: pytrees without leaves."""
+    jax.tree_util.register_static(kind)

@@ -19,7 +19,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from ...errors import CacheWarning
-from ...runtime.cache import read_kept, write_kept
+from ..cache import read_kept, write_kept
 
 __all__ = ["keep_compiled"]
 

@@ -7,15 +7,16 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ... import __version__
+from ...arrays import FloatArray
 from ...integrators.problem import IntegrationProblem, Kernels, Solution
 from ...integrators.stiffness import fitting
 from ...ir.interpret import interpret, interpret_rows
-from ...ir.partials import jacobian_kernel
 from ...ir.program import Program
 from ...once import computed_once
-from ...runtime.cache import load_in_memory
-from ..base import Backend, Engine, FloatArray, RenderedModule
+from ...transforms.partials import jacobian_kernel
+from ...version import __version__
+from ..base import Backend, Engine, RenderedModule
+from ..cache import load_in_memory
 from ..printers import NUMPY
 from ..rendering import digest_of, render_source
 
@@ -91,7 +92,7 @@ class NumpyEngine(Engine):
         return fitting(problem, method, rates, self.integrate, len(rhs.body))
 
     def _integrate_stages(self, problem: IntegrationProblem) -> Solution:
-        from ...integrators.index2 import integrate
+        from ...integrators.index2_reference import integrate
 
         c, n = problem.constants, self._sizes["stages"]
 
@@ -136,7 +137,7 @@ class NumpyBackend(Backend):
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
         source = render_source("numpy.py.j2", program, NUMPY)
-        return RenderedModule(self.name, program, source, digest_of(self.name, __version__, source))
+        return RenderedModule(self.name, program, lambda: source, digest_of(self.name, __version__, source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`; there is nothing worth keeping on disk."""

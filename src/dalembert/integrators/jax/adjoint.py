@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..tableau import Tableau
+from ...methods.tableau import Tableau
 from .derivatives import Record
 
 __all__ = ["InTurn", "Pull"]

@@ -8,7 +8,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from ..status import Status
+from ...methods.status import Status
 from .motion import following, in_order
 from .solvers import Settings, equation, solver_for
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, Protocol, final
 import jax.numpy as jnp
 from jax import lax
 
-from ..gains import BRANCH, SLOW
-from ..status import Status
+from ...methods.status import Status
+from ...methods.step_constants import BRANCH, SLOW
 from .compiling import compiled
 
 __all__ = [
@@ -106,7 +106,7 @@ class Attempts(Protocol):
 
 @final
 class TaylorAttempts:
-    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.ir.taylor.step_kernel` gives them.
+    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
     Those that do not grow at once, `paced`, are told the size of the step before, as a last row of y.
     """

@@ -10,7 +10,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from ..status import Status
+from ...methods.status import Status
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
+from ...methods.status import Status
 from ...once import once_property
-from ..status import Status
 from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over, rows_at
 from .jumping import moved_until, sure_until
 from .lanes import RUNNING, Attempts, Batch, Function, Projections, Rows, State, advanced, begun

@@ -4,7 +4,7 @@ The stages are a loop, so that the right-hand side is compiled once whatever the
 has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all
 components, as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches. One case is a
 single row that holds all components (n_y,), which takes fewer and longer operations. Control of the step as in
-`dalembert.integrators.gains`.
+`dalembert.methods.step_constants`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import gains
-from ..tableau import Tableau
+from ...methods import step_constants as gains
+from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Rows
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]

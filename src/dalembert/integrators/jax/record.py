@@ -7,8 +7,9 @@ from typing import final
 
 import numpy as np
 
-from ..problem import FloatArray, IntegrationProblem, PiecewisePolynomial, Solution
-from ..status import Status
+from ...arrays import FloatArray
+from ...methods.status import Status
+from ..problem import IntegrationProblem, PiecewisePolynomial, Solution
 
 __all__ = ["Record"]
 

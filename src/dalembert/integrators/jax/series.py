@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ...methods.status import Status
 from ..problem import IntegrationProblem, Solution
-from ..status import Status
 from .compiling import compiled
 from .precision import double_precision
 from .record import Record
@@ -117,7 +117,7 @@ class TaylorIntegrator:
     Parameters
     ----------
     step : callable
-        A step that also gives its series (`dalembert.ir.taylor.step_kernel`).
+        A step that also gives its series (`dalembert.transforms.taylor.step_kernel`).
     kernels : Kernels
         The kernels of the program.
     order : int

@@ -17,10 +17,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
+from ...methods.status import Status
 from ...once import once
-from ..problem import FloatArray, IntegrationProblem, Solution
-from ..status import Status
+from ..problem import IntegrationProblem, Solution
 from .compiling import compiled
 from .control import Control, Controller
 from .precision import double_precision

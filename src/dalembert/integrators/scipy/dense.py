@@ -6,7 +6,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.integrators.problem import DenseOutput, FloatArray
+from dalembert.integrators.problem import DenseOutput
+
+from ...arrays import FloatArray
 
 
 @final

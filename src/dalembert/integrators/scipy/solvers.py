@@ -12,10 +12,12 @@ from typing import Any, final
 import numpy as np
 
 from dalembert.errors import OptionError
-from dalembert.integrators.gains import BRANCH, SLOW, SMALLEST_SCALE
-from dalembert.integrators.problem import FloatArray, IntegrationProblem, Kernel, Kernels, Solution
+from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
 from dalembert.integrators.scipy.dense import StepInterpolants
-from dalembert.integrators.status import Status
+from dalembert.methods.status import Status
+from dalembert.methods.step_constants import BRANCH, SLOW, SMALLEST_SCALE
+
+from ...arrays import FloatArray
 
 METHODS = ("dop853", "rk45", "radau", "lsoda", "bdf")
 IMPLICIT = ("radau", "lsoda", "bdf")

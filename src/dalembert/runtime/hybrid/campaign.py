@@ -9,6 +9,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import FloatArray
+from ...integrators.breakpoints import CaseBreaks
+from ...integrators.event_code import Event
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
@@ -16,10 +19,7 @@ from ...reduction.modes import Mode
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
-from ..breakpoints import CaseBreaks
-from ..events import Event
 from ..reductions import Reduction
-from .facts import FloatArray
 from .modes import Modes
 
 __all__ = ["Campaign", "Value"]

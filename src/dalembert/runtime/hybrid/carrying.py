@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from ...codegen.base import CaseRun
 from ...errors import ValueInputError
-from ...integrators.numba import fleet
-from ...integrators.numba.fleet import Bench, Fleet, Plan
+from ...integrators import phase_tables as fleet
+from ...integrators.event_code import Event
+from ...integrators.phase_tables import Bench, Fleet, Plan
 from ...interrupts import STOPPED
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...reduction.modes import OPEN, Mode, side_name
 from ...reduction.verdicts import Attempt, Verdict
 from ..cases import Cases
-from ..events import Event
 from ..sweeping import begin_whole
 from .instants import Instants
 from .modes import Modes

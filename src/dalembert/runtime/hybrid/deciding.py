@@ -15,11 +15,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.judging import ROUNDING
-from ...integrators.status import Status
+from ...arrays import FloatArray
+from ...integrators.mode_selection import ROUNDING
 from ...mechanics.equations import ContactRow
+from ...methods.status import Status
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode, side_name
-from .facts import Facts, FloatArray, Level, Outcome
+from .facts import Facts, Level, Outcome
 
 __all__ = ["Choice", "Option", "Standing", "Trial", "choose", "contested", "expected", "judge", "options_of"]
 

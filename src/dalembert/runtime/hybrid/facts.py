@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
 from ...mechanics.equations import ContactRow
 from ...reduction.contact_data import ContactData
@@ -20,7 +21,6 @@ from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 
 __all__ = ["Facts", "Level", "Outcome", "facts_at"]
 
-FloatArray = NDArray[np.float64]
 _RESIDUAL, _RANK = 1e-7, 1e-11
 
 TOGETHER = 1e-9

@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import FloatArray
 from ...reduction.modes import Mode
 from .deciding import Choice
-from .facts import FloatArray
 
 __all__ = ["Instants", "Settled", "placed"]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...errors import InitialStateError, list_names
-from ...integrators.status import Status
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import EquationsOfMotion
-from .facts import FloatArray
+from ...methods.status import Status
 from .instants import Instants
 from .settling import Laws
 

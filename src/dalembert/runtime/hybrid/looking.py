@@ -8,12 +8,12 @@ from typing import Any, final
 
 import numpy as np
 
-from ...integrators.numba import fleet
-from ...integrators.numba.fleet import NOTHING_FIRED, Fleet
-from ...integrators.numba.workspace import RUNNING
-from ...integrators.status import Status
+from ...integrators import phase_tables as fleet
+from ...integrators.phase_tables import NOTHING_FIRED, Fleet
+from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
+from ...methods.status import Status
 from ...reduction.modes import Mode
 from .carrying import Carrier, Cause
 from .instants import Instants

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...errors import ExpressionError, OptionError, ValueInputError, list_names
+from ...integrators.event_code import Event, event_list
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
-from ...ir.program import Kernel, Layout
-from ...mechanics.equations import EquationsOfMotion
+from ...ir.kernel import Kernel
+from ...ir.program import Layout
 from ...once import derived_once
 from ...options import CompileOptions
+from ...pipeline import SeveralModes, compile_stages
 from ...reduction.contact_data import contact_data
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from ...results.grid import Grid
@@ -27,22 +30,19 @@ from .. import inputs
 from ..cases import Cases, agreed, spans_of
 from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
-from ..events import Event, compiled_events, event_list
+from ..events import compiled_events
 from ..held import span_of
+from ..model import CompiledModel, compiled_mode
 from ..reductions import reduction_table
 from ..segments import at_time
 from ..swept import with_grid
 from .campaign import Campaign
-from .facts import FloatArray
 from .kernels import outputs
 from .modes import Modes
 from .quick import Quick
 from .running import Request, simulate
 from .settling import Laws
 from .sweeping import sweep
-
-if TYPE_CHECKING:
-    from ..model import CompiledModel
 
 __all__ = ["HybridModel"]
 
@@ -63,8 +63,9 @@ class HybridModel(Evaluated):
         Names of the contacts.
     """
 
-    def __init__(self, scene: Scene, options: CompileOptions, equations: EquationsOfMotion) -> None:
-        self._scene, self._options, self._equations = scene, options, equations
+    def __init__(self, several: SeveralModes) -> None:
+        options, equations = several.options, several.equations
+        self._scene, self._options, self._equations = several.scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
         self._counters: dict[tuple[Any, ...], HybridModel] = {}
         self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
@@ -97,9 +98,7 @@ class HybridModel(Evaluated):
 
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
-        from ...recompiling import compile_mode
-
-        return derived_once(self._models, mode, lambda: compile_mode(self._scene, self._options, mode))
+        return derived_once(self._models, mode, lambda: compiled_mode(self._scene, self._options, mode))
 
     def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""
@@ -175,8 +174,6 @@ class HybridModel(Evaluated):
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"
 
     def __getattr__(self, name: str) -> Any:
-        from ..model import CompiledModel
-
         hint = ""
         if not name.startswith("_") and hasattr(CompiledModel, name):
             hint = (
@@ -186,9 +183,7 @@ class HybridModel(Evaluated):
         raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from ...compiler import compile_scene
-
-        return compile_scene, (self._scene, self._options)
+        return _compiled, (self._scene, self._options)
 
     # -- motions ---------------------------------------------------------------------------
 
@@ -292,11 +287,7 @@ class HybridModel(Evaluated):
         self._events(events)
 
         def make() -> HybridModel:
-            from ...compiler import compile_scene
-
-            model = compile_scene(self._scene.in_elapsed_time(found.watched), self._options)
-            assert isinstance(model, HybridModel)
-            return model
+            return _compiled(self._scene.in_elapsed_time(found.watched), self._options)
 
         return derived_once(self._counters, found.watched, make), found.events, found.reductions
 
@@ -518,3 +509,9 @@ class HybridModel(Evaluated):
             return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], own)[0]
 
         return apply
+
+
+def _compiled(scene: Scene, options: CompileOptions) -> HybridModel:
+    several = compile_stages(scene, options)
+    assert isinstance(several, SeveralModes)
+    return HybridModel(several)

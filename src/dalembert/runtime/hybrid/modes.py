@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...codegen.base import Engine
+from ...integrators.breakpoints import CaseBreaks
+from ...integrators.event_code import Event, leaving
 from ...ir.conditions import Conditions
-from ...ir.lower import decided
-from ...ir.program import Kernel
+from ...ir.kernel import Kernel
+from ...lowering.programs import decided
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...once import derived_once
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory
-from ..breakpoints import CaseBreaks
-from ..events import Event, leaving
-from .facts import FloatArray
 from .settling import Laws
 
 if TYPE_CHECKING:

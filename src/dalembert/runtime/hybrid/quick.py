@@ -13,8 +13,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.judging import REGULAR
-from ...ir.program import Kernel
+from ...arrays import FloatArray
+from ...integrators.mode_selection import REGULAR
+from ...ir.kernel import Kernel
 from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once, derived_property
 from ...reduction.modes import SLIP, STICK, Mode, side_name
@@ -34,7 +35,6 @@ from .deciding import (
     judge,
     options_of,
 )
-from .facts import FloatArray
 
 __all__ = ["Quick", "Rows"]
 

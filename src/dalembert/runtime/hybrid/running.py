@@ -9,19 +9,19 @@ from typing import Any, final
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...errors import InitialStateError, ValueInputError
-from ...integrators.status import Status
-from ...integrators.watched import SOON, SOON_IN_A_ROW
+from ...integrators.event_code import Event
+from ...integrators.events import SOON, SOON_IN_A_ROW
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
+from ...methods.status import Status
 from ...reduction.modes import SLIP, Mode
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from .. import inputs
-from ..events import Event
-from .facts import FloatArray
 from .instants import Instants, Settled
 from .looking import Lookout
 from .modes import Modes

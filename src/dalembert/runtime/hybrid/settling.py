@@ -12,14 +12,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.judging import NOISE
-from ...integrators.status import Status
+from ...arrays import FloatArray
+from ...integrators.mode_selection import NOISE
 from ...mechanics.equations import ContactRow, Watchpoint
+from ...methods.status import Status
 from ...reduction.contact_data import ContactData
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from ...reduction.verdicts import Verdict
 from .deciding import FREE, GRIPPED, SLIDING, TOUCHING, Standing, choose
-from .facts import Facts, FloatArray, facts_at
+from .facts import Facts, facts_at
 from .instants import Instants, Settled
 from .quick import Quick
 from .standings import Standings, length

@@ -9,11 +9,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.judging import NOISE
+from ...arrays import FloatArray
+from ...integrators.mode_selection import NOISE
 from ...mechanics.equations import ContactRow, Watchpoint
 from ...reduction.modes import OPEN, STICK, Mode
 from .deciding import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Standing
-from .facts import Facts, FloatArray
+from .facts import Facts
 from .instants import Instants
 
 __all__ = ["Standings", "length"]

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...codegen.base import BlockResult, CaseColumns, LoopCall
-from ...integrators.numba.fleet import Bench
-from ...integrators.numba.workspace import aligned
+from ...integrators.event_code import Event
+from ...integrators.phase_tables import Bench
+from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
 from ...reduction.modes import Mode, direction_names, side_name
 from .. import inputs
 from ..cases import Cases, Settings
-from ..events import Event
 from ..sweeping import fitted
-from .facts import FloatArray
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -29,7 +29,7 @@ __all__ = ["Rows", "Station", "bench", "fitting_method"]
 @final
 @dataclass(frozen=True)
 class Rows:
-    """In which row of ``Bench.gathered`` each value of a case is; see `dalembert.integrators.numba.fleet`."""
+    """In which row of ``Bench.gathered`` each value of a case is; see `dalembert.integrators.phase_tables`."""
 
     parameters: Mapping[str, int]
     states: Mapping[str, int]

@@ -10,20 +10,20 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.numba.fleet import NOTHING_FIRED, WHOLE, Fleet
-from ...integrators.status import Status
-from ...integrators.watched import SOON, SOON_IN_A_ROW
+from ...arrays import FloatArray
+from ...integrators.event_code import Event
+from ...integrators.events import SOON, SOON_IN_A_ROW
+from ...integrators.phase_tables import NOTHING_FIRED, WHOLE, Fleet
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Watchpoint
+from ...methods.status import Status
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
 from ..assumed import warn_of_motion
-from ..events import Event
 from ..sweeping import meter
 from .campaign import Campaign, Value
 from .carrying import Carrier
-from .facts import FloatArray
 from .instants import Instants, placed
 from .modes import Modes
 from .running import JAMMED

@@ -1,0 +1,208 @@
+"""The content-addressed cache of generated modules.
+
+A module has a folder of its own, named by its digest, for the code that is compiled of it. Files appear by an atomic
+rename, so that processes may share the cache. A file is used where nobody else can have written it
+(`dalembert.codegen.trust`) and its checksum, which covers the names of the file and its folder, is right; what is not
+as it should be is rebuilt with a warning.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import linecache
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+from ..errors import CacheWarning, OptionError
+from ..naming import Namer
+from .trust import descriptor_refusal, folder_refusal, make_folder
+
+__all__ = [
+    "ENVIRONMENT_VARIABLE",
+    "directory",
+    "keep",
+    "kept_text",
+    "load_in_memory",
+    "module_folder",
+    "read_kept",
+    "refused",
+    "store",
+    "write_kept",
+]
+
+ENVIRONMENT_VARIABLE = "DALEMBERT_CACHE_DIR"
+
+_CHECK = hashlib.sha256().digest_size
+_PLAINLY = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""No link is followed, no pipe is waited for, and no byte is changed."""
+
+
+def directory() -> Path:
+    """Return the folder of the cache: ``$DALEMBERT_CACHE_DIR``, or the user's cache folder of the platform."""
+    chosen = os.environ.get(ENVIRONMENT_VARIABLE)
+    if chosen:
+        try:
+            return Path(chosen).expanduser()
+        except RuntimeError:
+            raise OptionError(
+                f"{ENVIRONMENT_VARIABLE} is {chosen!r}, and there is no such user; set it to a folder, or unset it"
+            ) from None
+    import platformdirs
+
+    return platformdirs.user_cache_path("dalembert", appauthor=False)
+
+
+def _home(name: str, digest: str) -> Path:
+    """Return the folder of a module."""
+    return directory() / f"{Namer()(name)[:40]}_{digest}"
+
+
+def store(name: str, digest: str, source: str) -> Path:
+    """Return the path of the file that shows `source`, writing it where it is missing or damaged; it is never run."""
+    path = _home(name, digest) / "kernels.py"
+    try:
+        held = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        held = None
+    except UnicodeDecodeError:
+        held = ""
+    if held == source:
+        return path
+    if held is not None:
+        warnings.warn(f"the cached module {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
+    _write(path, source.encode())
+    return path
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file by an atomic rename."""
+    make_folder(path.parent)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+
+
+def refused(folder: Path) -> bool:
+    """Return whether a folder of the cache cannot be believed or looked at, with a warning that says why."""
+    try:
+        why = folder_refusal(directory()) or folder_refusal(folder)
+    except OSError as failure:
+        why = str(failure)
+    if why:
+        text = f"the module cache {directory()} is not used, because {why}; nothing is loaded from it or kept."
+        remedy = f"Set {ENVIRONMENT_VARIABLE} to a folder that nobody else can write, or take away others' rights"
+        warnings.warn(f"{text} {remedy} (chmod go-w)", CacheWarning, stacklevel=3)
+    return bool(why)
+
+
+def read_kept(path: Path) -> bytes | None:
+    """Return what `write_kept` wrote to a file, None where there is nothing, or nothing that can be believed.
+
+    A file that is damaged, that others could have written, or that was written under another name or to another folder,
+    is removed with a warning.
+    """
+    if not os.path.exists(path.parent) or refused(path.parent):
+        return None
+    try:
+        handle = os.open(path, os.O_RDONLY | _PLAINLY)
+    except FileNotFoundError:
+        return None
+    except OSError as failure:
+        why = f"cannot be read ({failure.strerror})"
+    else:
+        try:
+            why = descriptor_refusal(handle)
+            with open(handle, "rb", closefd=False) if not why else contextlib.nullcontext() as file:
+                data = b"" if file is None else file.read()
+        finally:
+            os.close(handle)
+        if not why and data[:_CHECK] == _checksum(path, data[_CHECK:]):
+            return data[_CHECK:]
+        why = f"is not believed ({why})" if why else "was damaged"
+    warnings.warn(f"the cached code {path} {why} and is rebuilt", CacheWarning, stacklevel=3)
+    with contextlib.suppress(OSError):
+        os.unlink(path)
+    return None
+
+
+def write_kept(path: Path, data: bytes) -> None:
+    """Keep data in a file, with a checksum of the names of folder and file and of the data, where that can be."""
+    try:
+        if not (folder_refusal(directory()) or folder_refusal(path.parent)):
+            _write(path, _checksum(path, data) + data)
+    except OSError:
+        return
+
+
+def _checksum(path: Path, data: bytes) -> bytes:
+    """Return the checksum of what is kept in a file, which is good for a file of that name in that folder alone."""
+    return hashlib.sha256(b"\0".join((path.parent.name.encode(), path.name.encode(), data))).digest()
+
+
+def kept_text(digest: str, make: Callable[[], str]) -> str:
+    """Return the text that `make` gives and `digest` determines: from the cache, or made and kept.
+
+    A damaged text is made anew with a warning; where the cache cannot be used, nothing is kept.
+    """
+    path = directory() / "texts" / f"{digest}.txt"
+    data = read_kept(path)
+    if data is not None:
+        return data.decode("utf-8")
+    text = make()
+    write_kept(path, text.encode("utf-8"))
+    return text
+
+
+def module_folder(name: str, digest: str) -> Path | None:
+    """Return the folder of a module; None, with a warning, if the cache cannot be used."""
+    folder = _home(name, digest)
+    if refused(folder):
+        return None
+    try:
+        make_folder(folder)
+    except OSError as failure:
+        _warn_unusable(failure)
+        return None
+    return folder
+
+
+def _warn_unusable(failure: OSError) -> None:
+    text = f"the module cache {directory()} cannot be used ({failure}); nothing is kept. Set {ENVIRONMENT_VARIABLE}"
+    warnings.warn(f"{text} to a folder that can be written", CacheWarning, stacklevel=3)
+
+
+def keep(name: str, digest: str, source: str) -> Path | None:
+    """Return the path of `store`; None, with a warning, if the cache cannot be used."""
+    if refused(_home(name, digest)):
+        return None
+    try:
+        return store(name, digest, source)
+    except OSError as failure:
+        _warn_unusable(failure)
+        return None
+
+
+def load_in_memory(digest: str, source: str, *, named: bool = False) -> ModuleType:
+    """Return the module that holds `source` without touching the disk; tracebacks still show its lines.
+
+    With `named` it can be imported by its name, which reading pickles of its functions needs.
+    """
+    filename = f"<dalembert generated {digest}>"
+    module = ModuleType(f"dalembert_generated_{digest}")
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    exec(compile(source, filename, "exec"), module.__dict__)
+    if named:
+        sys.modules[module.__name__] = module
+    return module

@@ -1,0 +1,24 @@
+"""A digest of the integrators' source text, for the keys of disk caches."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+
+def digest_of(folder: Path) -> str:
+    """SHA-256 over the names and the contents of every Python file under ``folder``, in sorted order."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+@cache
+def generator_digest() -> str:
+    """Digest of everything that generated code is made by, this package included: a change anywhere makes it anew."""
+    package = Path(__file__).parents[1]
+    return "".join(
+        digest_of(package / part) for part in ("ir", "methods", "transforms", "lowering", "codegen", "integrators")
+    )

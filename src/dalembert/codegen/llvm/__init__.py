@@ -1,0 +1,1 @@
+"""The LLVM backend: kernels as assembly, compiled by llvmlite, and the calls of compiled loops."""

@@ -1,0 +1,120 @@
+"""Prepared runs: the memory of one case, and a call of machine code on it."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from threading import get_ident
+from time import perf_counter
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...integrators.problem import IntegrationProblem
+from ...interrupts import check
+from ...methods.status import Status
+from ..base import Prepared
+from .loops import loop_named, packed
+
+__all__ = ["prepared_run"]
+
+_PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
+"""Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
+
+_PATIENCE_AT = 5 + 4
+"""Place of the attempts among the words: behind five addresses and four numbers."""
+
+_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
+"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
+run that goes on, and what they point to."""
+
+
+def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) -> int:
+    """Take a run that has paused to its end and return its status; Ctrl-C is raised between its parts."""
+    words, patience, status = going.copy(), _PATIENCE, -1  # an interrupted run leaves nothing behind
+    pointer = ctypes.c_void_p(words.ctypes.data)
+    while status < 0:
+        begin = perf_counter()
+        words[_PATIENCE_AT] = patience
+        status = code(pointer)
+        check()
+        if perf_counter() - begin < _QUICK:
+            patience = min(2 * patience, _MOST_PATIENCE)
+    return status
+
+
+def prepared_run(
+    codes: tuple[int, int, int, int, int],
+    sizes: tuple[int, int, int],
+    memory: int,
+    settings: Sequence[float],
+    problem: IntegrationProblem,
+    steps: object,
+) -> Prepared:
+    """Return a prepared run; every thread that uses it has a memory of its own.
+
+    Parameters
+    ----------
+    codes : addresses
+        See `dalembert.integrators.prepared_loop`.
+    sizes : (int, int, int)
+        Number of components of the state, of parameters and of constants.
+    memory : int
+        How many numbers a step remembers; 0 for one that cannot be rejected.
+    settings : sequence of float
+        What the step reads behind the largest step and the direction of time.
+    problem : IntegrationProblem
+        Span, largest step and number of steps.
+    steps : object
+        What keeps the code at these addresses.
+    """
+    n, n_p, n_c = sizes
+    direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+
+    def memory_of_one() -> _Memory:
+        states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
+        arguments = (
+            codes,
+            (n, memory, problem.max_steps, 0, _PATIENCE),
+            np.array([problem.t0, problem.t1, problem.max_step, 0.0]),
+            p,
+            np.zeros((1, n_c)),
+            np.array([[0.0, direction, *settings]]),
+            np.zeros((1, 1)),
+            states,
+            np.zeros((n, 1)),
+            np.zeros((1, 1), np.int64),
+            np.zeros(3, np.int64),
+        )
+        words, further = (
+            packed(arguments),
+            packed((codes, (n, memory, problem.max_steps, 1, _PATIENCE), *arguments[2:])),
+        )
+        return states[0, :n], p[0], ctypes.c_void_p(words.ctypes.data), [0], further, (words, arguments)
+
+    code, statuses = loop_named("prepared_loop").call, tuple(Status)
+    own = {get_ident(): memory_of_one()}
+
+    def run(state: FloatArray, parameters: FloatArray) -> FloatArray:
+        try:
+            held = own[get_ident()]
+        except KeyError:
+            held = own[get_ident()] = memory_of_one()
+        start, given, pointer, ended, going, _ = held
+        start[...] = state
+        given[...] = parameters
+        ended[0] = status = code(pointer)
+        if status < 0:
+            ended[0] = _finished(code, going)
+        return start.copy()
+
+    def status() -> Status:
+        held = own.get(get_ident())
+        last = int(Status.SUCCESS) if held is None else held[3][0]
+        return Status.INTERRUPTED if last < 0 else statuses[last]
+
+    run.status = status  # type: ignore[attr-defined]
+    run.held = steps  # type: ignore[attr-defined]  # the code lives as long as `run`
+    return cast(Prepared, run)

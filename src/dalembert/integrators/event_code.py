@@ -1,0 +1,275 @@
+"""Events and reductions: what users say of them, and their kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import OptionError, nesting_named
+from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..methods.status import Status
+from ..reduction.starting import Start
+from ..reduction.watching import Watch
+from ..values import listed as members
+from .events import Jump, Rule, Watched
+from .problem import DenseOutput, JoinedOutput
+from .projected_states import projected
+from .reductions import running_values
+from .segments import Constants, Segments, constants_at
+
+__all__ = ["Event", "EventCode", "event_list", "leaving", "suspected"]
+
+
+SUSPECT = -100.0
+
+
+def suspected(ends: FloatArray, happened: FloatArray) -> None:
+    """Mark cases (ends (k, 3)) that came near a lost rank, as `happened` (k,) counts, for `judged_cases`."""
+    near = happened > 0.0
+    ends[near, 1] = SUSPECT - ends[near, 1]
+
+
+@final
+@dataclass(frozen=True)
+class Event:
+    """Something that happens where an expression changes its sign.
+
+    Parameters
+    ----------
+    expression : str or SymPy expression
+        Of coordinates, rates, parameters and time, or the name of an output, of a component of the state, or of an
+        energy.
+    terminal : bool or int
+        Whether the run ends there; a number ends it at that occurrence.
+    direction : {0, 1, -1}
+        1 for changes from minus to plus only, -1 for the others only, in the order in which the motion is
+        integrated.
+    apply : mapping of symbols or names to expressions, optional
+        Coordinates and rates that jump, and what they are after it in terms of the state before, as in
+        ``{y.diff(): -e * y.diff()}``. What is not in it stays.
+    name : str, optional
+        What results call it; by default, the text of the expression.
+
+    Raises
+    ------
+    OptionError
+        For a direction or a number of occurrences that does not exist.
+    """
+
+    expression: Any
+    terminal: bool | int = False
+    direction: int = 0
+    apply: Mapping[Any, Any] | None = None
+    name: str | None = None
+
+    @nesting_named
+    def __post_init__(self) -> None:
+        faults = []
+        if not isinstance(self.expression, Hashable):
+            faults.append(f"the expression must be a name or a SymPy expression, not {self.expression!r}")
+        if self.name is not None and not isinstance(self.name, str):
+            faults.append(f"the name must be a text, not {self.name!r}")
+        direction: Any = self.direction
+        if not isinstance(direction, int | float | np.number) or direction not in (-1, 0, 1):
+            faults.append(f"direction must be 1 (from minus to plus), -1 or 0 (both), not {self.direction!r}")
+        terminal: Any = self.terminal
+        if not isinstance(terminal, int | np.integer) or terminal < 0:
+            faults.append(f"terminal must be True, False or a number of occurrences, not {terminal!r}")
+        changes: Any = self.apply
+        if changes is not None and not (isinstance(changes, Mapping) and changes):
+            faults.append(f"apply must map coordinates or rates to expressions, not {changes!r}")
+        if faults:
+            raise OptionError(f"event {self.label!r}: {'; '.join(faults)}")
+
+    @property
+    def label(self) -> str:
+        """What results call it."""
+        return str(self.expression) if self.name is None else self.name
+
+
+def leaving(event: Event) -> Event:
+    """Return a directed event whose expression is zero where the motion begins, and leaves it against its direction.
+
+    So it is known by construction; no rounding decides on which side it begins. Its direction counts twice.
+    """
+    marked = replace(event)
+    object.__setattr__(marked, "direction", 2 * event.direction)
+    return marked
+
+
+def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
+    """Return events, each with its name, from a sequence of events, expressions and names, or from one of them.
+
+    Raises
+    ------
+    OptionError
+        When two have one name.
+    """
+    if events is None:
+        return ()
+    if isinstance(events, Event | str) or not isinstance(events, Iterable):
+        events = (events,)
+    events = members("events", events, "expressions or Events")
+    made = [event if isinstance(event, Event) else Event(event) for event in events]
+    names = [aliases.get(event.label, event.label) for event in made]
+    listed = tuple(e if e.name == name else replace(e, name=name) for e, name in zip(made, names, strict=True))
+    labels = [event.label for event in listed]
+    twice = sorted({label for label in labels if labels.count(label) > 1})
+    if twice:
+        raise OptionError(f"two events are called {', '.join(map(repr, twice))}; give each its own name=")
+    return listed
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class EventCode:
+    """Events and reductions as kernels.
+
+    Attributes
+    ----------
+    program : Program
+        Of the model.
+    events : tuple of Event
+        What is watched: the events that were asked for, then those whose first times are reductions.
+    reported : int
+        How many were asked for.
+    watch, jumps, start
+        The watched expressions, and for each event the map of a jump or None, which `start` makes consistent.
+    running, kinds
+        Kernel of the expressions whose minima, maxima and integrals are taken, and which of these.
+    finals
+        Kernel of the expressions whose final values are taken.
+    plan : mapping of str to (str, int)
+        Kind of each reduction, and its number among those of its kind.
+    rank : int
+        Number of the first event that tells of a rank that constraints lose, all others following; -1 without any.
+    smooth : bool
+        Whether every event is what ends a mode of contacts, of which none is open, and has a series wherever the motion
+        has one.
+    """
+
+    program: Program
+    events: tuple[Event, ...]
+    reported: int
+    watch: Watch
+    jumps: tuple[Kernel | None, ...]
+    start: Start
+    running: Kernel
+    kinds: tuple[str, ...]
+    finals: Kernel
+    plan: Mapping[str, tuple[str, int]]
+    rank: int = -1
+    smooth: bool = False
+
+    @property
+    def along(self) -> bool:
+        """Whether anything has to be watched along the motions, and not only at their ends."""
+        return bool(self.events or self.kinds)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the events that were asked for."""
+        return [event.label for event in self.events[: self.reported]]
+
+    def conclude(self, ends: FloatArray, happened: FloatArray) -> None:
+        """Mark cases (ends (k, 3), happened (k, 3 n_events)) that came near a lost rank."""
+        if self.rank >= 0:
+            suspected(ends, np.sum(happened[:, 3 * self.rank :: 3], axis=1))
+
+    def totals(self, c: Constants, dense: DenseOutput | None) -> FloatArray:
+        """Return minima, maxima and integrals (n,) along a motion with the constants c (n_c,)."""
+
+        def sampled(part: DenseOutput) -> Callable[[int, FloatArray], FloatArray]:
+            def values(step: int, theta: FloatArray) -> FloatArray:
+                t = part.knots[step] + theta * (part.knots[step + 1] - part.knots[step])
+                own = _during(c, part.knots[step], part.knots[step + 1])
+                y = projected(self.program, own, t, part.within(np.full(len(theta), step), theta))
+                return interpret_rows(self.running, t, y, own)
+
+            return values
+
+        return running_values(JoinedOutput(np.zeros(1), ()) if dense is None else dense, sampled, self.kinds)
+
+    def reduced(
+        self, spans: FloatArray, ends: FloatArray, y: FloatArray, c: FloatArray, totals: FloatArray, first: FloatArray
+    ) -> FloatArray:
+        """Return the reductions (k, n) of a block of cases.
+
+        Parameters
+        ----------
+        spans, ends, y, c
+            Spans (k, 2), final times, statuses and steps (k, 3), final states (k, n_y) and constants (k, n_c).
+        totals
+            Minima, maxima and integrals (k, n_running).
+        first
+            Times of the first of each event (k, n_events).
+        """
+        t = ends[:, 0]
+        finals = interpret_rows(self.finals, t, y, c)
+        last = interpret_rows(self.running, t, y, c)
+        times = t - spans[:, 0]
+        columns = []
+        for kind, number in self.plan.values():
+            if kind == "final":
+                columns.append(finals[:, number])
+            elif kind == "first crossing":
+                columns.append(first[:, number])
+            elif kind == "mean":
+                at_once = last[:, number]
+                columns.append(np.divide(totals[:, number], times, out=at_once.copy(), where=times != 0.0))
+            else:
+                extreme = np.minimum if kind == "minimum" else np.maximum
+                columns.append(extreme(totals[:, number], last[:, number]))
+        out = np.empty((len(t), len(columns)))
+        for i, column in enumerate(columns):
+            out[:, i] = column
+        out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
+        return out
+
+    def watched(self, c: Constants, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
+        """Return what an integration with the constants c, (n_c,) or those of its segments, needs to know.
+
+        `rows` evaluates the watched expressions, as `Engine.rows` does.
+        """
+        program, watch = self.program, self.watch
+
+        def evaluate(kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
+            own = constants_at(c, t)
+            return rows(kernel, t, y, np.broadcast_to(own, (len(t), own.shape[-1])))
+
+        def begins(t: float, y: FloatArray) -> FloatArray:
+            return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
+
+        size = len(program.layout.state)
+        jumps = [None if jump is None else self._jump(jump, c, size) for jump in self.jumps]
+        rules = [Rule(e.direction, int(e.terminal), jump) for e, jump in zip(self.events, jumps, strict=True)]
+        return Watched(
+            values=lambda t, y: evaluate(watch.values, t, y),
+            begins=begins,
+            settle=lambda t, y: projected(program, c, t, y),
+            rules=rules,
+            during=(lambda t0, t1: self.watched(_during(c, t0, t1), rows)) if isinstance(c, Segments) else None,
+        )
+
+    def _jump(self, jump: Kernel, c: Constants, size: int) -> Jump:
+        def apply(t: float, y: FloatArray) -> FloatArray | None:
+            time = np.array([t])
+            own = constants_at(c, time)
+            given = interpret_rows(jump, time, y.reshape(1, -1), own)
+            out = interpret_rows(self.start.kernel, time, given, own)[0]
+            checks = out[size:]
+            consistent = np.all(np.abs(checks[::2]) <= checks[1::2]) and np.all(np.isfinite(out))
+            return out[:size] if consistent else None
+
+        return apply
+
+
+def _during(c: Constants, t0: float, t1: float) -> FloatArray:
+    """Return the constants (n_c,) of the segment in which a step from t0 to t1 lies."""
+    return c.at(np.array([t0 + 0.5 * (t1 - t0)]))[0] if isinstance(c, Segments) else c

@@ -1,0 +1,129 @@
+"""Pieces of a step of one case of a sweep: watched expressions at their eight points, and whether they are simple.
+
+A piece is simple where no expression can have more than the zero that its ends show; see
+`dalembert.integrators.crossings`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from .compiled_subset import bare, call_code, row
+from .crossings import BENT, FLAT
+from .workspace import Scratch
+
+__all__ = ["SERIES", "SLOPE_SERIES", "sample", "simple_piece", "transformed"]
+
+_POINTS = POINTS.copy()
+SERIES = np.ascontiguousarray(COEFFICIENTS.T)
+SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
+_ONCE, _TWICE, _THRICE = (np.ascontiguousarray(matrix.T) for matrix in DIVIDED)
+_BEND = BEND.copy()
+_THETA = 3
+
+
+@bare
+def sample(
+    values: int, used: NDArray[np.int64], room: Scratch, c: int, t: float, h: float, low: float, width: float
+) -> None:
+    """Evaluate all expressions at the eight points of a piece of the step, into ``values``."""
+    degree, work = room.series.shape[1] - 1, room.work
+    for j in range(8):
+        work[_THETA, j] = low + width * _POINTS[j]
+        room.clock[0, j] = t + work[_THETA, j] * h
+    for u in range(used.size):
+        m = used[u]
+        a = b = c0 = d = e = f = g = w = room.series[m, degree]  # in registers: stored sums wait for each other
+        for k in range(degree - 1, -1, -1):
+            term = room.series[m, k]
+            a, b = a * work[_THETA, 0] + term, b * work[_THETA, 1] + term
+            c0, d = c0 * work[_THETA, 2] + term, d * work[_THETA, 3] + term
+            e, f = e * work[_THETA, 4] + term, f * work[_THETA, 5] + term
+            g, w = g * work[_THETA, 6] + term, w * work[_THETA, 7] + term
+        point = room.point[m]
+        point[0], point[1], point[2], point[3] = a, b, c0, d
+        point[4], point[5], point[6], point[7] = e, f, g, w
+    call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
+
+
+@bare
+def transformed(matrix: FloatArray, room: Scratch, e: int, to: int) -> None:
+    """Write the product of a matrix, given transposed, and the values of an expression to a row of ``work``."""
+    work = room.work[to]
+    a = b = c = d = p = q = r = s = 0.0  # in registers: stored sums wait for each other
+    for j in range(8):
+        value, column = room.values[e, j], matrix[j]
+        a, b, c, d = a + column[0] * value, b + column[1] * value, c + column[2] * value, d + column[3] * value
+        p, q, r, s = p + column[4] * value, q + column[5] * value, r + column[6] * value, s + column[7] * value
+    work[0], work[1], work[2], work[3] = a, b, c, d
+    work[4], work[5], work[6], work[7] = p, q, r, s
+
+
+@bare
+def _one_sign(work: FloatArray, i: int) -> bool:
+    rest = 0.0
+    for k in range(1, 8):
+        rest += abs(work[i, k])
+    return abs(work[i, 0]) > rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7]))
+
+
+@bare
+def _monotone(work: FloatArray) -> bool:
+    rest = 0.0
+    for k in range(1, 8):
+        rest += abs(work[1, k])
+    return abs(work[1, 0]) > rest + SLOPE_TAIL * (abs(work[0, 6]) + abs(work[0, 7]))
+
+
+@bare
+def simple_piece(
+    directions: NDArray[np.int64], room: Scratch, lane: int, fresh: bool, high: float
+) -> tuple[bool, bool]:
+    """Return whether a piece need not be cut for any expression, and whether all values are finite.
+
+    ``fresh`` says that expressions which are zero at the start of the lane are so where the piece, up to the fraction
+    ``high`` of the step, begins; ``zero`` then holds their slopes over the step. What rounding makes of the slope and
+    the bend of one that is known to leave zero against its direction is nothing (see `dalembert.runtime.events`).
+    """
+    simple = finite = True
+    for e in range(directions.size):
+        if room.open[0, e] == 0.0:
+            continue
+        lost, largest = True, 0.0
+        for j in range(8):
+            value = room.values[e, j]
+            if math.isfinite(value):
+                lost = False
+                largest = max(largest, abs(value))
+            else:
+                finite = False
+                largest = math.inf
+        if lost or largest <= room.noise[0, e]:
+            continue
+        transformed(SERIES, room, e, 0)
+        if _one_sign(room.work, 0):
+            continue
+        if fresh and room.zero[lane, e] != 0.0:
+            transformed(_ONCE, room, e, 1)
+            if _one_sign(room.work, 1):
+                continue
+            known = abs(directions[e]) > 1 and room.values[e, 7] * room.signs[lane, e] > 0.0
+            if known or room.zero[lane, e] * high <= FLAT * largest:
+                transformed(_TWICE, room, e, 1)
+                if _one_sign(room.work, 1):
+                    continue
+                bend = 0.0
+                for j in range(1, 8):
+                    bend += _BEND[j] * room.values[e, j]
+                transformed(_THRICE, room, e, 1)
+                if (known or abs(bend) <= BENT * largest) and _one_sign(room.work, 1):
+                    continue
+        transformed(SLOPE_SERIES, room, e, 1)
+        if not _monotone(room.work):
+            simple = False
+    return simple, finite

@@ -1,0 +1,374 @@
+"""Integration with events: a motion is cut where its state jumps, and ends where an event says so.
+
+Any integrator serves that gives stretches of a motion with continuous output. After a jump the rest of the stretch is
+dropped and a new one begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..methods.status import Status
+from .crossings import Crossing, Pieces, changes, located, pieces
+from .problem import DenseOutput, IntegrationProblem, JoinedOutput, Solution
+
+__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched"]
+
+SOON, SOON_IN_A_ROW = 1e-9, 4
+"""Share of the span below which a jump follows the one before it too soon, and how often that may happen in a row."""
+
+RESOLUTION = 64 * 2.220446049250313e-16
+"""Share of the time below which two jumps are not told apart."""
+
+TOGETHER = 2 * RESOLUTION
+"""Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
+
+_ULP = 2.220446049250313e-16
+
+Stretches = Callable[[IntegrationProblem], Iterator[Solution]]
+Jump = Callable[[float, FloatArray], FloatArray | None]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """What an event does: which sign changes count, the occurrence that ends the run (0: none), and the jump.
+
+    A direction of 2 or -2 says that the expression is zero where the motion begins, and leaves it the other way.
+
+    The jump gives the state after it from time and state, or None where the constraints do not allow it.
+    """
+
+    direction: int
+    last: int
+    jump: Jump | None
+
+    def counts(self, sign: int) -> bool:
+        """Whether a change to `sign` is an occurrence."""
+        return self.direction == 0 or self.direction * sign > 0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What is watched along a motion.
+
+    Attributes
+    ----------
+    values
+        From times (k,) and states (k, n_y) to the values of all expressions (k, n).
+    begins
+        From a time and a state (n_y,) to value, rate and noise of each expression (n, 3).
+    settle
+        From times and interpolated states to states on the constraints.
+    rules
+        One an expression.
+    during
+        From two times to what is watched on a stretch between them, where that differs: expressions may jump where
+        stretches end.
+    """
+
+    values: Callable[[FloatArray, FloatArray], FloatArray]
+    begins: Callable[[float, FloatArray], FloatArray]
+    settle: Callable[[FloatArray, FloatArray], FloatArray]
+    rules: Sequence[Rule]
+    during: Callable[[float, float], Watched] | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Occurrence:
+    """One event: its number, time, states (n_y,) before and after, and the sign that its expression changed to."""
+
+    event: int
+    t: float
+    before: FloatArray
+    after: FloatArray
+    sign: int
+
+
+def integrate_watched(
+    stretches: Stretches, problem: IntegrationProblem, watched: Watched
+) -> tuple[Solution, list[Occurrence]]:
+    """Integrate a problem with events.
+
+    Parameters
+    ----------
+    stretches
+        Gives the solution of a problem in stretches, each with its continuous output; the status of the last is
+        that of the whole.
+    problem
+        The problem.
+    watched
+        The events.
+
+    Returns
+    -------
+    Solution
+        Where a state jumps, its accepted steps hold the time twice.
+    list of Occurrence
+        In the order of time.
+    """
+    return _Run(stretches, problem, watched).solution()
+
+
+@final
+class _Run:
+    """One integration in progress."""
+
+    def __init__(self, stretches: Stretches, problem: IntegrationProblem, watched: Watched) -> None:
+        self.stretches, self.problem, self.watched = stretches, problem, watched
+        self.t, self.y = float(problem.t0), np.array(problem.y0, dtype=float)
+        self.forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+        self.span = abs(problem.t1 - problem.t0)
+        self.occurrences: list[Occurrence] = []
+        self.counts = [0] * len(watched.rules)
+        self.jumped_at: float | None = None
+        self.soon = 0
+        self.times: list[FloatArray] = []
+        self.states: list[FloatArray] = []
+        self.knots = [self.t]
+        self.parts: list[DenseOutput] = []
+        self.steps = self.rejected = self.evaluations = 0
+        self.signs: NDArray[np.int8] = np.zeros(len(watched.rules), np.int8)
+        self.seen: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
+        self.zero: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
+        self.residual = np.zeros(len(watched.rules))
+        self.began = self.t
+        self._directions = np.array([rule.direction for rule in watched.rules])
+        self._leaves = np.abs(self._directions) > 1
+
+    def solution(self) -> tuple[Solution, list[Occurrence]]:
+        """Run to the end and collect what was recorded."""
+        status: Status | None = None
+        while status is None:
+            status = self._until_jump()
+        t, y = np.concatenate(self.times), np.concatenate(self.states)
+        dense = JoinedOutput(np.array(self.knots), self.parts) if self.parts else None
+        if self.problem.t_eval is not None:
+            t, y = self._sampled(self.problem.t_eval, dense, t, y)
+        return Solution(
+            status=status,
+            t=t,
+            y=y,
+            steps=self.steps,
+            rejected=self.rejected,
+            evaluations=self.evaluations,
+            dense=dense if self.problem.dense else None,
+            end=self.t,
+        ), self.occurrences
+
+    def _sampled(
+        self, wanted: FloatArray, dense: DenseOutput | None, t: FloatArray, y: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the times to evaluate that were reached, and the states there."""
+        reached = wanted[(wanted - t[-1]) * self.forward <= 0.0]
+        found = np.tile(y[0], (len(reached), 1))
+        if dense is not None:
+            found = self.watched.settle(reached, dense(reached))
+        found[reached == t[0]] = y[0]
+        found[reached == t[-1]] = y[-1]
+        return reached, found
+
+    def _record(self, t: FloatArray, y: FloatArray) -> None:
+        self.times.append(np.asarray(t, dtype=float))
+        self.states.append(np.asarray(y, dtype=float).reshape(len(self.times[-1]), len(self.y)))
+
+    def _begin(self) -> None:
+        """Take down the state and the signs from which the motion begins, or goes on after a jump."""
+        self._record(np.array([self.t]), self.y)
+        self.began = self.t
+        self.signs, self.zero = self._signs(self.t, self.y, self.residual)
+        self.seen = np.zeros(len(self.counts), np.bool_)
+
+    def _signs(self, t: float, y: FloatArray, residual: FloatArray) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+        """Return the sign that each expression has, or takes at once where it is zero, and where it is.
+
+        What rounding leaves of a zero is what it makes of the state, of the time, or what was left when the zero was
+        found, if the motion goes on from one.
+        """
+        value, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
+        noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
+        zero = np.abs(value) <= noise
+        sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
+        zero, sign = zero | self._leaves, np.where(self._leaves, -np.sign(self._directions), sign)
+        return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
+
+    def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
+        _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
+        return rate, np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
+
+    def _until_jump(self) -> Status | None:
+        """Integrate to the end, or to the next jump, for which None is returned."""
+        self._begin()
+        left = self.problem.max_steps - self.steps - self.rejected
+        if left <= 0:
+            return Status.MAX_STEPS
+        rest = replace(self.problem, t0=self.t, y0=self.y, t_eval=None, dense=True, max_steps=left)
+        status = Status.SUCCESS
+        for stretch in self.stretches(rest):
+            status = stretch.status
+            self.steps += stretch.steps
+            self.rejected += stretch.rejected
+            self.evaluations += stretch.evaluations
+            if len(stretch.t) > 1 and stretch.t[-1] != stretch.t[0]:  # also of a motion that takes no steps
+                ended, outcome = self._scan(stretch)
+                if ended:
+                    return outcome
+        return self._last(status)
+
+    def _scan(self, stretch: Solution) -> tuple[bool, Status | None]:
+        """Look for events in a stretch; return whether it ended the motion or a part of it, and how."""
+        dense = stretch.dense
+        assert dense is not None
+        knots = dense.knots
+        sizes = np.diff(knots)
+        watched = self.watched
+        if watched.during is not None:
+            watched = watched.during(float(knots[0]), float(knots[-1]))
+
+        def states(step: NDArray[np.intp], theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+            times = np.where(theta == 1.0, knots[step + 1], knots[step] + theta * sizes[step])
+            times = np.clip(times, min(knots[0], knots[-1]), max(knots[0], knots[-1]))
+            return times, watched.settle(times, dense.within(step, theta))
+
+        def sample(step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
+            return watched.values(*states(step, theta))
+
+        if not self.counts:
+            self._take(stretch)
+            return False, None
+        rate, noise = self._noise(float(knots[0]), stretch.y[0])
+        least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
+        fresh = self.t == self.began
+        slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
+        cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._leaves, self.signs, 0.0))
+        if fresh:
+            cut.first[0, self.zero] = 0.0
+        broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
+        whole = cut if broken is None else Pieces(*(getattr(cut, name)[:broken] for name in cut.__dataclass_fields__))
+        found, self.signs, seen = changes(whole, self.signs, noise)
+
+        def state(crossing: Crossing) -> tuple[float, FloatArray]:
+            times, y = states(np.array([crossing.step]), np.array([crossing.theta]))
+            return float(times[0]), y[0]
+
+        ended, outcome = self._occur(located(sample, whole, found, least), state, stretch)
+        if not ended and broken is not None:
+            place, theta = np.array([cut.step[broken]]), np.array([cut.low[broken]])
+            (t,), y = states(place, theta)
+            self._cut(stretch, float(t), y[0])
+            return True, Status.EVENT_NON_FINITE
+        if not ended:
+            self.seen |= seen
+            self._take(stretch)
+        return ended, outcome
+
+    def _occur(
+        self,
+        found: Iterator[Crossing],
+        state: Callable[[Crossing], tuple[float, FloatArray]],
+        stretch: Solution | None,
+    ) -> tuple[bool, Status | None]:
+        """Take down sign changes as events up to the first that ends the run or makes it jump."""
+        rules = self.watched.rules
+        for crossing in found:
+            rule = rules[crossing.function]
+            if not rule.counts(crossing.sign):
+                continue
+            t, y = state(crossing)
+            terminal = rule.last > 0 and self.counts[crossing.function] + 1 >= rule.last
+            if rule.jump is None and not terminal:
+                self._occurred(crossing, t, y, y)
+                continue
+            together = [crossing]
+            for other in found:
+                if abs(state(other)[0] - t) > TOGETHER * max(abs(t), abs(self.t)):
+                    break
+                if rules[other.function].counts(other.sign):
+                    together.append(other)
+            return True, self._stop(together, t, y, stretch)
+        return False, None
+
+    def _occurred(self, crossing: Crossing, t: float, before: FloatArray, after: FloatArray) -> bool:
+        """Take down an occurrence; return whether it ends the run."""
+        number = crossing.function
+        self.counts[number] += 1
+        self.occurrences.append(Occurrence(number, t, before, after, crossing.sign))
+        last = self.watched.rules[number].last
+        return 0 < last <= self.counts[number]
+
+    def _stop(self, together: Sequence[Crossing], t: float, y: FloatArray, stretch: Solution | None) -> Status | None:
+        """End the present part of the motion at time t in state y, where `together` occur; None to go on."""
+        if stretch is not None:
+            self._cut(stretch, t, y)
+        jumps = [self.watched.rules[crossing.function].jump for crossing in together]
+        after: FloatArray | None = y
+        for jump in jumps:
+            if jump is not None and after is not None:
+                after = jump(t, after)
+        status = None
+        for crossing in together:
+            if self._occurred(crossing, t, y, y if after is None else after):
+                status = Status.EVENT
+        if after is None:
+            return Status.EVENT_STATE
+        first_of_part = all(crossing.seen or self.seen[crossing.function] for crossing in together)
+        self.t, self.y = t, after
+        here = np.array([crossing.function for crossing in together])
+        self.residual = np.zeros(len(self.counts))
+        self.residual[here] = 4.0 * np.abs(self.watched.values(np.array([t]), y[np.newaxis])[0, here])
+        if status is None:
+            status = self._accumulation(t, first_of_part)
+        if status is None and t == self.problem.t1:
+            status = Status.SUCCESS
+        if status is not None and any(jump is not None for jump in jumps):
+            self._record(np.array([t]), after)
+        return status
+
+    def _accumulation(self, t: float, seen: bool) -> Status | None:
+        """Judge whether jumps follow each other too fast to be told apart; `seen`: there was motion in between."""
+        before, self.jumped_at = self.jumped_at, t
+        if before is None:
+            return None
+        gap = abs(t - before)
+        self.soon = self.soon + 1 if gap <= SOON * self.span else 0
+        close = gap <= RESOLUTION * max(abs(t), 1e-3 * self.span)
+        return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
+
+    def _take(self, stretch: Solution) -> None:
+        """Record a whole stretch."""
+        assert stretch.dense is not None
+        self._record(stretch.t[1:], stretch.y[1:])
+        self.parts.append(stretch.dense)
+        self.knots.append(float(stretch.dense.knots[-1]))
+        self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
+
+    def _cut(self, stretch: Solution, t: float, y: FloatArray) -> None:
+        """Record a stretch up to time t, where the state is y."""
+        kept = (stretch.t - t) * self.forward < 0.0
+        kept[0] = False
+        self._record(stretch.t[kept], stretch.y[kept])
+        start = self.knots[-1]
+        if t != start:
+            assert stretch.dense is not None
+            self._record(np.array([t]), y)
+            self.parts.append(stretch.dense)
+            self.knots.append(t)
+        self.t, self.y = t, y
+
+    def _last(self, status: Status) -> Status | None:
+        """Look for events at the very end, where an expression may be zero without having changed its sign."""
+        if status is not Status.SUCCESS or self.span == 0.0:
+            return status
+        signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)))
+        found = (Crossing(int(i), 0, 1.0, int(signs[i]), True) for i in np.flatnonzero((signs * self.signs < 0) & zero))
+        ended, outcome = self._occur(found, lambda crossing: (self.t, self.y), None)
+        return outcome if ended else status

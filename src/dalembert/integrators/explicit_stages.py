@@ -1,0 +1,176 @@
+"""Stages, error estimate, first step and dense polynomial of one explicit Runge-Kutta step.
+
+All vectors are rows of one array ``work`` (n_rows, width), in the order that ``packing`` gives. The width is
+n_y rounded up to a multiple of ``LANES`` and the padding stays 0, so that inner loops have no remainder.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..arrays import FloatArray
+from ..methods.step_constants import SECOND_ERROR_WEIGHT
+from .compiled_subset import bare
+from .packed_tableaus import POINT, PackedTableau
+from .recorded_runs import Run, evaluate
+
+__all__ = [
+    "HELD_STEPS",
+    "LANES",
+    "WATCHED_FROM",
+    "at_boundary",
+    "dense_polynomial",
+    "error_norm",
+    "evaluate_stages",
+    "first_step_size",
+]
+
+LANES = 8
+WATCHED_FROM, HELD_STEPS = 1000, 15
+"""Steps after which a run is watched for stiffness, and steps in a row at the boundary that say so."""
+
+_BOUNDARY = 3.0
+
+
+@bare
+def evaluate_stages(
+    rhs: int, tableau: PackedTableau, begin: int, end: int, t: float, h: float, run: Run, y: int, y_new: int
+) -> None:
+    """Evaluate the stages `begin` to `end` - 1 of a step from ``work[y]``.
+
+    Sums are written out for ``LANES`` components at a time, which keeps them in registers. The state of stage ``end``
+    of the tableau is kept in ``work[y_new]``; it is evaluated only if the error estimate needs it.
+    """
+    work = run.work
+    for i in range(begin, end):
+        out = y_new if i == tableau.end else POINT
+        for block in range(work.shape[1] // LANES):
+            m = LANES * block
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+            for entry in range(tableau.starts[i], tableau.starts[i + 1]):
+                weight, stage = tableau.weights[entry], tableau.stages[entry]
+                s0 += weight * work[stage, m]
+                s1 += weight * work[stage, m + 1]
+                s2 += weight * work[stage, m + 2]
+                s3 += weight * work[stage, m + 3]
+                s4 += weight * work[stage, m + 4]
+                s5 += weight * work[stage, m + 5]
+                s6 += weight * work[stage, m + 6]
+                s7 += weight * work[stage, m + 7]
+            work[out, m] = work[y, m] + h * s0
+            work[out, m + 1] = work[y, m + 1] + h * s1
+            work[out, m + 2] = work[y, m + 2] + h * s2
+            work[out, m + 3] = work[y, m + 3] + h * s3
+            work[out, m + 4] = work[y, m + 4] + h * s4
+            work[out, m + 5] = work[y, m + 5] + h * s5
+            work[out, m + 6] = work[y, m + 6] + h * s6
+            work[out, m + 7] = work[y, m + 7] + h * s7
+        if i != tableau.end or tableau.fsal:
+            evaluate(rhs, t + tableau.nodes[i] * h, run, out, tableau.first + i)
+
+
+@bare
+def error_norm(
+    tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, atol: float, n: int
+) -> float:
+    """RMS norm of the error estimate over the tolerances (combined as in DOP853 if there are two rows)."""
+    row = tableau.total
+    first, second, last = tableau.starts[row], tableau.starts[row + 1], tableau.starts[row + 2]
+    total = total_second = 0.0
+    for m in range(n):
+        estimate = estimate_second = 0.0
+        for entry in range(first, second):
+            estimate += tableau.weights[entry] * work[tableau.stages[entry], m]
+        for entry in range(second, last):
+            estimate_second += tableau.weights[entry] * work[tableau.stages[entry], m]
+        scale = 1.0 / (atol + rtol * max(abs(work[y, m]), abs(work[y_new, m])))
+        total += (estimate * scale) ** 2
+        total_second += (estimate_second * scale) ** 2
+    if total == 0.0 and total_second == 0.0:
+        return 0.0
+    return abs(h) * total / math.sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
+
+
+@bare
+def at_boundary(tableau: PackedTableau, h: float, work: FloatArray, y_new: int, n: int) -> bool:
+    """Whether a step is near the limit of stability, from slopes at its end and at the last stage before it.
+
+    Source: Hairer and Wanner, section IV.2; both points are at the end of the step, and ``work[POINT]`` is the latter.
+    """
+    slopes = states = 0.0
+    for m in range(n):
+        slopes += (work[tableau.first + tableau.end, m] - work[tableau.first + tableau.end - 1, m]) ** 2
+        states += (work[y_new, m] - work[POINT, m]) ** 2
+    return h * h * slopes > _BOUNDARY * _BOUNDARY * states
+
+
+@bare
+def first_step_size(
+    rhs: int,
+    tableau: PackedTableau,
+    t: float,
+    direction: float,
+    limit: float,
+    run: Run,
+    y: int,
+    rtol: float,
+    atol: float,
+    n: int,
+) -> float:
+    """Size of the first step, at most ``limit``; the first stage must have been evaluated, one more is.
+
+    Source: Hairer, Norsett, Wanner, section II.4, "Starting step size".
+    """
+    work = run.work
+    size = slope = curvature = 0.0
+    for m in range(n):
+        scale = 1.0 / (atol + rtol * abs(work[y, m]))
+        size += (work[y, m] * scale) ** 2
+        slope += (work[tableau.first, m] * scale) ** 2
+    size, slope = math.sqrt(size / n), math.sqrt(slope / n)
+    h = 1e-6 if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
+    h = min(h, limit)
+    for m in range(n):
+        work[POINT, m] = work[y, m] + direction * h * work[tableau.first, m]
+    evaluate(rhs, t + direction * h, run, POINT, tableau.first + 1)
+    for m in range(n):
+        scale = 1.0 / (atol + rtol * abs(work[y, m]))
+        curvature += ((work[tableau.first + 1, m] - work[tableau.first, m]) * scale) ** 2
+    curvature = math.sqrt(curvature / n) / h
+    if not math.isfinite(curvature):
+        return h
+    largest = max(slope, curvature)
+    improved = max(1e-6, 1e-3 * h)
+    if largest > 1e-15:
+        improved = math.exp(tableau.exponent * math.log(0.01 / largest))
+    return min(100.0 * h, improved, limit)
+
+
+@bare
+def dense_polynomial(
+    tableau: PackedTableau,
+    h: float,
+    work: FloatArray,
+    y: int,
+    y_new: int,
+    pieces: FloatArray,
+    piece: int,
+    n: int,
+) -> None:
+    """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
+
+    What its end lacks of ``work[y_new]``, be it rounding or a projection, is added as ``3*theta**2 -
+    2*theta**3`` times the difference, which makes it continuous and leaves the slopes at both ends alone.
+    """
+    for m in range(n):
+        pieces[piece, 1 + m] = work[y, m]
+        gap = work[y_new, m] - work[y, m]
+        for power in range(1, tableau.degree + 1):
+            row = tableau.total + 1 + power
+            value = 0.0
+            for entry in range(tableau.starts[row], tableau.starts[row + 1]):
+                value += tableau.weights[entry] * work[tableau.stages[entry], m]
+            pieces[piece, 1 + power * n + m] = h * value
+            gap -= h * value
+        pieces[piece, 1 + 2 * n + m] += 3.0 * gap
+        pieces[piece, 1 + 3 * n + m] -= 2.0 * gap

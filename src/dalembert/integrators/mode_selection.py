@@ -1,0 +1,71 @@
+"""How a case with contacts goes on, by the verdict of a kernel: see `dalembert.runtime.hybrid.deciding.judge`."""
+
+from __future__ import annotations
+
+import math
+
+from .compiled_subset import bare
+from .phase_tables import APART, ATTEMPT, ATTEMPTS, FIRST_ATTEMPT, HELD, KNOWN, Bench, Fleet, Plan
+
+__all__ = ["NOISE", "REGULAR", "ROUNDING", "chosen", "go_on", "pose"]
+
+NOISE = 1e-8
+"""Share of a velocity, or of a position, below which it counts as zero."""
+
+ROUNDING = 1e-9
+"""Share of the forces, or rates, within which a comparison may go either way."""
+
+REGULAR = 1e-6
+"""Share of its diagonal entry that a pivot must have, so that a decision by kernels is trusted."""
+
+
+@bare
+def pose(plan: Plan, fleet: Fleet, bench: Bench, rule: int, i: int, lane: int) -> None:
+    """Write the directions of a case, those of its slip velocities where it has any, and its sides behind its state."""
+    n, k = fleet.x.shape[1], fleet.sides.shape[1]
+    for m in range(k):
+        slip, way = bench.slips[m, lane], fleet.directions[i, 2 * m]
+        if slip > 0.0:
+            way = 1.0
+        if slip < 0.0:
+            way = -1.0
+        bench.posed[n + m, lane] = way
+        bench.posed[n + k + m, lane] = fleet.sides[i, m] if plan.rules[rule, KNOWN] != 0 else 1.0
+
+
+@bare
+def chosen(plan: Plan, bench: Bench, rule: int, lane: int) -> int:
+    """Return the first attempt of a rule that contradicts nothing, -1 where that is not sure."""
+    first, verdict = plan.rules[rule, FIRST_ATTEMPT], bench.verdict
+    strict, loose, clear, torn = -1, -1, 0, False
+    for a in range(plan.rules[rule, ATTEMPTS]):
+        margin = verdict[2 + a, lane]
+        if strict < 0 and margin >= 0.0:
+            strict = a
+        if loose < 0 and margin >= -ROUNDING:
+            loose = a
+        if margin > ROUNDING:
+            torn = torn or clear & plan.attempts[first + a, APART] != 0
+            clear += 1 << a
+    if torn or not math.isfinite(verdict[1, lane]) or not verdict[0, lane] >= REGULAR:
+        return -1
+    if strict < 0 and plan.rules[rule, KNOWN] != 0:
+        return -1
+    best = strict if strict >= 0 else loose
+    return first + best if best >= 0 else -1
+
+
+@bare
+def go_on(plan: Plan, fleet: Fleet, bench: Bench, attempt: int, i: int, lane: int) -> None:
+    """Give a case the rates, directions and sides of an attempt."""
+    n, k, held = fleet.x.shape[1], fleet.sides.shape[1], plan.attempts[attempt, HELD]
+    if held > 0:
+        for m in range(n // 2):
+            fleet.x[i, n // 2 + m] = bench.verdict[held + m, lane]
+    for m in range(k):
+        way, side = plan.attempts[attempt, ATTEMPT + m], plan.attempts[attempt, ATTEMPT + k + m]
+        fleet.directions[i, 2 * m] = bench.posed[n + m, lane]
+        if way != 0:
+            fleet.directions[i, 2 * m] = float(way)
+        fleet.directions[i, 2 * m + 1] = 0.0
+        fleet.sides[i, m] = bench.posed[n + k + m, lane] * float(side)

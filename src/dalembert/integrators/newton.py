@@ -1,0 +1,222 @@
+"""Newton's iteration for the increments of one step of Radau IIA.
+
+All vectors are rows of one array ``work`` (ROWS, n); the first rows are those of ``packing``. For the system
+E y' = f(t, y), E the identity in the first ``differential`` components and zero in the rest, the increments
+Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transformed by W = T^-1 Z, a simplified Newton
+step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..methods.collocation import COMPLEX, FROM_MODES, NODES, REAL, TO_MODES
+from .compiled_subset import bare, call_code, row
+from .kinds import INTEGERS, MATRIX, VECTOR, Group
+from .lu import factor, factor_pair, solve, solve_pair
+from .packed_tableaus import POINT
+from .recorded_runs import Run, evaluate
+
+__all__ = [
+    "BROKEN",
+    "CONVERGED",
+    "DIVERGED",
+    "ERROR",
+    "MAX_ITERATIONS",
+    "ROOM",
+    "ROWS",
+    "SCALE",
+    "SLOPE",
+    "P",
+    "Room",
+    "Z",
+    "evaluate_jacobian",
+    "factor_matrices",
+    "newton",
+    "predict",
+    "room",
+]
+
+# Rows of the working array behind those of ``packing``: slope at the start, error, scale, increments, slopes at the
+# nodes, modes, and coefficients of the last step's polynomial.
+SLOPE, ERROR, SCALE, Z, F, W, P = 4, 5, 6, 7, 10, 13, 16
+ROWS = 19
+
+MAX_ITERATIONS = 7
+CONVERGED, DIVERGED, BROKEN = 0, 1, 2
+
+_A, _B = COMPLEX.real, -COMPLEX.imag
+
+
+class Room(NamedTuple):
+    """Matrices for the Newton systems of n unknowns: the Jacobian, both factored matrices, pivots, and vectors.
+
+    ``wide`` (2, max(n*n, 2*n)) holds what a kernel of the Jacobian reads and writes; ``re`` and ``im`` are the parts of
+    the complex matrix, as ``second`` and ``third`` are those of its vector.
+    """
+
+    j: FloatArray
+    wide: FloatArray
+    real: FloatArray
+    re: FloatArray
+    im: FloatArray
+    real_pivots: NDArray[np.int64]
+    pair_pivots: NDArray[np.int64]
+    first: FloatArray
+    second: FloatArray
+    third: FloatArray
+
+
+ROOM = Group((*(MATRIX,) * 5, INTEGERS, INTEGERS, *(VECTOR,) * 3), Room._fields)
+
+
+def room(n: int) -> Room:
+    """Return room for n unknowns."""
+    j, real, re, im = (np.zeros((n, n)) for _ in range(4))
+    first, second, third = (np.zeros(n) for _ in range(3))
+    pivots = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    return Room(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third)
+
+
+@bare
+def _power(x: float, k: int) -> float:
+    result = 1.0
+    for _ in range(k):
+        result *= x
+    return result
+
+
+@bare
+def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, room: Room) -> None:
+    """Write the Jacobian at ``work[y]`` into ``j``: at once, or column by column where it is too long for that."""
+    j, wide, n = room.j, room.wide, run.work.shape[1]
+    run.clock[0, 0] = t
+    clock, point, c, out = row(run.clock, 0), row(wide, 0), row(run.constants, 0), row(wide, 1)
+    for m in range(n):
+        wide[0, m] = run.work[y, m]
+    if jacobian != 0:
+        call_code(jacobian, clock, point, c, 0, out)
+        for m in range(n):
+            for k in range(n):
+                j[m, k] = wide[1, m * n + k]
+        return
+    for k in range(n):
+        wide[0, n + k] = 0.0
+    for k in range(n):
+        wide[0, n + k] = 1.0
+        call_code(tangent, clock, point, c, 0, out)
+        wide[0, n + k] = 0.0
+        for m in range(n):
+            j[m, k] = wide[1, m]
+
+
+@bare
+def factor_matrices(h: float, differential: int, room: Room) -> bool:
+    """Factor the two matrices of the Newton steps; return whether both are regular."""
+    n = room.j.shape[0]
+    for m in range(n):
+        for k in range(n):
+            room.real[m, k] = room.re[m, k] = -room.j[m, k]
+            room.im[m, k] = 0.0
+        if m < differential:
+            room.real[m, m] += REAL / h
+            room.re[m, m] += _A / h
+            room.im[m, m] -= _B / h
+    return factor(room.real, room.real_pivots) and factor_pair(room.re, room.im, room.pair_pivots)
+
+
+@bare
+def predict(work: FloatArray, ratio: float) -> None:
+    """Start the iteration from the last step's polynomial, continued; ``ratio`` is h over the last h, 0 for none."""
+    for m in range(work.shape[1]):
+        for i in range(3):
+            x = ratio * NODES[i]
+            # the polynomial at 1 + x less its value at 1
+            first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
+            work[Z + i, m] = x * (first + 2.0 * second + 3.0 * third + x * (second + 3.0 * third + x * third))
+    for m in range(work.shape[1]):
+        for i in range(3):
+            value = 0.0
+            for k in range(3):
+                value += TO_MODES[i, k] * work[Z + k, m]
+            work[W + i, m] = value
+
+
+@bare
+def newton(
+    rhs: int,
+    t: float,
+    h: float,
+    differential: int,
+    run: Run,
+    y: int,
+    room: Room,
+    tolerance: float,
+    known_rate: float,
+) -> tuple[int, int, float]:
+    """Iterate for the increments of a step; return how that ended, the iterations and the rate of convergence.
+
+    ``tolerance`` is in units of ``work[SCALE]``; ``known_rate`` is rate/(1 - rate) of the last step, from which the
+    first correction is judged.
+    """
+    work, first, second, third = run.work, room.first, room.second, room.third
+    n = work.shape[1]
+    rate, before, factor_ = 0.0, 0.0, known_rate
+    # With multipliers every other iteration gains little: they follow what the one before has done to the state.
+    most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
+    for iteration in range(most):
+        for i in range(3):
+            for m in range(n):
+                work[POINT, m] = work[y, m] + work[Z + i, m]
+            evaluate(rhs, t + NODES[i] * h, run, POINT, F + i)
+        finite = 0.0
+        for m in range(n):
+            f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
+            finite += 0.0 * (f0 + f1 + f2)
+            a = TO_MODES[0, 0] * f0 + TO_MODES[0, 1] * f1 + TO_MODES[0, 2] * f2
+            b = TO_MODES[1, 0] * f0 + TO_MODES[1, 1] * f1 + TO_MODES[1, 2] * f2
+            c = TO_MODES[2, 0] * f0 + TO_MODES[2, 1] * f1 + TO_MODES[2, 2] * f2
+            if m < differential:
+                w1, w2, w3 = work[W, m], work[W + 1, m], work[W + 2, m]
+                a -= REAL / h * w1
+                b -= (_A * w2 + _B * w3) / h
+                c -= (_A * w3 - _B * w2) / h
+            first[m], second[m], third[m] = a, b, c
+        if finite != 0.0:
+            return BROKEN, iteration + 1, rate
+        solve(room.real, room.real_pivots, first)
+        solve_pair(room.re, room.im, room.pair_pivots, second, third)
+        total = 0.0
+        for m in range(n):
+            work[W, m] += first[m]
+            work[W + 1, m] += second[m]
+            work[W + 2, m] += third[m]
+            weight = 1.0 / work[SCALE, m]
+            total += (first[m] * weight) ** 2 + (second[m] * weight) ** 2 + (third[m] * weight) ** 2
+            for i in range(3):
+                work[Z + i, m] = (
+                    FROM_MODES[i, 0] * work[W, m]
+                    + FROM_MODES[i, 1] * work[W + 1, m]
+                    + FROM_MODES[i, 2] * work[W + 2, m]
+                )
+        size = math.sqrt(total / (3 * n))
+        if not size < np.inf:
+            return BROKEN, iteration + 1, rate
+        if iteration > 0:
+            quotient = size / before if before > 0.0 else 0.0
+            rate = quotient if iteration == 1 else math.sqrt(quotient * rate)
+            if rate >= 0.99:
+                return DIVERGED, iteration + 1, rate
+            factor_ = rate / (1.0 - rate)
+            hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
+            if hopeless and (iteration > 1 or differential == n):
+                return DIVERGED, iteration + 1, rate
+        before = max(size, 1e-300)
+        if factor_ * size <= tolerance:
+            return CONVERGED, iteration + 1, rate
+    return DIVERGED, most, rate

@@ -1,1 +1,0 @@
-"""Integrator loops compiled by numba; importing a module of this package imports numba."""

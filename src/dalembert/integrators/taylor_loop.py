@@ -1,0 +1,149 @@
+"""One trajectory, step by step, with a compiled step kernel.
+
+The kernel decides the size of each step and never rejects one; the loop keeps the time, looks for
+numbers that are not finite, and projects. It is the same for every model and every order.
+
+Time and state are summed with compensation (Kahan; N. J. Higham, Accuracy and Stability of Numerical
+Algorithms, section 4.3): what rounding takes from a sum is kept and added to the next increment, so that
+the phase of a long run, and angles that wind up, keep the digits of the steps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..methods.status import Status
+from .compiled_subset import bare, call_code, row
+from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
+from .projection import corrected
+from .taylor_runs import RUNNING
+
+__all__ = ["KINDS", "LOOP"]
+
+_SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
+_STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
+_SMALLEST = 16.0 * 2.220446049250313e-16
+
+KINDS = (Group((INTEGER,) * 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, INTEGER_MATRIX, INTEGERS)
+
+
+@bare
+def _sum(a: float, b: float) -> tuple[float, float]:
+    """Return a + b as rounded, and what rounding took (Knuth's two-sum)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@bare
+def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float, low: FloatArray) -> None:
+    """Write to ``rows[here, :n]`` the state ``old[before, :n]`` moved by the series in that row, with compensation."""
+    n = low.size - 1
+    width = (rows.shape[1] - n - 2) // n
+    for i in range(n):
+        first = n + 2 + i * width
+        move = 0.0
+        for k in range(width - 1, 0, -1):
+            move = (move + rows[here, first + k]) * h
+        rows[here, i], low[i] = _sum(old[before, i], move + low[i])
+
+
+@bare
+def _march(
+    codes: tuple[int, int, int, int],
+    span: FloatArray,
+    settings: FloatArray,
+    y: FloatArray,
+    c: FloatArray,
+    rows: FloatArray,
+    times: FloatArray,
+    low: FloatArray,
+    clock: FloatArray,
+    delta: FloatArray,
+    mark: NDArray[np.int64],
+) -> tuple[int, int]:
+    step, position, velocity, limit = codes
+    n = low.size - 1
+    t, t1, largest = span[0], span[1], span[2]
+    state = row(y, 0)
+    for k in range(limit):
+        here = k % rows.shape[0]
+        rest = abs(t1 - t - low[n])
+        if rest == 0.0:
+            return _SUCCESS, k
+        settings[0, 0] = min(rest, largest)
+        clock[0, 0] = t
+        call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
+        size = rows[here, n]
+        if rows[here, n + 1] != 0.0:
+            return _NON_FINITE, k
+        if size < _SMALLEST * max(abs(t), abs(t1 - span[0]) * 1e-16) and size < rest:
+            return _STEP_TOO_SMALL, k
+        if k == 0:
+            _advance(y, 0, rows, here, settings[0, 1] * size, low)
+        else:
+            _advance(rows, (k - 1) % rows.shape[0], rows, here, settings[0, 1] * size, low)
+        state = row(rows, here)
+        if size == rest:
+            t, low[n] = t1, 0.0
+        else:
+            t, low[n] = _sum(t, settings[0, 1] * size + low[n])
+        clock[0, 0] = t
+        held = position != 0 or velocity != 0
+        if held and not corrected(position, velocity, clock, rows, here, c, delta, mark):
+            return _PROJECTION_FAILED, k
+        span[0] = t
+        if k < times.size:
+            times[k] = t
+        if t == t1:
+            return _SUCCESS, k + 1
+    return RUNNING, limit
+
+
+@bare
+def LOOP(
+    codes: tuple[int, int, int, int],
+    span: FloatArray,
+    settings: FloatArray,
+    y: FloatArray,
+    c: FloatArray,
+    rows: FloatArray,
+    times: FloatArray,
+    low: FloatArray,
+    clock: FloatArray,
+    delta: FloatArray,
+    mark: NDArray[np.int64],
+    outcome: NDArray[np.int64],
+) -> int:
+    """March from the state y (1, n_y + 1), at most so many steps. Return the status.
+
+    Behind the state lies the size of the step before, 0 where there was none.
+
+    Parameters
+    ----------
+    codes : addresses and a number
+        The step, the projections (0 for none), and the number of steps.
+    span : (3,)
+        Present time, end and largest step [s]; the first moves along.
+    settings : (1, 3)
+        Handed to the step (see `dalembert.transforms.taylor`).
+    rows : (m, ...)
+        Gets the outputs of step k in row k modulo m.
+    times : (...,)
+        Gets the end of step k where it has room.
+    low : (n_y + 1,)
+        What rounding took from the state and from the time so far.
+    clock, delta, mark : (1, 1), (n_y, 1), (1, 1)
+        Room.
+    outcome : (1,) int64
+        Gets the number of steps.
+
+    Returns
+    -------
+    int
+        The status; `RUNNING` where the number of steps was reached before the end.
+    """
+    status, outcome[0] = _march(codes, span, settings, y, c, rows, times, low, clock, delta, mark)
+    return status

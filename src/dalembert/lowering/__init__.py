@@ -1,0 +1,1 @@
+"""Reduced systems to programs."""

@@ -1,0 +1,137 @@
+"""[ReducedSystem] -> [Program]: graph nodes become straight-line kernels on named arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from ..ir.conditions import CONDITION_TIME, Conditions
+from ..ir.graph import Graph, Node
+from ..ir.kernel import Kernel
+from ..ir.program import Layout, Program
+from ..transforms.conditions import decide
+from ..transforms.lower_kernels import lower_kernel
+from ..transforms.passes import hoist_parameters
+
+if TYPE_CHECKING:
+    from ..mechanics.equations import EquationsOfMotion
+    from ..reduction import ReducedSystem
+
+__all__ = [
+    "decided",
+    "lower",
+]
+
+
+def lower(system: ReducedSystem) -> Program:
+    """Return the program of a reduced system.
+
+    Besides ``prepare(p)`` every kernel takes ``(t, y, c)``. In ``rhs``, ``expand``, ``outputs`` and the
+    projections y is the state of the formulation; in the others it is (q, q_dot).
+    """
+    equations = system.equations
+    graph, symbols = equations.graph, equations.symbols
+    parameters = {graph.input(name): ("p", i) for i, name in enumerate(symbols.parameters)}
+    common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
+    state = common | {node: ("y", i) for node, i in system.places.items()}
+    scene = common | {node: ("y", i) for i, node in enumerate((*equations.q, *equations.qdot))}
+    rows = equations.constraints
+    residuals = [
+        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift for row in rows
+    ]
+    definitions = dict(zip(system.inputs, system.initial, strict=True))
+    back = {a: b for a, b in definitions.items() if a is not b}
+    # Speeds that were tried may cancel in a form only while unit quaternions stand for the coordinates.
+    graph.heal(system.accelerations, (*system.inputs, equations.time, *parameters))
+    on_state = {
+        "expand": (*system.coordinates, *system.rates),
+        "outputs": tuple(system.outputs.values()),
+    }
+    if system.projection is not None:
+        on_state |= system.projection.kernels()
+    on_scene = {
+        "initial": system.initial,
+        "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
+        "forcing": equations.forcing,
+        "accelerations": tuple(graph.substitute(system.accelerations, back)),
+        "energy": (equations.kinetic_energy, equations.potential_energy),  # and that of loads, see below
+        "constraint_jacobian": tuple(entry for row in rows for entry in row.jacobian),
+        "position_residual": tuple(row.position for row in rows if row.position is not None),
+        "velocity_residual": tuple(residuals),
+    }
+    if not system.regular and set(system.outputs) & set(symbols.unknowns):
+        on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
+    still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
+    kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still))]
+    kernels += [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
+    for name, nodes in on_scene.items():
+        if name == "energy" and equations.load_energy.potential is not None:
+            kernels.append(_energies(equations, scene))
+        elif nodes:
+            kernels.append(lower_kernel(graph, name, nodes, scene))
+    if system.stages is not None:
+        whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
+        kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole))
+        kernels.append(lower_kernel(graph, "multipliers", system.stages.multipliers, state))
+    hoisted = hoist_parameters(kernels, symbols.parameters)
+    layout = Layout(
+        coordinates=symbols.coordinates,
+        rates=symbols.rates,
+        parameters=symbols.parameters,
+        unknowns=symbols.unknowns,
+        undetermined=system.undetermined,
+        state=system.state,
+        outputs=tuple(system.outputs),
+        constraints=tuple(row.label for row in rows),
+        holonomic=sum(row.position is not None for row in rows),
+        constants=len(hoisted.prepare.outputs),
+        aliases=dict(symbols.aliases),
+        defaults={
+            **equations.defaults,
+            **system.defaults,
+            **({CONDITION_TIME: 0.0} if decide(equations.conditions) else {}),
+        },
+        entries=tuple(name for entry in symbols.entries for name in entry.names),
+        assumptions=dict(symbols.assumptions),
+    )
+    everything = (hoisted.prepare, *hoisted.kernels)
+    note = equations.load_energy.incomplete(equations.name)
+    return Program(
+        equations.name,
+        system.formulation,
+        layout,
+        everything,
+        system.notes,
+        equations.sudden,
+        note,
+        decided(equations),
+    )
+
+
+def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int | None]]) -> Kernel:
+    """Return the kernel of the energies with that of loads, on a graph of its own: no other kernel depends on it."""
+    graph = Graph()
+    places = {graph.input(str(node.payload)): place for node, place in inputs.items()}
+    return lower_kernel(graph, "energy", equations.energies(graph), places)
+
+
+def decided(equations: EquationsOfMotion) -> Conditions | None:
+    """Return the conditions that are decided for segments of runs, None where there are none."""
+    if not equations.conditions:
+        return None
+    graph, parameters = equations.graph, equations.symbols.parameters
+    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
+    inputs |= {graph.input(name): ("p", i) for i, name in enumerate(parameters)}
+    functions = [condition.function for condition in equations.conditions]
+    within = graph.input(CONDITION_TIME).deps
+
+    def lowered(node: Node) -> Kernel:
+        return lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p"))
+
+    return Conditions(
+        place=parameters.index(CONDITION_TIME) if CONDITION_TIME in parameters else None,
+        functions=tuple(map(lowered, functions)),
+        kinds=tuple(condition.kind for condition in equations.conditions),
+        nested=tuple(bool(node.deps & within) for node in functions),
+        sharpness=tuple(None if c.sharpness is None else lowered(c.sharpness) for c in equations.conditions),
+    )

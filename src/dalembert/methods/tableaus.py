@@ -1,0 +1,111 @@
+"""The explicit Runge-Kutta pairs; a new one is one tableau and one line in ``TABLEAUS``."""
+
+import numpy as np
+
+from dalembert.methods import tableau_data_dop853 as dop853
+from dalembert.methods.tableau import Tableau, matrix_from_rows
+
+from ..arrays import FloatArray
+
+
+def _dop853_dense() -> FloatArray:
+    """Monomial form (16, 7) of DOP853's dense output.
+
+    The published form is nested, ``x*(F0 + (1 - x)*(F1 + x*(F2 + (1 - x)*(F3 + ...))))``, with F0 the
+    increment of the step, F1 = h*f0 - F0, F2 = 2*F0 - h*(f0 + f1) and F3 to F6 combinations of the stages.
+    """
+    b, first, last = np.zeros((3, 16))
+    for j, weight in dop853.A[12].items():
+        b[j] = weight
+    first[0], last[12] = 1.0, 1.0
+    published = [[dop853.D[k].get(j, 0.0) for j in range(16)] for k in range(4)]
+    nested = np.array([b, first - b, 2.0 * b - first - last, *published])
+    monomials = np.zeros((7, 7))
+    basis = np.ones(1)
+    for k in range(7):
+        basis = np.convolve(basis, (0.0, 1.0) if k % 2 == 0 else (1.0, -1.0))
+        monomials[k, : len(basis) - 1] = basis[1:]
+    dense: FloatArray = nested.T @ monomials
+    return dense
+
+
+TSIT5 = Tableau(
+    name="tsit5",
+    order=5,
+    error_order=4,
+    dense_order=4,
+    c=np.array([0.0, 0.161, 0.327, 0.9, 0.9800255409045097, 1.0, 1.0]),
+    A=matrix_from_rows(
+        7,
+        {
+            1: {0: 0.161},
+            2: {0: -0.008480655492356989, 1: 0.335480655492357},
+            3: {0: 2.8971530571054935, 1: -6.359448489975075, 2: 4.3622954328695815},
+            4: {0: 5.325864828439257, 1: -11.748883564062828, 2: 7.4955393428898365, 3: -0.09249506636175525},
+            5: {
+                0: 5.86145544294642,
+                1: -12.92096931784711,
+                2: 8.159367898576159,
+                3: -0.071584973281401,
+                4: -0.028269050394068383,
+            },
+            6: {
+                0: 0.09646076681806523,
+                1: 0.01,
+                2: 0.4798896504144996,
+                3: 1.379008574103742,
+                4: -3.290069515436081,
+                5: 2.324710524099774,
+            },
+        },
+    ),
+    end=6,
+    error=np.array(
+        [
+            [
+                -0.00178001105222577714,
+                -0.0008164344596567469,
+                0.007880878010261995,
+                -0.1447110071732629,
+                0.5823571654525552,
+                -0.45808210592918697,
+                0.015151515151515152,
+            ]
+        ]
+    ),
+    error_orders=(4,),
+    P=np.array(
+        [
+            [1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216],
+            [0.0, 0.13169999999999998, -0.2234, 0.1017],
+            [0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253],
+            [0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902],
+            [0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928],
+            [0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661],
+            [0.0, 1.5, -4.0, 2.5],
+        ]
+    ),
+    source="Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying "
+    "assumption, Computers & Mathematics with Applications 62 (2011) 770-775",
+)
+
+DOP853 = Tableau(
+    name="dop853",
+    order=8,
+    error_order=7,
+    dense_order=7,
+    c=np.array(dop853.C),
+    A=matrix_from_rows(16, dop853.A),
+    end=12,
+    error=np.array(
+        [
+            [dop853.E5.get(j, 0.0) for j in range(16)],
+            [dop853.A[12].get(j, 0.0) - dop853.B3.get(j, 0.0) for j in range(16)],
+        ]
+    ),
+    error_orders=(5, 3),
+    P=_dop853_dense(),
+    source="E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993",
+)
+
+TABLEAUS = (TSIT5, DOP853)

@@ -1,0 +1,170 @@
+"""Derivatives on the graph, forward and reverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from ..ir.graph import Graph, Node
+
+__all__ = ["GUARDED", "RULES", "cotangents", "jacobian", "tangents"]
+
+
+class Form(NamedTuple):
+    """A node and its form when it was met; making its derivative may give the node a cheaper form."""
+
+    node: Node
+    op: str
+    args: tuple[Node, ...]
+
+
+Rule = Callable[[Graph, Form, tuple[Node, ...]], Node]
+
+
+def _piecewise_zero(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    return graph.zero
+
+
+def _extremum(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    a, b = node.args
+    low, high = tangent if node.op == "min" else tangent[::-1]
+    return graph.call("select", graph.call("less_equal", a, b), low, high)
+
+
+def _power(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    base, exponent = node.args
+    result = exponent * graph.call("pow", base, exponent - 1) * tangent[0]
+    if not tangent[1].is_zero:
+        result = result + node.node * graph.call("log", base) * tangent[1]
+    return result
+
+
+def _atan2(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    y, x = node.args
+    return (x * tangent[0] - y * tangent[1]) / (x * x + y * y)
+
+
+RULES: dict[str, Rule] = {
+    "add": lambda g, n, d: d[0] + d[1],
+    "sub": lambda g, n, d: d[0] - d[1],
+    "mul": lambda g, n, d: d[0] * n.args[1] + n.args[0] * d[1],
+    "div": lambda g, n, d: (d[0] - n.node * d[1]) / n.args[1],
+    "neg": lambda g, n, d: -d[0],
+    "sqrt": lambda g, n, d: d[0] / (2 * n.node),
+    "pow": _power,
+    "sin": lambda g, n, d: g.cos(n.args[0]) * d[0],
+    "cos": lambda g, n, d: -(g.sin(n.args[0]) * d[0]),
+    "tan": lambda g, n, d: (1 + n.node * n.node) * d[0],
+    "asin": lambda g, n, d: d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
+    "acos": lambda g, n, d: -d[0] / g.call("sqrt", 1 - n.args[0] * n.args[0]),
+    "atan": lambda g, n, d: d[0] / (1 + n.args[0] * n.args[0]),
+    "atan2": _atan2,
+    "exp": lambda g, n, d: n.node * d[0],
+    "log": lambda g, n, d: d[0] / n.args[0],
+    "sinh": lambda g, n, d: g.call("cosh", n.args[0]) * d[0],
+    "cosh": lambda g, n, d: g.call("sinh", n.args[0]) * d[0],
+    "tanh": lambda g, n, d: (1 - n.node * n.node) * d[0],
+    "abs": lambda g, n, d: g.call("sign", n.args[0]) * d[0],
+    "sign": _piecewise_zero,
+    "floor": _piecewise_zero,
+    "min": _extremum,
+    "max": _extremum,
+    "less": _piecewise_zero,
+    "less_equal": _piecewise_zero,
+    "select": lambda g, n, d: g.call("select", n.args[0], d[1], d[2]),
+}
+"""The derivative of each operation: (graph, node, tangents of its operands) -> tangent of the node.
+
+Operations that jump (sign, floor, comparisons) have derivative zero, which holds between their jumps.
+"""
+
+
+def _zero_where(test: Callable[[Graph, Form], Node], rule: Rule) -> Rule:
+    """Return a rule whose derivative is zero where the test gives zero."""
+
+    def guarded(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+        return graph.call("select", test(graph, node), rule(graph, node, tangent), graph.zero)
+
+    return guarded
+
+
+GUARDED: dict[str, Rule] = RULES | {
+    "sqrt": _zero_where(lambda g, n: n.args[0], RULES["sqrt"]),
+    "pow": _zero_where(lambda g, n: n.args[0], RULES["pow"]),
+    "atan2": _zero_where(lambda g, n: n.args[0] * n.args[0] + n.args[1] * n.args[1], RULES["atan2"]),
+    "asin": _zero_where(lambda g, n: 1 - n.args[0] * n.args[0], RULES["asin"]),
+    "acos": _zero_where(lambda g, n: 1 - n.args[0] * n.args[0], RULES["acos"]),
+}
+"""`RULES` for derivatives that are evaluated: zero where an operation has none, so that rest and zero angles give no
+NaN (a root's infinite derivative at zero, times a tangent that is zero)."""
+
+
+def tangents(
+    graph: Graph, outputs: Sequence[Node], seeds: Mapping[Node, Node], rules: Mapping[str, Rule] = RULES
+) -> list[Node]:
+    """Return the directional derivatives of `outputs`.
+
+    Parameters
+    ----------
+    graph : Graph
+        The graph of all nodes.
+    outputs : sequence of Node
+        What to differentiate.
+    seeds : mapping of Node to Node
+        The rate of each input that varies; inputs not named are constant.
+    rules : mapping of str to Rule
+        The derivative of each operation.
+
+    Returns
+    -------
+    list of Node
+        One derivative an output: sum over inputs x of (d output / d x) * seeds[x].
+    """
+    varying = 0
+    for source in seeds:
+        varying |= source.deps
+    tangent: dict[int, Node] = {source.index: rate for source, rate in seeds.items()}
+
+    def differentiate(node: Node) -> Node:
+        form = Form(node, node.op, node.args)
+        rates = tuple(tangent[arg.index] for arg in form.args)
+        if not node.deps & varying or all(rate.is_zero for rate in rates):
+            return graph.zero
+        return rules[form.op](graph, form, rates)
+
+    graph.visit(outputs, tangent, differentiate)
+    return [tangent[output.index] for output in outputs]
+
+
+def cotangents(
+    graph: Graph,
+    outputs: Sequence[Node],
+    weights: Sequence[Node],
+    inputs: Sequence[Node],
+    rules: Mapping[str, Rule] = RULES,
+) -> list[Node]:
+    """Return the derivatives of the sum of weights * outputs by the inputs, in a few times the operations of `outputs`.
+
+    A rule is linear in its tangents: what an operand gets is the rule's answer where that operand alone has a tangent,
+    the cotangent of the node.
+    """
+    varying = 0
+    for source in inputs:
+        varying |= source.deps
+    forms = [Form(node, node.op, node.args) for node in graph.topological(outputs) if node.deps & varying]
+    found: dict[int, Node] = {}
+    for output, weight in zip(outputs, weights, strict=True):
+        found[output.index] = found.get(output.index, graph.zero) + weight
+    for form in reversed(forms):
+        own = found.get(form.node.index, graph.zero)
+        for place, arg in enumerate(form.args):
+            if arg.deps & varying and not own.is_zero:
+                alone = tuple(own if i == place else graph.zero for i in range(len(form.args)))
+                found[arg.index] = found.get(arg.index, graph.zero) + rules[form.op](graph, form, alone)
+    return [found.get(source.index, graph.zero) for source in inputs]
+
+
+def jacobian(graph: Graph, outputs: Sequence[Node], inputs: Sequence[Node]) -> list[list[Node]]:
+    """Return the matrix of partial derivatives, one row an output, one column an input."""
+    columns = [tangents(graph, outputs, {source: graph.one}) for source in inputs]
+    return [[column[row] for column in columns] for row in range(len(outputs))]

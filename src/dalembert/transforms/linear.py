@@ -1,0 +1,167 @@
+"""Linear algebra written out on the graph: structural zeros cost nothing, and nothing is expanded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.graph import Graph, Node
+from ..ir.zero_tests import vanishes
+
+__all__ = ["Factorization", "Matrix", "SingularMatrix", "determinant_and_solution", "factorize", "matmul", "matvec"]
+__all__ += ["transpose"]
+
+Matrix = list[list[Node]]
+
+
+class SingularMatrix(ArithmeticError):
+    """A pivot of a symmetric matrix is identically zero, up to the rounding of decimals; `index` is its row."""
+
+    def __init__(self, index: int) -> None:
+        super().__init__(f"pivot {index} is identically zero")
+        self.index = index
+
+
+def transpose(a: Sequence[Sequence[Node]]) -> Matrix:
+    """Return the transpose of a matrix with at least one row."""
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def matvec(graph: Graph, a: Sequence[Sequence[Node]], x: Sequence[Node]) -> list[Node]:
+    """Return the product of a matrix and a vector."""
+    return [graph.sum(u * v for u, v in zip(row, x, strict=True)) for row in a]
+
+
+def matmul(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Sequence[Node]]) -> Matrix:
+    """Return the product of two matrices."""
+    columns = transpose(b)
+    return [[graph.sum(u * v for u, v in zip(row, column, strict=True)) for column in columns] for row in a]
+
+
+@final
+@dataclass(frozen=True)
+class Factorization:
+    """P A P^T = L D L^T of a symmetric matrix, L unit lower triangular, stored without its zeros.
+
+    Attributes
+    ----------
+    order : tuple of int
+        Row of A that stands at each place.
+    lower : tuple of dict
+        Row i of L as {column: value}, columns < i.
+    pivots : tuple of Node
+        The diagonal D.
+    """
+
+    graph: Graph
+    order: tuple[int, ...]
+    lower: tuple[dict[int, Node], ...]
+    pivots: tuple[Node, ...]
+
+    def half_solve(self, b: Sequence[Node]) -> list[Node]:
+        """Return L^-1 P b."""
+        x: list[Node] = []
+        for place, row in enumerate(self.order):
+            value = b[row]
+            for column, entry in self.lower[place].items():
+                value = value - entry * x[column]
+            x.append(value)
+        return x
+
+    def solve(self, b: Sequence[Node]) -> list[Node]:
+        """Return A^-1 b."""
+        return self.finish(self.half_solve(b))
+
+    def inner(self, a: Sequence[Node], b: Sequence[Node]) -> Node:
+        """Return x . A^-1 y from the half solutions a = L^-1 P x and b = L^-1 P y."""
+        return self.graph.sum(x * y / pivot for x, y, pivot in zip(a, b, self.pivots, strict=True))
+
+    def finish(self, half: Sequence[Node]) -> list[Node]:
+        """Return A^-1 b from the half solution L^-1 P b."""
+        x = [value / pivot for value, pivot in zip(half, self.pivots, strict=True)]
+        for place in range(len(x) - 1, -1, -1):
+            for column, entry in self.lower[place].items():
+                x[column] = x[column] - entry * x[place]
+        result = list(x)
+        for place, row in enumerate(self.order):
+            result[row] = x[place]
+        return result
+
+
+def _elimination_order(a: Sequence[Sequence[Node]]) -> list[int]:
+    """Return a minimum-degree order; among equals the last row goes first, which follows a tree from its leaves."""
+    size = len(a)
+    neighbours = {i: {j for j in range(size) if j != i and not a[i][j].is_zero} for i in range(size)}
+    order: list[int] = []
+    while neighbours:
+        pivot = min(neighbours, key=lambda i: (len(neighbours[i]), -i))
+        order.append(pivot)
+        clique = neighbours.pop(pivot)
+        for i in sorted(clique):
+            neighbours[i] |= clique
+            neighbours[i] -= {i, pivot}
+    return order
+
+
+Guard = Callable[[Node, Node], Node]
+"""A pivot and the diagonal entry that it came from -> the pivot to divide by."""
+
+
+def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None) -> Factorization:
+    """Return the sparse L D L^T of a symmetric matrix of which only the lower triangle is read.
+
+    With `guard`, pivots that elimination has changed are replaced by what it makes of them.
+
+    Raises
+    ------
+    SingularMatrix
+        When a pivot is identically zero, up to the rounding of decimals (`dalembert.ir.zero_tests`).
+    """
+    size = len(a)
+    full = [[a[max(i, j)][min(i, j)] for j in range(size)] for i in range(size)]
+    order = _elimination_order(full)
+    lower: list[dict[int, Node]] = [{} for _ in range(size)]
+    pivots: list[Node] = []
+    work = [[full[order[i]][order[j]] for j in range(i + 1)] for i in range(size)]
+    for k in range(size):
+        pivot = work[k][k]
+        if vanishes(pivot):
+            raise SingularMatrix(order[k])
+        if guard is not None and pivot is not full[order[k]][order[k]]:
+            pivot = guard(pivot, full[order[k]][order[k]])
+        pivots.append(pivot)
+        column = [(i, work[i][k]) for i in range(k + 1, size) if not vanishes(work[i][k])]
+        for i, entry in column:
+            lower[i][k] = entry / pivot
+        for place, (i, _) in enumerate(column):
+            for j, entry in column[: place + 1]:
+                work[i][j] = work[i][j] - lower[i][k] * entry
+    return Factorization(graph, tuple(order), tuple(lower), tuple(pivots))
+
+
+def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Node]) -> tuple[Node, list[Node]]:
+    """Return det A and A^-1 b of a small matrix, by elimination along the diagonal.
+
+    Raises
+    ------
+    SingularMatrix
+        When a pivot is identically zero, up to the rounding of decimals (`dalembert.ir.zero_tests`).
+    """
+    size = len(a)
+    rows = [[*row, value] for row, value in zip(a, b, strict=True)]
+    determinant = graph.one
+    for k in range(size):
+        pivot = rows[k][k]
+        if vanishes(pivot):
+            raise SingularMatrix(k)
+        determinant = determinant * pivot
+        for i in range(k + 1, size):
+            if not rows[i][k].is_zero:
+                factor = rows[i][k] / pivot
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    x: list[Node] = [graph.zero] * size
+    for i in reversed(range(size)):
+        rest = rows[i][size] - graph.sum(rows[i][j] * x[j] for j in range(i + 1, size))
+        x[i] = rest / rows[i][i]
+    return determinant, x

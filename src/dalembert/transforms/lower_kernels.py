@@ -1,0 +1,96 @@
+"""Graph nodes to straight-line kernels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+
+from ..errors import ExpressionError
+from ..ir.graph import Graph, Node
+from ..ir.kernel import Assignment, Kernel, Load, Operand
+from ..ir.ops import OPERATIONS
+from ..naming import Namer
+from .forms import Forms
+from .passes import eliminate_dead_code, group_products, run, share_equal, share_reciprocals
+from .rewriting import rewritten
+
+__all__ = ["ARGUMENTS", "PASSES", "lower_kernel"]
+
+
+PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
+
+
+ARGUMENTS = ("t", "y", "p")
+
+
+def lower_kernel(
+    graph: Graph,
+    name: str,
+    nodes: Sequence[Node],
+    inputs: Mapping[Node, tuple[str, int | None]],
+    arguments: tuple[str, ...] = ARGUMENTS,
+    *,
+    fixed: Sequence[Node] | None = None,
+) -> Kernel:
+    """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
+
+    With `fixed`, the inputs that stay the same along a motion, it has few products of the others.
+
+    Raises
+    ------
+    ExpressionError
+        When a node depends on an input that is not given, or a constant is not finite.
+    """
+    graph.heal(nodes, inputs.keys())
+    places = {str(node.payload): place for node, place in inputs.items()}
+    forms = Forms(graph)
+    if fixed is not None:
+        forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
+    namer = Namer()
+    operands: dict[int, Operand] = {}
+    loads: list[Load] = []
+    body: list[Assignment] = []
+    for node in graph.topological(nodes, forms.args):
+        op, values = forms.of(node)
+        if op == "input":
+            if node.payload not in places:
+                raise ExpressionError(f"kernel {name!r} depends on {node.payload!r}, which it is not given")
+            array, index = places[str(node.payload)]
+            target = namer(str(node.payload).removeprefix("speed ").removeprefix("unit "))
+            loads.append(Load(target, array, index))
+            operands[node.index] = target
+        elif node.deps == 0:
+            operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
+        else:
+            args = tuple(operands[arg.index] for arg in values)
+            target = namer(_wish(op, args))
+            body.append(Assignment(target, op, args))
+            operands[node.index] = target
+    loads.sort(key=lambda load: (load.array, load.index or 0))
+    outputs = tuple(operands[node.index] for node in nodes)
+    return run(Kernel(name, arguments, tuple(loads), tuple(body), outputs), PASSES)
+
+
+def _literal(node: Node, args: list[Operand]) -> float:
+    """Return the value of a node that depends on no input."""
+    if node.op == "const":
+        assert isinstance(node.payload, Fraction | float)
+        try:
+            return float(node.payload)
+        except OverflowError:
+            raise ExpressionError(
+                "a constant is beyond the range of double precision (1.8e308), in which models are computed; choose"
+                " units in which the numbers of the scene are smaller"
+            ) from None
+    value = float(OPERATIONS[node.op].evaluate(*args))
+    if not math.isfinite(value):
+        raise ExpressionError(f"the constant {node.op}({', '.join(map(str, args))}) is not finite")
+    return value
+
+
+def _wish(op: str, args: tuple[Operand, ...]) -> str:
+    """Return a readable name for a value."""
+    if len(args) == 1 and isinstance(args[0], str) and op != "neg":
+        return f"{op}_{args[0]}"
+    return "z"

@@ -1,0 +1,157 @@
+"""What is not smooth, or hardly: operations for branches alone, and those of which a power series may know nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+from ..ir.graph import Graph, Node
+from ..ir.kernel import Assignment, Kernel, Operand
+from ..ir.program import Program
+
+__all__ = [
+    "INVERSE",
+    "JUMPING",
+    "LEAST_INVERSE",
+    "LEAST_POWER",
+    "decisions",
+    "kinked",
+    "last_of",
+    "leading_to",
+    "only_in_branches",
+    "reached_from",
+    "sudden",
+    "unforeseen",
+]
+
+_CHOOSING = ("select", "min", "max")
+JUMPING = ("less", "less_equal", "sign", "floor")
+"""Operations with jumps."""
+_KINKED = {*_CHOOSING, *JUMPING, "abs"}
+_STEEP = {"exp", "sinh", "cosh", "tanh"}
+
+LEAST_POWER, LEAST_INVERSE = 6, 5
+"""Exponents from which powers and inverse powers are steep; of the latter, sums with a square in them count twice.
+
+A factor that passes through zero has with exponent k no coefficient below k, which is not seen by the last two
+coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or more for tolerances below 4e-3, and
+13 by default. A force that goes with an inverse power of a distance is nothing far away: at the default order, steps
+passed over bodies at 1e5 times the shortest distance for exponents up to 4, which is let alone, at 1e3 times for 6, and
+at 100 times for 8 (measured on particles that repel each other)."""
+
+INVERSE = "inverse powers"
+
+
+def unforeseen(kernel: Kernel) -> dict[str, str]:
+    """Return the values of a kernel of whose course a power series may know nothing, and what each is.
+
+    These are the operations with a kink or a jump on what depends on state or time, and steep ones, which are smooth
+    and may be nothing where a series begins and everything close by: tanh(100) is 1 with all its derivatives 0, and
+    t**25 has no coefficient up to order 24. Steep are the exponential functions, powers with exponents that are not
+    known or move, and products of `LEAST_POWER` equal factors or more, above or below the line, however nested.
+
+    The rule does not find everything: a quotient of low powers is small very far from its pole, differences of
+    products may cancel to any order, and a component of the state that is nothing may grow by a rate of its own (which
+    absolute tolerances leave unseen by every method).
+    """
+    moving = {load.target for load in kernel.loads if load.array in ("t", "y")}
+    factors: dict[Operand, dict[str, float]] = {name: {name: 1.0} for name in moving}
+    found: dict[str, str] = {}
+    squares: set[str] = set()
+    for line in kernel.body:
+        if not any(arg in moving for arg in line.args):
+            continue
+        moving.add(line.target)
+        factors[line.target] = own = _factors(line, factors)
+        parts = (part for arg in line.args for part in factors.get(arg, {}).items())
+        if line.op in ("add", "sub") and any(exponent >= 2.0 or name in squares for name, exponent in parts):
+            squares.add(line.target)
+        if line.op in _KINKED or line.op in _STEEP or (line.op == "pow" and isinstance(line.args[1], str)):
+            found[line.target] = line.op
+        elif any(exponent >= LEAST_POWER for exponent in own.values()):
+            found[line.target] = "high powers"
+        elif any(exponent * (1 + (name in squares)) <= -LEAST_INVERSE for name, exponent in own.items()):
+            found[line.target] = INVERSE
+    return found
+
+
+def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
+    """Return those of some values that no other of them is computed from."""
+    behind = {value for value in values if reached_from(kernel, [value]) & set(values) == {value}}
+    return tuple(line.target for line in kernel.body if line.target in behind)
+
+
+def kinked(found: Mapping[str, str]) -> list[str]:
+    """Return those of the values that `unforeseen` gives which have a kink or a jump."""
+    return [name for name, what in found.items() if what in _KINKED]
+
+
+def sudden(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:
+    """Return whether nodes have kinks, jumps or exponential functions in what is `moving`."""
+    mask = 0
+    for node in moving:
+        mask |= node.deps
+    return any(node.op in (*_KINKED, *_STEEP) and node.deps & mask for node in graph.topological(nodes))
+
+
+def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:
+    """Return the factors of a value and their exponents, from those of the values before it."""
+    first = known.get(line.args[0], {})
+    match line.op:
+        case "mul" | "div":
+            factors, sign = dict(first), 1.0 if line.op == "mul" else -1.0
+            for name, exponent in known.get(line.args[1], {}).items():
+                factors[name] = factors.get(name, 0.0) + sign * exponent
+            return factors
+        case "neg" | "abs":
+            return first
+        case "sqrt":
+            return {name: 0.5 * exponent for name, exponent in first.items()}
+        case "pow" if not isinstance(line.args[1], str):
+            return {name: line.args[1] * exponent for name, exponent in first.items()}
+        case _:
+            return {line.target: 1.0}
+
+
+def leading_to(kernel: Kernel, targets: Collection[Operand]) -> set[Operand]:
+    """Return the values that some are computed from, and these."""
+    needed = set(targets)
+    for line in reversed(kernel.body):
+        if line.target in needed:
+            needed.update(line.args)
+    return needed
+
+
+def reached_from(kernel: Kernel, values: Collection[str]) -> set[Operand]:
+    """Return the values that are computed from some, and these."""
+    reached: set[Operand] = set(values)
+    for line in kernel.body:
+        if any(arg in reached for arg in line.args):
+            reached.add(line.target)
+    return reached
+
+
+def only_in_branches(kernel: Kernel) -> frozenset[str]:
+    """Return the targets that reach an output only through a selection, which may choose otherwise.
+
+    Where it does, what they compute may be singular, and their derivatives count for nothing. What is merely compared
+    has no derivative either.
+    """
+    always = {output for output in kernel.outputs if isinstance(output, str)}
+    for line in reversed(kernel.body):
+        if line.target in always and line.op not in (*_CHOOSING, *JUMPING):
+            always.update(arg for arg in line.args if isinstance(arg, str))
+    return frozenset(line.target for line in kernel.body if line.target not in always)
+
+
+def decisions(program: Program) -> Kernel | None:
+    """Return the kernel of what jumps with state or time in the rates; None where nothing does."""
+    rhs = program.kernel("rhs")
+    moving = {load.target for load in rhs.loads if load.array in ("t", "y")}
+    found = []
+    for line in rhs.body:
+        if any(arg in moving for arg in line.args):
+            moving.add(line.target)
+            if line.op in JUMPING:
+                found.append(line.target)
+    return replace(rhs, name="decisions", outputs=tuple(found)) if found else None

@@ -1,0 +1,107 @@
+"""[Kernel] -> [Kernel]: derivatives of a kernel, by taking its lines back to a graph.
+
+Integrators and linearisations need derivatives of what a program computes, long after the graph that it was lowered
+from is gone. A kernel is straight-line code, so that its graph can be had again; what two lines of it share is found
+again by their fingerprints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.graph import Graph, Node
+from ..ir.kernel import Kernel, Operand
+from .derivatives import GUARDED, cotangents, jacobian, tangents
+from .lower_kernels import lower_kernel
+
+__all__ = ["cotangent_kernel", "jacobian_kernel", "tangent_kernel"]
+
+
+def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
+    """Return the kernel of the partial derivatives of all outputs by the entries of an argument.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        What to differentiate.
+    size : int
+        Length of the argument.
+    array : str
+        Name of the argument; "t", the time, has size 1.
+
+    Returns
+    -------
+    Kernel
+        With the same arguments; its outputs (n_out, size) lie row by row.
+    """
+    parsed = _parse(kernel)
+    sources = [parsed.source(array, i) for i in range(size)]
+    rows = jacobian(parsed.graph, parsed.outputs, sources)
+    return parsed.lower(f"{kernel.name}_by_{array}", [entry for row in rows for entry in row])
+
+
+def tangent_kernel(kernel: Kernel, size: int) -> Kernel:
+    """Return the kernel of one directional derivative of all outputs by the state.
+
+    It takes the state and the direction, one behind the other, as ``y`` (2 * size), and costs some three evaluations
+    whatever the size, where a Jacobian's length grows with it.
+    """
+    parsed = _parse(kernel)
+    seeds = {parsed.source("y", i): parsed.source("y", size + i) for i in range(size)}
+    return parsed.lower(f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds))
+
+
+def cotangent_kernel(kernel: Kernel, size: int, constants: int) -> Kernel:
+    """Return the kernel of the derivatives of a weighted sum of all outputs by the state and the constants.
+
+    It takes the state and the weights, one behind the other, as ``y`` (size + n_out), and gives the derivatives by
+    the state (size) and by the constants (constants); it costs some three evaluations whatever their number. Where an
+    operation has no derivative, that is zero (see `dalembert.transforms.derivatives.GUARDED`).
+    """
+    parsed = _parse(kernel)
+    weights = [parsed.source("y", size + i) for i in range(len(kernel.outputs))]
+    sources = [parsed.source(name, i) for name, count in (("y", size), ("c", constants)) for i in range(count)]
+    return parsed.lower(f"{kernel.name}_pulled", cotangents(parsed.graph, parsed.outputs, weights, sources, GUARDED))
+
+
+@final
+@dataclass(frozen=True)
+class _Parsed:
+    """The graph of a kernel; an input is named by its array and its place there."""
+
+    graph: Graph
+    arguments: tuple[str, ...]
+    outputs: list[Node]
+    inputs: dict[Node, tuple[str, int | None]]
+
+    def source(self, array: str, index: int) -> Node:
+        place = None if array == "t" else index
+        node = self.graph.input(_name(array, place))
+        self.inputs[node] = (array, place)
+        return node
+
+    def lower(self, name: str, nodes: Sequence[Node]) -> Kernel:
+        return lower_kernel(self.graph, name, nodes, self.inputs, self.arguments)
+
+
+def _name(array: str, index: int | None) -> str:
+    return array if index is None else f"{array}_{index}"
+
+
+def _parse(kernel: Kernel) -> _Parsed:
+    """Return the graph of a kernel."""
+    graph = Graph()
+    inputs: dict[Node, tuple[str, int | None]] = {}
+    values: dict[str, Node] = {}
+    for load in kernel.loads:
+        values[load.target] = graph.input(_name(load.array, load.index))
+        inputs[values[load.target]] = (load.array, load.index)
+
+    def value(operand: Operand) -> Node:
+        return values[operand] if isinstance(operand, str) else graph.const(operand)
+
+    for line in kernel.body:
+        values[line.target] = graph.call(line.op, *(value(arg) for arg in line.args))
+    return _Parsed(graph, kernel.arguments, [value(output) for output in kernel.outputs], inputs)

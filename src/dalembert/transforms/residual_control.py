@@ -1,0 +1,112 @@
+"""The control of a Taylor step where its series does not tell all: points at which the motion is looked at.
+
+A step takes its size from the last two coefficients of its series. What is nothing where it begins and large within it
+is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. Where a
+right-hand side has such operations (`dalembert.transforms.nonsmooth.unforeseen`), the polynomial p of a step is put into the
+differential equation at a few points of the step. Up to the first point where p' and f(t, p) differ by more than the
+tolerance the step may go; its series, which is what a step costs, is none the worse for being cut. So a step is never
+taken back, and the loops know nothing of this.
+
+Points lie closer and closer towards the beginning, so that one series serves to come near a jump however far it lies
+from the middle of the step; between large ones the distances are unequal, so that no period hides there. What begins
+and ends between two points is not seen. Steps therefore grow by a factor at most, and the first is a share of the span.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..ir.kernel import Operand
+from ..ir.lines import Lines
+from .expansion import FAITHFUL_ORDER, Series, coefficient, over
+from .nonsmooth import leading_to
+from .recurrences import Recurrences
+
+__all__ = ["PREVIOUS", "cost", "grown", "reached"]
+
+PREVIOUS = "previous_"
+"""The size of the step before, which lies behind the state; 0 before the first."""
+
+_POINTS = (1e-5, 0.02, 0.22, 0.45, 0.7, 1.0)
+_GROWTH, _FIRST = 2.0, 0.01
+_ALLOWED = 1.0
+"""How far a defect may exceed that of the first term left out, as it is in steps that the coefficients limit."""
+
+_LEAST = 1e-9
+"""Share of a step that is taken where not even the first point is fine: what a jump at the beginning does in it is
+nothing. Where nothing is fine ever after, steps come to an end within a few of these."""
+
+_NOISE = 1e-13
+"""Share of a rate that is rounding."""
+
+
+def cost(recurrences: Recurrences, order: int) -> tuple[int, int]:
+    """Return how many evaluations the control of a step takes, and about how many lines besides."""
+    if not recurrences.controlled:
+        return 0, 0
+    return len(_POINTS), len(_POINTS) * order * (len(recurrences.states) + len(recurrences.controlled))
+
+
+def grown(lines: Lines, size: Operand, largest: Operand) -> Operand:
+    """Return the size of a step that its predecessor allows."""
+    first = lines.mul(largest, _FIRST)
+    most = lines.op("select", lines.op("less", 0.0, PREVIOUS), lines.mul(PREVIOUS, _GROWTH), first)
+    return lines.op("min", size, most)
+
+
+def reached(
+    lines: Lines,
+    recurrences: Recurrences,
+    rates: list[Series],
+    order: int,
+    size: Operand,
+    direction: Operand,
+    scale: Operand,
+    tolerance: float,
+) -> Operand:
+    """Return how far a step may go: up to the last point before the first where its polynomial is not a solution.
+
+    Parameters
+    ----------
+    rates : list of Series
+        Of all components of the state; those of the controlled ones are compared.
+    size : Operand
+        Of the step that is proposed, which is returned as it is where all is fine.
+    scale, tolerance
+        What errors are measured by, and the share of it that the order of the step stands for.
+    """
+    kernel = recurrences.kernel
+    needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
+    body = [line for line in kernel.body if line.target in needed]
+    read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.controlled}
+    allowed = lines.mul(scale, max(_ALLOWED * (order + 1) * tolerance, _NOISE))
+    reach: Operand = _LEAST
+    fine: Operand = 1.0
+    for theta in _POINTS:
+        reaches = lines.mul(size, theta)
+        x = lines.mul(reaches, direction)
+        terms = order if theta > 0.1 else min(order, math.ceil(-42.0 / math.log(theta)))
+
+        def polynomial(series: Series, x: Operand = x, terms: int = terms) -> Operand:
+            total: Operand = coefficient(series, terms - 1)
+            for k in range(terms - 2, -1, -1):
+                total = lines.fma(total, x, coefficient(series, k))
+            return total
+
+        values: dict[Operand, Operand] = {}
+        for state, rate in zip(recurrences.states, rates, strict=True):
+            if state in read:
+                moved = [over(lines, coefficient(rate, k), k + 1, order >= FAITHFUL_ORDER) for k in range(terms)]
+                values[state] = lines.fma(polynomial(moved), x, state)
+        for load in kernel.loads:
+            if load.array == "t":
+                values[load.target] = lines.op("add", load.target, x)
+        for line in body:
+            values[line.target] = lines.op(line.op, *(values.get(arg, arg) for arg in line.args))
+        for i in recurrences.controlled:
+            found = values[recurrences.rates[i]]
+            gap = lines.op("abs", lines.sub(found, polynomial(rates[i])))
+            gap = lines.op("fma", lines.op("abs", found), -_NOISE, gap)
+            fine = lines.mul(fine, lines.op("less_equal", lines.mul(gap, reaches), allowed))
+        reach = lines.op("select", fine, theta, reach)
+    return lines.mul(size, reach)

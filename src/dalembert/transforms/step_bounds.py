@@ -1,0 +1,185 @@
+"""[Kernel] -> [Kernel]: what expressions do over a whole step, for many cases side by side.
+
+These are the first tests of `dalembert.integrators.crossings` and `dalembert.integrators.reductions` as straight-line
+code. Most steps pass them, and cost next to nothing; the others are looked at one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+from ..arrays import FloatArray
+from ..ir.kernel import Kernel, Load, Operand
+from ..ir.lines import Lines
+from ..methods.chebyshev import COEFFICIENTS, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SLOPES, SMOOTH, TAIL
+from .passes import eliminate_dead_code, run
+from .runge_kutta import inlined
+
+__all__ = ["StepShape", "followed_kernel", "quiet_kernel", "running_kernel"]
+
+_ARGUMENTS = ("t", "y", "c", "s")
+
+
+@final
+@dataclass(frozen=True)
+class StepShape:
+    """Where the outputs of a step hold its size and its polynomials; the state at its end comes first.
+
+    ``in_time`` says whether the polynomials, of a ``degree``, are in time, and not in the fraction of the step.
+    """
+
+    degree: int
+    size: int
+    first: int
+    in_time: bool
+
+
+def quiet_kernel(values: Kernel, shape: StepShape) -> Kernel:
+    """Return the kernel of a step's outputs that gives 1 or -1 for expressions of that sign all over it, 0 for others.
+
+    `values` are the expressions, from time, state and constants.
+    """
+    return _over_step("quiet", values, shape, lambda lines, row: [_sign(lines, _series(lines, COEFFICIENTS, row))])
+
+
+def followed_kernel(count: int, size: int, degree: int) -> Kernel:
+    """Return the kernel of a step's outputs that `quiet_kernel` would be, from series.
+
+    The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
+    fractions lie between 0 and 1.
+
+    Parameters
+    ----------
+    count : int
+        How many expressions are followed.
+    size : int
+        Place of the size of the step among its outputs; behind its check are polynomials, the last of the integrals.
+    degree : int
+        Of the polynomials in time.
+    """
+    lines = Lines()
+    loads = [Load("size_", "y", size), Load("direction_", "s", 1)]
+    first = size + 2 + (size - count) * (degree + 1)
+    h = lines.mul("size_", "direction_")
+    power: Operand = 1.0
+    scales: list[Operand] = []
+    for k in range(degree):
+        scales.append(lines.mul(power, float(k + 1)))
+        power = lines.mul(power, h)
+    outputs: list[Operand] = []
+    for e in range(count):
+        names = [f"a_{e}_{k}_" for k in range(1, degree + 1)]
+        loads += [Load(name, "y", first + e * (degree + 1) + k) for k, name in enumerate(names, 1)]
+        sign = lines.op("select", lines.op("less", 0.0, names[0]), 1.0, -1.0)
+        terms = [lines.mul(name, scale) for name, scale in zip(names, scales, strict=True)]
+        least = lines.op("abs", terms[0])
+        for term in terms[1:]:
+            least = lines.add(least, lines.op("min", lines.mul(term, sign), 0.0))
+        tail = lines.add(lines.op("abs", terms[-1]), lines.op("abs", terms[-2]))
+        least = lines.fma(tail, -TAIL, least)
+        outputs.append(lines.op("select", lines.op("less", 0.0, least), sign, 0.0))
+    kernel = Kernel("followed", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
+    return run(kernel, [eliminate_dead_code])
+
+
+def running_kernel(values: Kernel, shape: StepShape) -> Kernel:
+    """Return the kernel of a step's outputs that tests expressions for `dalembert.integrators.reductions`.
+
+    For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
+    ends, and 1 if it is monotone.
+    """
+    return _over_step("quick", values, shape, _running)
+
+
+def _over_step(
+    name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
+) -> Kernel:
+    """Return a kernel of a step's outputs, `finish` giving what it computes of the values at the points."""
+    lines = Lines()
+    used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
+    loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
+    series: dict[int, list[Operand]] = {}
+    h = lines.mul("size_", "direction_")
+    for m in used:
+        names = [f"a_{m}_{k}_" for k in range(shape.degree + 1)]
+        loads += [Load(name, "y", shape.first + m * (shape.degree + 1) + k) for k, name in enumerate(names)]
+        loads.append(Load(f"end_{m}_", "y", m))
+        series[m] = _joined(lines, list(names), h if shape.in_time else 1.0, f"end_{m}_")
+    evaluate = inlined(lines, values)
+    width = max(used, default=-1) + 1
+    rows: list[list[Operand]] = []
+    for theta in map(float, POINTS):
+        state: list[Operand] = [0.0] * width
+        for m, terms in series.items():
+            total = terms[-1]
+            for term in terms[-2::-1]:
+                total = lines.fma(total, theta, term)
+            state[m] = total
+        rows.append(evaluate(lines.fma(h, theta, "t_"), state))
+    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
+    constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
+    loads += [Load(f"c_{index}_", "c", index) for index in constants]
+    kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
+    return run(kernel, [eliminate_dead_code])
+
+
+def _joined(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:
+    """Return coefficients in the fraction of the step, made to end in the state that it ended in."""
+    power: Operand = 1.0
+    scaled: list[Operand] = []
+    total: Operand = 0.0
+    for term in terms:
+        scaled.append(lines.mul(term, power))
+        total = lines.add(total, scaled[-1])
+        power = lines.mul(power, scale)
+    gap = lines.sub(end, total)
+    scaled[2] = lines.fma(gap, 3.0, scaled[2])
+    scaled[3] = lines.fma(gap, -2.0, scaled[3])
+    return scaled
+
+
+def _series(lines: Lines, matrix: FloatArray, values: list[Operand]) -> list[Operand]:
+    series: list[Operand] = []
+    for row in matrix:
+        total: Operand = 0.0
+        for weight, value in zip(map(float, row), values, strict=True):
+            total = lines.fma(value, weight, total)
+        series.append(total)
+    return series
+
+
+def _sizes(lines: Lines, series: list[Operand]) -> list[Operand]:
+    return [lines.op("abs", term) for term in series]
+
+
+def _sum(lines: Lines, values: list[Operand]) -> Operand:
+    total: Operand = 0.0
+    for value in values:
+        total = lines.add(total, value)
+    return total
+
+
+def _sign(lines: Lines, series: list[Operand]) -> Operand:
+    """Return the sign of a function with this series, 0 where it may change."""
+    sizes = _sizes(lines, series)
+    rest = _sum(lines, [lines.mul(lines.add(sizes[-1], sizes[-2]), TAIL), *sizes[1:]])
+    sign = lines.op("select", lines.op("less", 0.0, series[0]), 1.0, -1.0)
+    return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
+
+
+def _running(lines: Lines, values: list[Operand]) -> list[Operand]:
+    series, slopes = _series(lines, COEFFICIENTS, values), _series(lines, SLOPES, values)
+    sizes, falls = _sizes(lines, series), _sizes(lines, slopes)
+    tail = lines.add(sizes[-1], sizes[-2])
+    mean: Operand = 0.0
+    for weight, term in zip(map(float, INTEGRAL), series, strict=True):
+        mean = lines.fma(term, weight, mean)
+    size, before = _sum(lines, sizes), lines.add(sizes[4], sizes[5])
+    smooth = lines.op("less_equal", lines.mul(tail, tail), lines.mul(lines.mul(size, before), SMOOTH))
+    smooth = lines.op("max", smooth, lines.op("less_equal", tail, lines.mul(size, NEGLIGIBLE)))
+    reach = lines.fma(tail, TAIL, _sum(lines, sizes[1:]))
+    bounds = [lines.sub(series[0], reach), lines.add(series[0], reach)]
+    monotone = lines.op("less", lines.fma(tail, SLOPE_TAIL, _sum(lines, falls[1:])), falls[0])
+    return [mean, smooth, *bounds, values[0], values[-1], monotone]
