@@ -99,9 +99,9 @@ class Addresses(NamedTuple):
 class ImplicitCode:
     """Compiled code, which must stay alive: the loop of this module, and what it calls; 0 for what there is not.
 
-    Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which writes the
-    derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half of a state of
-    twice the length, must be there.
+    Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
+    writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
+    of a state of twice the length, must be there.
     """
 
     loop: Callable[..., int]

@@ -5,8 +5,8 @@ other. Lanes never mix: what a case computes does not depend on its neighbours, 
 
 One loop serves every step kernel. A Taylor step chooses its size, never fails to reach it and remembers at most that
 size, which is 0 in the beginning; an attempt of a Runge-Kutta step may be rejected, and what it remembers travels
-behind the state (`dalembert.transforms.runge_kutta`). Threads run the loop on the same arrays, and take a few cases at a time
-from a count that they share.
+behind the state (`dalembert.transforms.runge_kutta`). Threads run the loop on the same arrays, and take a few cases
+at a time from a count that they share.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
     ----------------------
     codes : addresses
         The step, what fills in its memory before the first step, the projections, constants from parameters, states
-        from given values, the pace (`dalembert.codegen.llvm.advance_lanes`), 0 for what there is not of these, and the test of
-        what cases are made from (`dalembert.codegen.llvm.check_inputs`).
+        from given values, the pace (`dalembert.codegen.llvm.advance_lanes`), 0 for what there is not of these, and
+        the test of what cases are made from (`dalembert.codegen.llvm.check_inputs`).
     shape : (int,) * 7
         Degree of the polynomials of a step; how many outputs it remembers; how many parameters, given values and checks
         of these a case has; how many cases there are, and how many a thread takes at a time. Polynomials of a step with

@@ -1,9 +1,9 @@
 """A Taylor step as a loop over the orders: short code for what unrolled code repeats order by order.
 
 The first orders are written out. From then on, one pass of a loop computes a coefficient of every value
-(`dalembert.transforms.expansion.Ahead`). The products of coefficients that were known before the pass are summed first, many
-sums at a time. Their factors lie in memory in rows, one an order; on one lane, a row holds the factors of as many sums
-as a vector register has room for, and those are summed together.
+(`dalembert.transforms.expansion.Ahead`). The products of coefficients that were known before the pass are summed
+first, many sums at a time. Their factors lie in memory in rows, one an order; on one lane, a row holds the factors
+of as many sums as a vector register has room for, and those are summed together.
 
 Every sum is taken in the same order as in unrolled code, and gives the same bits.
 """
@@ -37,7 +37,7 @@ _LARGEST_FRAME = 1 << 16
 
 
 def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, width: int, *, dense: bool) -> str:
-    """Return a module with one Taylor step, of the same arguments and outputs as `dalembert.transforms.taylor.step_kernel`.
+    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _PIECE = 100
 
 
 def loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
-    """Return a module with one Taylor step, of the same arguments and outputs as `dalembert.transforms.taylor.step_kernel`."""
+    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`."""
     return "\n\n".join(
         [
             prelude(lanes),

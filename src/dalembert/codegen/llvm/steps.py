@@ -148,8 +148,8 @@ class StepLibrary:
     def derivative(self, name: str) -> tuple[int, int]:
         """Return the addresses of the derivative of a kernel by all of its state.
 
-        The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`); one of
-        them is 0.
+        The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`);
+        one of them is 0.
         """
         made, whole = self._derivative(name)
         address = self._entry(made, 1, lambda: self._derivative_text(name), made)
