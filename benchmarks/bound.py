@@ -17,10 +17,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from cases import PROBLEMS
+from batches import BATCHES
+from cases import END, PROBLEMS
 from contenders import absolute
 from peak import flops_of_step, multiply_adds
-from sweeps import BATCHES, CASES, END
+from sweeps import CASES
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object, native_lanes

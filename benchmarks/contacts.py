@@ -18,7 +18,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from hard_cases.contacts import corner_plate
 
-__all__ = ["HEAD", "contacts_rows", "contacts_text", "measure_contacts"]
+__all__ = ["HEAD", "contacts_rows", "contacts_text", "measure_contacts", "tasks"]
 
 Record = dict[str, Any]
 TIME = dynamicsymbols._t
@@ -37,12 +37,8 @@ def _free_plate() -> da.Scene:
     return scene
 
 
-def measure_contacts(count: int, rounds: int) -> list[Record]:
-    """Return records of `count` plates that are pushed and pulled over 8 s: time, steps, phases, steps a second.
-
-    With friction, mu varies from 0.7 to 0.9, and most of the motions stick and slip fifteen times; pushed slowly, they
-    have fewer and longer phases. Without friction, the length varies by one percent.
-    """
+def tasks(count: int) -> tuple[dict[str, Callable[[], Any]], dict[str, Callable[[], Any]]]:
+    """Return sweeps of `count` plates, and single runs, by name."""
     slow = da.compile_model(corner_plate(4 + 7 * sin(TIME / 2)))
     rough = da.compile_model(corner_plate(4 + 7 * sin(3 * TIME)))
     free = da.compile_model(_free_plate())
@@ -56,14 +52,24 @@ def measure_contacts(count: int, rounds: int) -> list[Record]:
 
     sweeps = {WITH: swept(rough, {"mu": mu}), SLOWLY: swept(slow, {"mu": mu}), WITHOUT: swept(free, {"l": length})}
     runs = {WITH: single(rough, {"mu": 0.8}), SLOWLY: single(slow, {"mu": 0.8}), WITHOUT: single(free, {})}
+    return sweeps, runs
+
+
+def measure_contacts(count: int, rounds: int) -> list[Record]:
+    """Return records of `count` plates that are pushed and pulled over 8 s: time, steps, phases, steps a second.
+
+    With friction, mu varies from 0.7 to 0.9, and most of the motions stick and slip fifteen times; pushed slowly, they
+    have fewer and longer phases. Without friction, the length varies by one percent.
+    """
+    sweeps, runs = tasks(count)
     done = {name: task() for name, task in sweeps.items()}  # compiles
     alone = {name: task() for name, task in runs.items()}
     for name, result in done.items():
         if not result.success.all():
             raise RuntimeError(f"{name}: {result.failures()[0]}")
     records = []
-    for kind, tasks, results in (("sweep", sweeps, done), ("run", runs, alone)):
-        timings = interleaved(tasks, rounds=rounds, seconds_each=0.0)
+    for kind, timed, results in (("sweep", sweeps, done), ("run", runs, alone)):
+        timings = interleaved(timed, rounds=rounds, seconds_each=0.0)
         for name, timing in timings.items():
             result = results[name]
             steps = int(result.steps.sum()) if kind == "sweep" else result.stats.steps

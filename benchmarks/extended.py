@@ -112,8 +112,8 @@ def _coefficients(rhs: Callable[..., Sequence[Any]], p: Sequence[Any], y: Sequen
 
 def main() -> None:
     """Write the references of all cases that have no closed form."""
+    from batches import references as samples
     from cases import END, EXTENDED
-    from sweeps import references as samples
 
     references = {}
     for name, (rhs, p, start) in {**EXTENDED, **samples()}.items():

@@ -14,13 +14,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ["Timing", "Watch", "growth_exponent", "interleaved", "machine"]
+__all__ = ["Timing", "Watch", "calls_of_sample", "growth_exponent", "interleaved", "machine", "sample"]
 
 K = TypeVar("K", bound=Hashable)
 
 _SAMPLE_SECONDS = 2e-3
 _MOST_CALLS = 1000
-_PACKAGES = ("dalembert", "llvm", "jax", "diffrax", "heyoka", "numpy", "scipy", "sympy")
+_PACKAGES = ("dalembert", "llvmlite", "numba", "jax", "diffrax", "heyoka", "casadi", "numpy", "scipy", "sympy")
 
 
 @dataclass(frozen=True)
@@ -57,19 +57,24 @@ def interleaved(tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_ea
     """
     calls, wanted = {}, {}
     for name, task in tasks.items():
-        once = min(_sample(task, 1) for _ in range(2))
-        calls[name] = int(min(max(1, _SAMPLE_SECONDS / once), _MOST_CALLS))
+        calls[name], once = calls_of_sample(task)
         wanted[name] = int(min(rounds, max(3, seconds_each / (once * calls[name]))))
     samples: dict[K, list[float]] = {name: [] for name in tasks}
     for turn in range(max(wanted.values(), default=0)):
         for name, task in tasks.items():
             # The fewer samples a task has, the further apart they are taken.
             if len(samples[name]) * rounds <= turn * wanted[name] and len(samples[name]) < wanted[name]:
-                samples[name].append(_sample(task, calls[name]))
+                samples[name].append(sample(task, calls[name]))
     return {name: Timing.of(values) for name, values in samples.items()}
 
 
-def _sample(task: Callable[[], Any], calls: int) -> float:
+def calls_of_sample(task: Callable[[], Any]) -> tuple[int, float]:
+    """Return how many calls in a row make a sample of two milliseconds, and the seconds of one of them."""
+    once = min(sample(task, 1) for _ in range(2))
+    return int(min(max(1, _SAMPLE_SECONDS / once), _MOST_CALLS)), once
+
+
+def sample(task: Callable[[], Any], calls: int) -> float:
     """Return the seconds of one of `calls` calls in a row, without garbage collection."""
     collecting = gc.isenabled()
     gc.disable()

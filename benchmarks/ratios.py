@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from batches import BATCHES
 from cases import PROBLEMS
 from chains import kane_planar_chain, planar_chain
 from contacts import WITH, WITHOUT, measure_contacts
@@ -27,7 +28,7 @@ from exact import ROOT
 from measure import interleaved, machine
 from peers import installed, peers
 from startup import first_trajectory
-from sweeps import BATCHES, CASES, THREADS, heyoka_sweep, own_sweep
+from sweeps import CASES, THREADS, heyoka_sweep, own_sweep
 from sympy.core.cache import clear_cache
 
 import dalembert as da

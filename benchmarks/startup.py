@@ -9,10 +9,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
-__all__ = ["first_trajectory", "import_seconds"]
+__all__ = ["first_and_second", "first_trajectory", "import_seconds", "with_bytecode"]
 
 Record = dict[str, Any]
 
@@ -67,20 +68,32 @@ def _child(code: str, *arguments: str, **environment: str) -> tuple[float, str]:
 def first_trajectory(backend: str, repetitions: int = 1, what: str = "simulate") -> dict[str, Record]:
     """Return the seconds of the sleigh's first trajectory, or first sweep, in a first and in a second process.
 
-    Both caches (dalembert's and numba's, thus also the library's own integrator loop) are empty folders
-    before the first process of each repetition. Python's bytecode is there, as an installer leaves it. Medians over the
-    repetitions.
+    Both caches (dalembert's, with the loops of the library, and numba's) are empty folders before the first process
+    of each repetition. Python's bytecode is there, as an installer leaves it. Medians over the repetitions.
     """
-    runs: dict[str, list[Record]] = {"first process": [], "second process": []}
     with tempfile.TemporaryDirectory() as folder:
-        bytecode = {"PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
-        _child(_BYTECODE, backend, DALEMBERT_CACHE_DIR=f"{folder}/none", NUMBA_CACHE_DIR=f"{folder}/none", **bytecode)
-        for i in range(repetitions):
-            caches = {"DALEMBERT_CACHE_DIR": f"{folder}/modules{i}", "NUMBA_CACHE_DIR": f"{folder}/numba{i}"}
-            for samples in runs.values():
-                wall, text = _child(_CHILD, backend, what, **caches, **bytecode)
-                samples.append({**json.loads(text), "process": wall})
-    return {name: _medians(samples) for name, samples in runs.items()}
+        environment = with_bytecode(backend, folder)
+        pairs = [first_and_second(backend, what, f"{folder}/{i}", environment) for i in range(repetitions)]
+    return {name: _medians([pair[name] for pair in pairs]) for name in pairs[0]}
+
+
+def with_bytecode(backend: str, folder: str, environment: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    """Write Python's bytecode of all that a start needs below `folder`; return the environment that uses it."""
+    found = {**environment, "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
+    _child(
+        _BYTECODE, backend, **{**found, "DALEMBERT_CACHE_DIR": f"{folder}/none", "NUMBA_CACHE_DIR": f"{folder}/none"}
+    )
+    return found
+
+
+def first_and_second(backend: str, what: str, folder: str, environment: Mapping[str, str]) -> dict[str, Record]:
+    """Return seconds by stage of a process with empty caches, and of one that finds what the first left in `folder`."""
+    own = {**environment, "DALEMBERT_CACHE_DIR": f"{folder}/modules", "NUMBA_CACHE_DIR": f"{folder}/numba"}
+    found = {}
+    for name in ("first process", "second process"):
+        wall, text = _child(_CHILD, backend, what, **own)
+        found[name] = {**json.loads(text), "process": wall}
+    return found
 
 
 def _medians(samples: Sequence[Record]) -> Record:
@@ -94,7 +107,7 @@ def _medians(samples: Sequence[Record]) -> Record:
 def import_seconds(repetitions: int = 5) -> dict[str, float]:
     """Return the median seconds of ``import dalembert`` in a new process, and of its larger dependencies alone."""
     code = "import sys, time; b = time.perf_counter(); __import__(sys.argv[1]); print(time.perf_counter() - b)"
-    names = ("dalembert", "sympy.physics.mechanics", "llvm", "numpy")
+    names = ("dalembert", "sympy.physics.mechanics", "llvmlite.binding", "numba", "numpy")
     samples: dict[str, list[float]] = {name: [] for name in names}
     for _ in range(repetitions):
         for name in names:

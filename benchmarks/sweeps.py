@@ -2,103 +2,29 @@
 
 from __future__ import annotations
 
-import json
-import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cases import END, PROBLEMS, UNEQUAL, Problem, sleigh_to_scene, unequal_parameters, unequal_rhs
+from batches import BATCHES, SAMPLE, Batch, sample_states
+from cases import END
 from contenders import absolute
-from exact import spatial_angular_velocity
-from extended import FILE
 from measure import interleaved
 from numpy.typing import NDArray
 from peak import flops_of_step, peak_flops
 from peers import heyoka_system, installed
 
 import dalembert as da
-from oracles.sleigh_exact import sleigh_state
 
-__all__ = ["BATCHES", "CASES", "FEWER", "SAMPLE", "THREADS", "coverage", "heyoka_sweep", "measure_sweeps", "own_sweep"]
-__all__ += ["sample_states", "unequal_cases"]
+__all__ = ["CASES", "FEWER", "THREADS", "coverage", "heyoka_sweep", "measure_sweeps", "own_sweep", "unequal_cases"]
 
 FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
-CASES, FEWER, SAMPLE, THREADS = 16_384, 512, 8, 2
-"""Cases of a sweep; those of a peer that is too slow for so many; those whose error is known; threads."""
+CASES, FEWER, THREADS = 16_384, 512, 2
+"""Cases of a sweep; those of a peer that is too slow for so many; threads."""
 _PATIENCE = 5
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Many cases of one problem.
-
-    Attributes
-    ----------
-    problem : Problem
-    initial, parameters : mapping of str to float or ndarray (k,)
-        As `dalembert` takes them.
-    y, p : ndarray (k, n_y), (k, n_p)
-        Start and parameters of the equations reduced by hand.
-    """
-
-    problem: Problem
-    initial: Mapping[str, Any]
-    parameters: Mapping[str, Any]
-    y: FloatArray
-    p: FloatArray
-
-    def scene_state(self, i: int, y: FloatArray) -> FloatArray:
-        """Return (q, q_dot) of case i from its state in the equations reduced by hand."""
-        if self.problem.name == "sleigh":
-            return np.concatenate(sleigh_to_scene(y))
-        return np.concatenate([y, unequal_rhs(y.tolist(), self.p[i].tolist(), (math.sin, math.cos))])
-
-
-def _sleighs(count: int) -> Batch:
-    random = np.random.default_rng(0)
-    b, v, omega = random.uniform((0.1, 0.5, -2), (0.5, 1.5, 2), (count, 3)).T
-    inertia, theta = 0.25 + b**2, 0.2
-    initial = {"x": 0.0, "y": 0.0, "theta": theta, "x_dot": v * math.cos(theta), "theta_dot": omega}
-    still = np.zeros(count)
-    y = np.stack([still, still, still + theta, v, omega], axis=1)
-    return Batch(PROBLEMS["sleigh"], initial, {"m": 1.0, "b": b, "I_C": inertia}, y, np.stack([b, b / inertia], axis=1))
-
-
-def _spheres(count: int) -> Batch:
-    random, problem = np.random.default_rng(1), PROBLEMS["unequal sphere"]
-    factors = random.uniform(0.8, 1.2, (count, 3)).T  # drawn case by case, so that the first ones are always the same
-    moments = {name: UNEQUAL[name] * factor for name, factor in zip("ABC", factors, strict=True)}
-    q = problem.reduced.start
-    qdot = np.array([problem.initial[f"{name}_dot"] for name in ("x", "y", "psi", "theta", "phi")])
-    omega = spatial_angular_velocity(q, qdot)
-    p = [
-        unequal_parameters({**UNEQUAL, **{name: values[i] for name, values in moments.items()}}, q, omega)
-        for i in range(count)
-    ]
-    return Batch(problem, problem.initial, {**UNEQUAL, **moments}, np.tile(q, (count, 1)), np.array(p))
-
-
-BATCHES: dict[str, Callable[[int], Batch]] = {"sleigh": _sleighs, "unequal sphere": _spheres}
-
-
-def sample_states(batch: Batch, count: int = SAMPLE) -> FloatArray:
-    """Return the exact (q, q_dot) at the end of the first cases."""
-    rows = []
-    for i in range(count):
-        if batch.problem.name == "sleigh":
-            x, y, theta, v, omega = batch.y[i].tolist()
-            p = {name: float(np.broadcast_to(value, len(batch.y))[i]) for name, value in batch.parameters.items()}
-            exact = sleigh_state(END, **p, x=x, y=y, theta=theta, v=v, omega=omega)
-            rows.append(np.concatenate([exact.q, exact.qdot]))
-        else:
-            known = json.loads(FILE.read_text(encoding="utf-8"))[f"{batch.problem.name} {i}"]
-            rows.append(batch.scene_state(i, np.array([float(value) for value in known])))
-    return np.array(rows)
 
 
 # -- contenders ---------------------------------------------------------------------------------
@@ -292,7 +218,7 @@ def _share(batch: Batch, label: str, rtol: float, steps: int | None, seconds: fl
 
 def unequal_cases(count: int = CASES, rtol: float = 1e-9) -> list[Record]:
     """Return microseconds of a step where cases differ much, and the ratio of throughput to that of equal ones."""
-    batch = _sleighs(count)
+    batch = BATCHES["sleigh"](count)
     random = np.random.default_rng(2)
     model = da.compile_model(batch.problem.build())
     spins = {**batch.initial, "theta_dot": np.geomspace(0.1, 50, count)[random.permutation(count)]}
@@ -329,7 +255,7 @@ def unequal_cases(count: int = CASES, rtol: float = 1e-9) -> list[Record]:
 
 def coverage(count: int = 200) -> list[Record]:
     """Return in how many cases the estimated error lies within a factor 10 of the true one."""
-    batch = _sleighs(count)
+    batch = BATCHES["sleigh"](count)
     exact = sample_states(batch, count)
     model = da.compile_model(batch.problem.build())
     names = (*model.layout.coordinates, *model.layout.rates)
@@ -343,9 +269,3 @@ def coverage(count: int = 200) -> list[Record]:
         within = (estimated <= 10 * true) & (true <= 10 * estimated)
         records.append({"scene": "sleigh", "rtol": rtol, "cases": count, "within": float(within.mean())})
     return records
-
-
-def references(count: int = SAMPLE) -> dict[str, tuple[Any, Any, Any]]:
-    """Return what `extended` has to solve for the samples that have no closed form."""
-    batch = _spheres(count)
-    return {f"{batch.problem.name} {i}": (unequal_rhs, batch.p[i].tolist(), batch.y[i].tolist()) for i in range(count)}
