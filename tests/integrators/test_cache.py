@@ -3,6 +3,7 @@ from pathlib import Path
 
 import dalembert.integrators
 from dalembert.codegen.generator_digest import digest_of, generator_digest
+from dalembert.codegen.rendering import template_directory
 
 SOURCES = Path(dalembert.integrators.__file__).parent
 
@@ -20,6 +21,17 @@ def test_digest_covers_the_helpers_of_the_loop(tmp_path):
     copy = tmp_path / "integrators"
     shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("__pycache__"))
     assert generator_digest().endswith(digest_of(copy))
-    stages = copy / "llvm" / "pipeline.py"
+    stages = copy / "lane_loop.py"
     stages.write_text(stages.read_text() + "# edited\n")
     assert not generator_digest().endswith(digest_of(copy))
+
+
+def test_digest_covers_the_templates(tmp_path, monkeypatch):
+    copy = tmp_path / "templates"
+    shutil.copytree(template_directory(), copy)
+    monkeypatch.setattr("dalembert.codegen.generator_digest.template_directory", lambda: copy)
+    first = generator_digest.__wrapped__()
+    assert first == generator_digest()
+    template = copy / "numpy" / "module.py.j2"
+    template.write_text(template.read_text() + "# edited\n")
+    assert generator_digest.__wrapped__() != first

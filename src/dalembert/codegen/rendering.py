@@ -1,23 +1,24 @@
-"""[Program] -> text: templates own the shape of a module and decide nothing.
+"""Templates of generated code: `codegen_templates/` and what it is rendered with.
 
-A template gets `banner` (lines of comment), `options` (text for the compiler's decorator) and
-`kernels`, each with `name`, `arguments`, `doc`, `lines` and `outputs`. An undefined name in a
-template is an error.
+A template owns the structure of a generated text. Python gives it names, numbers and printed lines, one line a string.
+A name that a template uses and Python does not give is an error.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import Layout, Program
+from ..once import computed_once
 from ..version import __version__
 from .cache import kept_text
 from .printers import Printer
 
-__all__ = ["digest_of", "render_source", "template_directory", "template_variables"]
+__all__ = ["digest_of", "program_variables", "render", "template_directory"]
 
 
 def template_directory() -> Path:
@@ -26,11 +27,13 @@ def template_directory() -> Path:
     return packaged if packaged.is_dir() else Path(__file__).parents[3] / "codegen_templates"
 
 
-def template_variables(program: Program, printer: Printer, options: str) -> dict[str, Any]:
-    """Return everything that a template may use."""
+def program_variables(program: Program, printer: Printer) -> dict[str, Any]:
+    """Return what the template of a module of Python uses.
+
+    These are `banner` (lines of comment) and `kernels`, each with `name`, `arguments`, `doc`, `lines` and `outputs`.
+    """
     return {
         "banner": _banner(program),
-        "options": options,
         "kernels": [
             {
                 "name": kernel.name,
@@ -44,27 +47,51 @@ def template_variables(program: Program, printer: Printer, options: str) -> dict
     }
 
 
-def render_source(template: str, program: Program, printer: Printer, options: str = "", *, cache: bool = False) -> str:
-    """Return the text of the module that `template` makes of `program`; with `cache`, it is kept on disk."""
-    variables = template_variables(program, printer, options)
+def render(template: str, variables: Mapping[str, Any], *, cache: bool = False) -> str:
+    """Return the text that a template makes of variables; with `cache`, it is kept on disk.
+
+    Parameters
+    ----------
+    template : str
+        Path in the folder of templates, such as ``"numpy/module.py.j2"``.
+    variables : mapping
+        Every name that the template uses.
+
+    Raises
+    ------
+    jinja2.UndefinedError
+        If the template uses a name that `variables` lacks.
+    """
     if not cache:
         return _rendered(template, variables)
-    text = (template_directory() / template).read_text(encoding="utf-8")
-    return kept_text(digest_of("text", __version__, text, repr(variables)), lambda: _rendered(template, variables))
+    beside = sorted((template_directory() / template).parent.glob("*.j2"))
+    texts = (path.read_text(encoding="utf-8") for path in beside)
+    digest = digest_of("text", __version__, template, *texts, repr(variables))
+    return kept_text(digest, lambda: _rendered(template, variables))
 
 
-def _rendered(template: str, variables: dict[str, Any]) -> str:
-    import jinja2  # a tenth of a second that importing the library, or a scene known from before, should not cost
+def _rendered(template: str, variables: Mapping[str, Any]) -> str:
+    folder = template_directory()
+    environment = computed_once(_ENVIRONMENTS, folder, lambda: _environment(folder))
+    text: str = environment.get_template(template).render(variables)
+    return text
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(template_directory()),
+
+_ENVIRONMENTS: dict[Path, Any] = {}
+
+
+def _environment(folder: Path) -> Any:
+    import jinja2  # importing it takes time that importing the library, or a scene in the cache, need not spend
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        auto_reload=False,
     )
-    return environment.get_template(template).render(variables)
 
 
 def digest_of(*parts: str) -> str:

@@ -20,7 +20,7 @@ from ...version import __version__
 from ..base import Backend, BlockResult, CaseBlock, Engine, Prepared, RenderedModule, growing_stretches
 from ..cache import load_in_memory
 from ..printers import JAX
-from ..rendering import digest_of, render_source
+from ..rendering import digest_of, program_variables, render
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
@@ -265,7 +265,7 @@ class JaxBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render_source("jax.py.j2", program, JAX)
+        source = render("jax/module.py.j2", program_variables(program, JAX))
         versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
         return RenderedModule(self.name, program, lambda: source, digest_of(self.name, versions, source))
 

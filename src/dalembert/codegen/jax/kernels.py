@@ -14,6 +14,7 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.step_constants import BRANCH, SLOW
 from ..printers import JAX_STEPS, Printer
+from ..rendering import render
 from . import functions
 
 __all__ = ["CORRECTIONS", "Kernels", "compile_kernel", "stacked"]
@@ -27,10 +28,13 @@ def compile_kernel(kernel: Kernel, printer: Printer = JAX_STEPS, in_branches: fr
 
     `in_branches` as for `Printer.lines`.
     """
-    lines = printer.lines(kernel, in_branches)
-    body = "\n    ".join([*lines, f"return ({''.join(f'{o}, ' for o in printer.outputs(kernel))})"])
+    variables = {
+        "arguments": ", ".join(kernel.arguments),
+        "lines": printer.lines(kernel, in_branches),
+        "outputs": printer.outputs(kernel),
+    }
     namespace: dict[str, Any] = {"jnp": jnp, "fn": functions}
-    exec(f"def kernel({', '.join(kernel.arguments)}):\n    {body}\n", namespace)
+    exec(render("jax/kernel.py.j2", variables), namespace)
     function: Function = namespace["kernel"]
     return function
 

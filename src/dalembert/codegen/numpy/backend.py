@@ -18,7 +18,7 @@ from ...version import __version__
 from ..base import Backend, Engine, RenderedModule
 from ..cache import load_in_memory
 from ..printers import NUMPY
-from ..rendering import digest_of, render_source
+from ..rendering import digest_of, program_variables, render
 
 __all__ = ["NumpyBackend"]
 
@@ -136,7 +136,7 @@ class NumpyBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render_source("numpy.py.j2", program, NUMPY)
+        source = render("numpy/module.py.j2", program_variables(program, NUMPY))
         return RenderedModule(self.name, program, lambda: source, digest_of(self.name, __version__, source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:

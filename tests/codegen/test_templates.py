@@ -1,0 +1,128 @@
+"""Templates: each uses exactly what Python gives it, and the structure of the text stands in the template."""
+
+import re
+from collections.abc import Mapping
+from unittest import mock
+
+import jinja2
+import jinja2.meta
+import jinja2.nodes
+import pytest
+
+from codegen.programs import PROGRAMS
+from dalembert.codegen import rendering
+from dalembert.codegen.printers import JAX, NUMPY, PYTHON
+from dalembert.codegen.rendering import program_variables, render, template_directory
+
+FOLDER = template_directory()
+ALL = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
+MODULES = {
+    "numba/module.py.j2": (PYTHON, {"options": "nogil=True"}),
+    "numpy/module.py.j2": (NUMPY, {}),
+    "jax/module.py.j2": (JAX, {}),
+}
+
+
+def render_everything():
+    """Render every template, with what the library gives it."""
+    for program in (make() for make in PROGRAMS.values()):
+        for template, (printer, further) in MODULES.items():
+            render(template, program_variables(program, printer) | further)
+        render_jax(program)
+
+
+def render_jax(program):
+    try:
+        from dalembert.codegen.jax.kernels import compile_kernel
+    except ImportError:
+        pytest.skip("extra not installed")
+    for kernel in program:
+        compile_kernel(kernel)
+
+
+def given():
+    """Return what each template was given, once a call."""
+    calls = {}
+    rendered = rendering._rendered
+
+    def record(template, variables):
+        calls.setdefault(template, []).append(variables)
+        return rendered(template, variables)
+
+    with mock.patch.object(rendering, "_rendered", record):
+        render_everything()
+    return calls
+
+
+GIVEN = given()
+templates = pytest.mark.parametrize("template", ALL)
+
+
+def source_of(template):
+    return (FOLDER / template).read_text(encoding="utf-8")
+
+
+def syntax_of(template):
+    return jinja2.Environment().parse(source_of(template))
+
+
+def test_every_template_is_rendered_or_imported_by_one_that_is():
+    imported = {name for template in GIVEN for name in jinja2.meta.find_referenced_templates(syntax_of(template))}
+    assert set(GIVEN) | imported == set(ALL)
+    assert not set(GIVEN) & imported
+
+
+@templates
+def test_template_uses_exactly_what_it_is_given(template):
+    used = jinja2.meta.find_undeclared_variables(syntax_of(template))
+    calls = GIVEN.get(template, [{}])  # one with macros alone uses nothing but their arguments
+    assert [set(variables) for variables in calls] == [used] * len(calls)
+    given = set().union(*(fields_of(value) for variables in calls for value in variables.values()))
+    assert {node.attr for node in syntax_of(template).find_all(jinja2.nodes.Getattr)} - {"index0"} == given
+
+
+def fields_of(value):
+    """Return the names of the fields of a variable."""
+    if isinstance(value, Mapping):
+        return set(value).union(*map(fields_of, value.values()))
+    if isinstance(value, (list, tuple)):
+        return set().union(*map(fields_of, value))
+    return set()
+
+
+STRUCTURE = re.compile(r"\n|:$|^(for|while|if|else|def|return|import|from|define|declare|br|ret)\b|= (phi|alloca)\b")
+
+
+def strings_of(value):
+    """Yield the strings in a variable."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from (text for item in value.values() for text in strings_of(item))
+    elif isinstance(value, (list, tuple)):
+        yield from (text for item in value for text in strings_of(item))
+    else:
+        assert isinstance(value, int | bool)
+
+
+@pytest.mark.parametrize("template", GIVEN)
+def test_no_variable_holds_structure(template):
+    """No line break, label, loop, branch, signature, declaration, phi, allocation or return."""
+    for variables in GIVEN[template]:
+        assert [text for text in strings_of(variables) if STRUCTURE.search(text)] == []
+
+
+@templates
+def test_templates_hold_loops_and_choices_but_no_computation(template):
+    source = source_of(template)
+    tags = {tag.split()[0] for tag in re.findall(r"{%-?\s*(.*?)\s*-?%}", source)}
+    assert tags <= {"for", "endfor", "if", "else", "endif", "macro", "endmacro", "from"}
+    assert not re.search(r"{{[^}]*[-+*/|]", source)
+
+
+@pytest.mark.parametrize("template", GIVEN)
+def test_a_missing_variable_is_an_error_that_names_it(template):
+    for name in GIVEN[template][0]:
+        rest = {other: value for other, value in GIVEN[template][0].items() if other != name}
+        with pytest.raises(jinja2.UndefinedError, match=f"'{name}' is undefined"):
+            render(template, rest)
