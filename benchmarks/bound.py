@@ -122,7 +122,7 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     counts, flops = census(kernel), flops_of_step(model, rtol)
     alone = counts["add"] + counts["sub"] + counts["mul"]
     rest = sum(counts.values()) - alone - sum(counts[kind] for kind in ("fma", "div", "sqrt", "sincos", "neg", "abs"))
-    text = steps.taylor_text("step", order, native_lanes(), False)
+    text = steps.step_text("step", recurrences(program.kernel("rhs")), order, native_lanes(), dense=False)
     looped = "br label" in text.split("@step(", 1)[1].split("slow", 1)[0]
     code = {} if looped else code_of(text)
     made = [f"{name}, {rtol:.0e}", *map(str, (order, flops, counts["fma"], alone, counts["div"] + counts["sqrt"]))]

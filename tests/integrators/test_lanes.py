@@ -10,9 +10,9 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.llvm import backend
 from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
 from dalembert.codegen.llvm.attempts import attempt_assembly
+from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.methods.status import Status
 from dalembert.methods.tableaus import TABLEAUS
 
@@ -134,7 +134,7 @@ def test_company_changes_no_bit(setup, sampled, monkeypatch):
     for threads in (1, 2):
         np.testing.assert_array_equal(setup.sweep(cases=many, threads=threads, **options).y, together.y[many])
     for lanes in (1, 2):
-        monkeypatch.setattr(backend, "native_lanes", lambda lanes=lanes: lanes)
+        monkeypatch.setattr(StepLibrary, "lanes", lanes)
         assert_same(setup.sweep(**options), together)
     for i in (0, N // 2):
         alone = setup.sweep(cases=slice(i, i + 1), **options)

@@ -223,7 +223,7 @@ def test_ready_scenes_have_no_control(name):
     model = da.compile_model(da.scenes.ALL[name](), backend="numpy")
     library = StepLibrary(model.stages.program, None)
     assert library.control(order_for(1e-8)) == (0, 0) and not library.kinked
-    assert "previous_" not in library.taylor_text("step", order_for(1e-8), 1, dense=False)
+    assert "previous_" not in library.source("taylor", order_for(1e-8))
     assert "defect" not in model.explain()
 
 

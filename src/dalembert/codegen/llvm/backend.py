@@ -6,345 +6,20 @@ it is first needed, for one lane or as many as a vector register has.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, final
+from collections.abc import Mapping
+from typing import ClassVar, final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...arrays import FloatArray
-from ...integrators.method_choice import runge_kutta_pays
-from ...integrators.problem import IntegrationProblem, Solution
-from ...integrators.reductions import KINDS
-from ...integrators.stiffness import Rates, fitting, radau_pays, still_stiff
-from ...integrators.workspace import POINT_LANES, Watch, aligned, unwatched
-from ...ir.interpret import interpret_rows
-from ...ir.kernel import Kernel
 from ...ir.program import Program
-from ...methods.step_constants import SMALLEST_SCALE
-from ...once import computed_once, once_property
-from ...options import DEFAULT_TOLERANCES
-from ...transforms.runge_kutta import memory_size
-from ...transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
-from ...transforms.taylor import clipped_tolerance, order_for
-from ..base import Backend, BlockResult, CaseColumns, CaseRun, Engine, Prepared, RenderedModule, growing_stretches
+from ..base import Backend, Engine, RenderedModule
 from ..cache import module_folder
+from ..compiled_engine import METHODS, CompiledEngine, default_source
 from ..generator_digest import generator_digest
 from ..rendering import digest_of
-from .advance_lanes import pace
-from .assembly import native_lanes
-from .check_inputs import sound
-from .loops import loop_named, toolchain
-from .prepared import prepared_run
-from .steps import LARGEST_UNROLLED, StepLibrary
-from .sweeps import SweepShape, case_run
+from .loops import toolchain
+from .steps import StepLibrary
 from .target import target
 
-if TYPE_CHECKING:
-    from ...integrators.event_code import EventCode
-    from ...integrators.explicit_loop import ExplicitCode
-    from ...integrators.implicit_loop import ImplicitCode
-    from ...integrators.taylor_runs import StepCode
-    from ...methods.tableau import Tableau
-
 __all__ = ["LLVMBackend"]
-
-_MOST_WATCHES = 64
-
-
-@final
-class LLVMEngine(Engine):
-    """Kernels of one module, and the integrators that run them."""
-
-    def __init__(self, program: Program, folder: Path | None) -> None:
-        self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
-        self._program = program
-        self._parameters = len(program.layout.parameters)
-        self.steps = StepLibrary(program, folder)
-        self._further: dict[int, tuple[Kernel, int]] = {}
-        self._marches: dict[int, StepCode] = {}
-        self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], Watch] = {}
-
-    @property
-    def _rhs(self) -> Kernel:
-        return self._program.kernel("rhs")
-
-    def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
-        """See `Engine.evaluate`."""
-        lanes = native_lanes()
-        constants = np.broadcast_to(c, (len(t), len(c)))
-        return self._by_code(self.steps.kernel(kernel, lanes), lanes, self._sizes[kernel], t, y, constants)
-
-    def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
-        """See `Engine.rows`."""
-        return self._by_code(*self.code(kernel), len(kernel.outputs), t, y, c)
-
-    def _by_code(self, code: int, lanes: int, size: int, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
-        """Return the outputs (k, size) of a compiled kernel at times (k,), states (k, n) and constants (k, n_c)."""
-        out = np.empty((len(t), size))
-        if len(t):
-            room = [aligned(size, lanes) for size in (1, y.shape[1], c.shape[1], out.shape[1])]
-            loop_named("kernel_rows")(code, *(np.ascontiguousarray(a) for a in (t, y, c)), out, *room)
-        return out
-
-    def code(self, kernel: Kernel) -> tuple[int, int]:
-        """See `Engine.code`."""
-        lanes = native_lanes()
-        # the kernel is kept, so that no other can have its number
-        kept = computed_once(self._further, id(kernel), lambda: (kernel, self.steps.further(kernel, lanes)))
-        return kept[1], lanes
-
-    @property
-    def phases(self) -> Callable[..., int]:
-        """See `Engine.phases`."""
-        return loop_named("phase_loop")
-
-    def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""
-        if "taylor" not in methods:
-            return methods[0]
-        if self.steps.kinked:
-            return "dop853"
-        tolerance = clipped_tolerance(rtol, atol)
-        order = order_for(tolerance)
-        lines, control = self.steps.series_lines(order), self.steps.control(order)
-        if lines > LARGEST_UNROLLED:
-            return "dop853"
-        pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
-        return "dop853" if pays else "taylor"
-
-    def source_of(self, method: str, rtol: float, atol: float) -> str:
-        """See `Engine.source_of`: the modules of assembly of a single run."""
-        return self.steps.source(method, order_for(clipped_tolerance(rtol, atol)))
-
-    def prepare(self, problem: IntegrationProblem, method: str) -> None:
-        """See `Engine.prepare`."""
-        _ = self._taylor(problem) if method == "taylor" else self._implicit if method == "radau" else self._explicit
-
-    def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
-        """See `Engine.integrate`."""
-        if method == "taylor":
-            from ...integrators import taylor_runs as series
-
-            solution = series.integrate(self._taylor(problem), problem)
-            assert solution is not None
-            return solution
-        if method == "radau":
-            from ...integrators import implicit_loop as implicit
-
-            return implicit.integrate(self._implicit, problem, self._multipliers(problem))
-        from ...integrators import explicit_loop as explicit
-
-        run = explicit.integrate(self._explicit, _pair(method), problem)
-        assert isinstance(run, Solution)
-        return run
-
-    def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: a run of many steps that are too small for its pace is begun anew."""
-        reason = ""
-
-        def watch(t: float, y: FloatArray, step: float) -> bool:
-            nonlocal reason
-            rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
-            if rate:
-                reason = radau_pays(problem, t, y, step, rate, self._radau, self._operations)
-            return bool(reason)
-
-        if method == "taylor":
-            from ...integrators import taylor_runs as series
-
-            solution = series.integrate(self._taylor(problem), problem, watch)
-            return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
-        if method != "dop853":
-            return super().integrate_automatic(problem, method)
-        from ...integrators import explicit_loop as explicit
-
-        tried = explicit.integrate(self._explicit, _pair(method), problem, watched=True)
-        if isinstance(tried, Solution):
-            return tried, method, ""
-        if watch(tried.t, tried.y, tried.step):
-            return self._implicit_run(problem, reason)
-        return self.integrate(problem, method), method, ""
-
-    def _radau(self, problem: IntegrationProblem) -> Solution:
-        return self.integrate(problem, "radau")
-
-    def _implicit_run(self, problem: IntegrationProblem, reason: str) -> tuple[Solution, str, str]:
-        return self._radau(problem), "radau", reason
-
-    def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
-        """See `Engine.fit`."""
-        return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
-
-    def _rates(self, problem: IntegrationProblem) -> Rates:
-        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, problem.constants)
-
-    @property
-    def _operations(self) -> int:
-        """How many operations a right-hand side takes."""
-        return len(self._program.kernel("rhs").body)
-
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: a few steps at first, ever more later."""
-        self.prepare(problem, method)
-        yield from growing_stretches(lambda part: self.integrate(part, method), problem, 1)
-
-    parallel: ClassVar[bool] = True
-
-    def sweeper(
-        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
-    ) -> CaseRun | None:
-        """See `Engine.sweeper`: explicit steps run in lanes, refilled as cases end."""
-        n = self._sizes["rhs"]
-        if method == "radau" or not n:
-            return None
-        watched = None if cases.watch is None or not cases.watch.along else cases.watch
-        wanted, lanes = len(cases.t_eval), native_lanes()
-        dense = wanted > 0 or watched is not None
-        position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
-        followed = 0
-        if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
-            followed = len(watched.events)
-        codes, memory, degree, settings = self._stepping(
-            method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
-        )
-        calm = watched is None or (followed > 0 and not wanted and not watched.kinds)
-        paced = pace(lanes) if calm and not (position or velocity) else 0
-        prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
-        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
-        return case_run(
-            (*codes, position, velocity, prepare, start, paced, sound(lanes)),
-            shape,
-            settings,
-            cases,
-            result,
-            constants,
-            self._watch(watched, method, (degree, memory), lanes, followed),
-            watched is not None,
-        )
-
-    def prepared(
-        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
-    ) -> Prepared:
-        """See `Engine.prepared`."""
-        if method == "radau":
-            return super().prepared(problem, method, constants)
-        sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
-        codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
-        position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        addresses = (self.steps.prepare(), *codes, position, velocity)
-        return prepared_run(addresses, sizes, memory, settings, problem, self.steps)
-
-    def _stepping(
-        self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool, watched: EventCode | None = None
-    ) -> tuple[tuple[int, int], int, int, list[float]]:
-        """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings.
-
-        With `watched` a Taylor step follows these events along.
-        """
-        if method == "taylor":
-            tolerance = clipped_tolerance(rtol, atol)
-            order = order_for(tolerance)
-            if watched is not None:
-                step = self.steps.following(watched.watch.joint, len(watched.events), order, lanes)
-                return (step, 0), 0, order, [max(atol / tolerance, 1e-300)]
-            return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [max(atol / tolerance, 1e-300)]
-        tableau = _pair(method)
-        memory = memory_size(self._sizes["rhs"], self.steps.carried)
-        codes = self.steps.attempt(tableau, lanes, dense=dense)
-        return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
-
-    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
-        """Return compiled events, for steps of a method with polynomials and a memory of that shape.
-
-        So many of them are followed along by the steps: all or none.
-        """
-        if code is None:
-            return unwatched()
-        if len(self._watches) >= _MOST_WATCHES:
-            self._watches.clear()
-        key = (code, method, shape, lanes, followed)
-        return computed_once(self._watches, key, lambda: self._compiled_watch(*key))
-
-    def _compiled_watch(self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
-        steps, values = self.steps, code.watch.values
-        tableau = None if method == "taylor" else _pair(method)
-        jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
-        (degree, memory), n = shape, self._sizes["rhs"]
-        step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
-        quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
-        running = code.running
-        return Watch(
-            quiet=steps.further(quiet, lanes),
-            values=steps.further(values, POINT_LANES),
-            value=steps.further(values, 1),
-            begins=steps.further(code.watch.begins, 1),
-            start=steps.further(code.start.kernel, 1),
-            refill=0 if tableau is None else steps.beginning(tableau, 1),
-            given=len(code.start.given),
-            checks=2 * len(code.start.labels),
-            jumps=np.array(jumps, np.int64),
-            directions=np.array([event.direction for event in code.events], np.int64),
-            last=np.array([int(event.terminal) for event in code.events], np.int64),
-            used=_components(values),
-            quick=steps.further(running_kernel(running, step), lanes),
-            running=steps.further(running, POINT_LANES),
-            at=steps.further(running, 1),
-            kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
-            read=_components(running),
-            followed=followed,
-        )
-
-    def _kernels(self) -> list[int]:
-        return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity")]
-
-    @once_property
-    def _explicit(self) -> ExplicitCode:
-        from ...integrators.explicit_loop import ExplicitCode
-
-        return ExplicitCode(loop_named("explicit_loop"), *self._kernels())
-
-    @once_property
-    def _implicit(self) -> ImplicitCode:
-        from ...integrators.implicit_loop import ImplicitCode
-
-        loop = loop_named("implicit_loop")
-        if "stages" in self._sizes:
-            return ImplicitCode(loop, self.steps.kernel("stages"), *self.steps.derivative("stages"))
-        rhs, *projections = self._kernels()
-        return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
-
-    def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
-        """Return the multipliers (k,) at the start, where the implicit method has any."""
-        if "stages" not in self._sizes:
-            return None
-        kernel = self._program.kernel("multipliers")
-        return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
-
-    def _taylor(self, problem: IntegrationProblem) -> StepCode:
-        from ...integrators.taylor_runs import StepCode
-
-        order = order_for(clipped_tolerance(problem.rtol, problem.atol))
-
-        def make() -> StepCode:
-            position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-            step = self.steps.taylor(order, 1, dense=True)
-            return StepCode(loop_named("taylor_loop"), order, step, position, velocity, self.steps.angles)
-
-        return computed_once(self._marches, order, make)
-
-
-def _pair(name: str) -> Tableau:
-    """Return a Runge-Kutta pair by its name; those who take Taylor steps do not wait until all pairs are checked."""
-    from ...methods.tableaus import TABLEAUS
-
-    return next(tableau for tableau in TABLEAUS if tableau.name == name)
-
-
-def _components(kernel: Kernel) -> NDArray[np.int64]:
-    """Return which components of the state a kernel reads."""
-    return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
 
 
 @final
@@ -354,26 +29,20 @@ class LLVMBackend(Backend):
     name = "llvm"
     for_stages = ("radau",)
     series = ("taylor",)
-    methods: ClassVar[Mapping[str, str]] = {
-        "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
-        "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
-        "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
-        "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
-    }
+    methods: ClassVar[Mapping[str, str]] = METHODS
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
         target()  # one that does not serve is refused before anything is made for it
         digest = digest_of(self.name, toolchain(), generator_digest(), program.name, repr(program.kernels))
-        return RenderedModule(self.name, program, lambda: _default_source(program, self.serving(program)), digest)
+
+        def write() -> str:
+            return default_source(program, StepLibrary(program, None), self.serving(program))
+
+        return RenderedModule(self.name, program, write, digest)
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`."""
-        return LLVMEngine(rendered.program, module_folder(rendered.program.name, rendered.digest) if cache else None)
-
-
-def _default_source(program: Program, methods: Iterable[str]) -> str:
-    """Return the text of what runs by default."""
-    engine = LLVMEngine(program, None)
-    rtol, atol = DEFAULT_TOLERANCES
-    return engine.source_of(engine.automatic(tuple(methods), rtol, atol), rtol, atol)
+        program = rendered.program
+        folder = module_folder(program.name, rendered.digest) if cache else None
+        return CompiledEngine(program, StepLibrary(program, folder))

@@ -1,0 +1,224 @@
+"""Compiled kernels and integrator steps of one program, made when first needed."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..methods.tableau import Tableau
+from ..once import computed_once, once_property
+from ..reduction.starting import Start
+from ..transforms.partials import jacobian_kernel, tangent_kernel
+from ..transforms.periodic import angles_of
+from ..transforms.recurrences import Recurrences, recurrences
+from ..transforms.residual_control import cost
+from ..transforms.taylor import STEP_ARGUMENTS
+
+__all__ = ["LARGEST_UNROLLED", "Code", "KernelLibrary"]
+
+_LARGEST_JACOBIAN = 6000
+"""Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
+and some five times faster than column by column (measured on chains of pendulums)."""
+LARGEST_UNROLLED = 15_000
+"""Lines of the recurrences, written out, up to which Taylor steps are worth their compilation."""
+
+
+class Code(Protocol):
+    """Loaded machine code; addresses are good as long as it lives."""
+
+    def address(self, name: str) -> int:
+        """Return the address of a function ``void name(double *t, double *y, double *c, double *s, double *out)``."""
+        ...
+
+
+class KernelLibrary(ABC):
+    """Compiled kernels and steps of one program; a subclass says how their text is printed and compiled.
+
+    Parameters
+    ----------
+    program : Program
+        Whose right-hand side is integrated.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._lines: dict[int, int] = {}
+        self._loaded: dict[tuple[str, int], Code] = {}
+        self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
+
+    # -- what a backend supplies ------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def lanes(self) -> int:
+        """How many cases the code of sweeps takes side by side."""
+
+    @abstractmethod
+    def source(self, method: str, order: int) -> str:
+        """Return the text that single runs by a method take; `order` is that of "taylor"."""
+
+    @abstractmethod
+    def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
+        """Return the text of a kernel under a name; where `exact`, sines and cosines are those of the C library."""
+
+    @abstractmethod
+    def step_text(self, name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
+        """Return the text of a Taylor step under a name; with `dense`, of one that also writes its series."""
+
+    @abstractmethod
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+        """Return the text of the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
+
+    @abstractmethod
+    def _load(self, name: str, lanes: int, text: Callable[[], str]) -> Code:
+        """Return the code of a text, from the cache on disk under a name where it is there."""
+
+    # -- addresses --------------------------------------------------------------------------
+
+    def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
+        """Return the address of a Taylor step; with `dense`, one that also writes its series."""
+        name = self._taylor_name(order, dense)
+        return self._entry(name, lanes, lambda: self._taylor_text(order, lanes, dense), name)
+
+    def following(self, joint: Kernel, followed: int, order: int, lanes: int) -> int:
+        """Return the address of a Taylor step that writes its series and those of what is followed along it.
+
+        `joint` is a right-hand side with so many further outputs, which are what is followed; the step takes and
+        writes them as integrals behind the state.
+        """
+
+        def make() -> tuple[Kernel, int]:
+            def text() -> str:
+                known = recurrences(joint, followed, paced=self._program.sudden)
+                return self.step_text("step", known, order, lanes, dense=True)
+
+            name = f"following{order}_{_digest(joint, followed)}"
+            return joint, self._entry(name, lanes, text, "step")
+
+        # the kernel is kept, so that no other can have its number
+        return computed_once(self._following, (id(joint), order, lanes), make)[1]
+
+    def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
+        """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
+
+        def text() -> str:
+            return self.attempt_text(tableau, lanes, dense=dense)
+
+        name = f"{tableau.name}{'_dense' if dense else ''}"
+        return self._entry(name, lanes, text, "attempt"), self._entry(name, lanes, text, "start")
+
+    def beginning(self, tableau: Tableau, lanes: int) -> int:
+        """Return the address of what precedes the first attempt."""
+        return self.attempt(tableau, lanes, dense=False)[1]
+
+    def kernel(self, name: str, lanes: int = 1) -> int:
+        """Return the address of a kernel of the program as it stands, 0 where it has none."""
+        if name not in self._program:
+            return 0
+        return self._entry(name, lanes, lambda: self._program_text(name, lanes), name)
+
+    def prepare(self, lanes: int = 1) -> int:
+        """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
+        return self.kernel("prepare", lanes)
+
+    def start(self, start: Start, lanes: int) -> int:
+        """Return the address of the kernel that makes states, with their checks, from given values."""
+        name = f"start_{hashlib.sha256(' '.join(start.given).encode()).hexdigest()[:16]}"
+        kernel = replace(start.kernel, arguments=STEP_ARGUMENTS)
+        return self._entry(name, lanes, lambda: self.kernel_text("start", kernel, lanes, exact=True), "start")
+
+    def further(self, kernel: Kernel, lanes: int) -> int:
+        """Return the address of a kernel of (t, y, c) that is not the program's own."""
+        kernel = replace(kernel, arguments=STEP_ARGUMENTS)
+        name = f"{kernel.name}_{_digest(kernel)}"
+        return self._entry(name, lanes, lambda: self.kernel_text(kernel.name, kernel, lanes), kernel.name)
+
+    def derivative(self, name: str) -> tuple[int, int]:
+        """Return the addresses of the derivative of a kernel by all of its state.
+
+        The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`);
+        one of them is 0.
+        """
+        made, whole = self._derivative(name)
+        address = self._entry(made, 1, lambda: self._derivative_text(name), made)
+        return (address, 0) if whole else (0, address)
+
+    # -- facts about the program ------------------------------------------------------------
+
+    def series_lines(self, order: int) -> int:
+        """Return the lines of the recurrences of a Taylor step, unrolled."""
+        if order not in self._lines:
+            self._lines[order] = self._recurrences.unrolled_lines(order)
+        return self._lines[order]
+
+    @property
+    def carried(self) -> bool:
+        """Whether the slopes at the end of a step are those at the start of the next: where no projection moves it."""
+        return "project_position" not in self._program and "project_velocity" not in self._program
+
+    def control(self, order: int) -> tuple[int, int]:
+        """Return the cost of the control of a Taylor step (`dalembert.transforms.residual_control.cost`)."""
+        return cost(self._recurrences, order)
+
+    @property
+    def poles(self) -> bool:
+        """Whether rates have inverse powers that pairs may step over."""
+        return bool(self._recurrences.poles)
+
+    @property
+    def kinked(self) -> bool:
+        """Whether rates have kinks or jumps in state or time."""
+        return self._recurrences.kinked
+
+    @once_property
+    def angles(self) -> tuple[int, ...]:
+        """Components of the state that the motion depends on modulo a turn."""
+        return angles_of(self._program)
+
+    # -- texts ------------------------------------------------------------------------------
+
+    @once_property
+    def _recurrences(self) -> Recurrences:
+        return recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
+
+    def _taylor_name(self, order: int, dense: bool) -> str:
+        return f"taylor{order}{'_series' if dense else ''}"
+
+    def _taylor_text(self, order: int, lanes: int, dense: bool) -> str:
+        return self.step_text(self._taylor_name(order, dense), self._recurrences, order, lanes, dense=dense)
+
+    def _program_text(self, name: str, lanes: int) -> str:
+        """Return a kernel of the program as it stands; that of constants (last argument) takes parameters first."""
+        arguments = ("p", "y", "c", "s") if name == "prepare" else STEP_ARGUMENTS
+        kernel = replace(self._program.kernel(name), arguments=arguments)
+        return self.kernel_text(name, kernel, lanes, exact=name == "prepare")
+
+    def _derivative(self, name: str) -> tuple[str, bool]:
+        """Return the name of the derivative of a kernel, and whether it is the whole Jacobian."""
+        kernel = self._program.kernel(name)
+        whole = len(kernel.body) * len(kernel.outputs) <= _LARGEST_JACOBIAN
+        return f"{name}_{'jacobian' if whole else 'tangent'}", whole
+
+    def _derivative_kernel(self, name: str) -> tuple[str, Kernel]:
+        """Return the name and the kernel of the derivative of a kernel by all of its state."""
+        kernel, (made, whole) = self._program.kernel(name), self._derivative(name)
+        derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs))
+        return made, replace(derivative, arguments=STEP_ARGUMENTS)
+
+    def _derivative_text(self, name: str) -> str:
+        made, kernel = self._derivative_kernel(name)
+        return self.kernel_text(made, kernel, 1)
+
+    def _entry(self, name: str, lanes: int, text: Callable[[], str], function: str) -> int:
+        """Return the address of a function of the module `text`, compiled when first asked for."""
+        loaded = computed_once(self._loaded, (name, lanes), lambda: self._load(name, lanes, text))
+        return loaded.address(function)
+
+
+def _digest(*parts: object) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
