@@ -23,6 +23,7 @@ __all__ = [
     "MissingExtraError",
     "OptionError",
     "PrecisionWarning",
+    "ProgramTextError",
     "SceneError",
     "SingularMassMatrixError",
     "UnknownNameError",
@@ -98,6 +99,17 @@ class InitialStateError(DalembertError, ValueError):
 
 class MissingExtraError(DalembertError, ImportError):
     """An optional package is needed; the message says how to install it."""
+
+
+class ProgramTextError(DalembertError, ValueError):
+    """The text of a program or kernel cannot be read; `line` (from 1) is where, and `expected` what belongs there."""
+
+    def __init__(self, line: int, expected: str, found: str) -> None:
+        self.line, self.expected, self.found = line, expected, found
+        super().__init__(f"line {line}: expected {expected}, found {found}")
+
+    def __reduce__(self) -> tuple[type[Exception], tuple[int, str, str]]:
+        return (ProgramTextError, (self.line, self.expected, self.found))
 
 
 class AssumptionWarning(UserWarning):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .kernel import Kernel
+from .kernel import Kernel
+from .notation import Reader
 
 __all__ = ["CONDITION_TIME", "NARROW", "WHOLE", "ZERO", "Conditions"]
 
@@ -47,6 +47,43 @@ class Conditions:
     kinds: tuple[str, ...]
     nested: tuple[bool, ...]
     sharpness: tuple[Kernel | None, ...]
+
+    def __str__(self) -> str:
+        parts = ["conditions" if self.place is None else f"conditions decided at p[{self.place}]"]
+        for function, kind, nested, sharpness in zip(
+            self.functions, self.kinds, self.nested, self.sharpness, strict=True
+        ):
+            parts.append(f"condition {kind}{', nested' if nested else ''}\n{function}")
+            if sharpness is not None:
+                parts.append(f"sharpness\n{sharpness}")
+        return "\n\n".join(parts)
+
+    @classmethod
+    def read(cls, reader: Reader) -> Conditions:
+        """Return the conditions that come next in the text of a program."""
+        reader.require("conditions")
+        place = None
+        if reader.take("decided"):
+            reader.require("at", "p", "[")
+            place = reader.whole("the number of a parameter")
+            reader.require("]")
+        reader.end_line()
+        rows: list[tuple[Kernel, str, bool, Kernel | None]] = []
+        while reader.take("condition"):
+            kind = next((kind for kind in (ZERO, WHOLE, NARROW) if reader.take(kind)), None)
+            if kind is None:
+                reader.fail(f"{ZERO!r}, {WHOLE!r} or {NARROW!r}")
+            nested = reader.take(",")
+            if nested:
+                reader.require("nested")
+            reader.end_line()
+            function, sharpness = Kernel.read(reader), None
+            if reader.take("sharpness"):
+                reader.end_line()
+                sharpness = Kernel.read(reader)
+            rows.append((function, kind, nested, sharpness))
+        functions, kinds, nests, sharp = zip(*rows, strict=True) if rows else ((), (), (), ())
+        return cls(place, functions, kinds, nests, sharp)
 
     @property
     def decides(self) -> bool:

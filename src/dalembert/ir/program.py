@@ -1,15 +1,15 @@
-"""`Program`: kernels of straight-line code in SSA form, free of SymPy and of the graph."""
+"""`Program`: kernels of straight-line code in SSA form, free of SymPy and of the graph; and its text form."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, final
+from typing import final
 
+from .conditions import Conditions
 from .kernel import Kernel
-
-if TYPE_CHECKING:
-    from .conditions import Conditions
+from .notation import Reader, word
+from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields
 
 __all__ = [
     "Layout",
@@ -75,6 +75,9 @@ class Program:
     Where the scene is `sudden`, what its series do not show may happen in reactions, too, that no rate depends on.
     `energy_note` is what those are warned of who ask for the energy.
     `conditions` are those that are decided once for each segment of a run, None where there are none.
+
+    ``str(program)`` is its text for people to read, in the notation of `dalembert.ir.notation`: what the arrays hold,
+    then the kernels, the outputs commented by what they are. ``Program.parse(str(program)) == program``.
     """
 
     name: str
@@ -85,6 +88,38 @@ class Program:
     sudden: bool = False
     energy_note: str = ""
     conditions: Conditions | None = None
+
+    def __str__(self) -> str:
+        fields = field_lines(PROGRAM_FIELDS, self) + field_lines(LAYOUT_FIELDS, self.layout)
+        parts = ["\n".join([f"program {word(self.name)}", *fields])]
+        parts += [kernel.text(_output_labels(self.layout, kernel)) for kernel in self.kernels]
+        if self.conditions is not None:
+            parts.append(str(self.conditions))
+        return "\n\n".join(parts) + "\n"
+
+    @classmethod
+    def parse(cls, text: str) -> Program:
+        """Return the program of which `text` is the text form; `dalembert.ir.verify` checks its kernels.
+
+        Raises
+        ------
+        ProgramTextError
+            With the line that cannot be read, and what was expected there.
+        """
+        reader = Reader(text)
+        reader.require("program")
+        name = reader.word("the name of the program")
+        reader.end_line()
+        values = read_fields(reader, {**PROGRAM_FIELDS, **LAYOUT_FIELDS})
+        layout = Layout(**{key: value for key, value in values.items() if key in LAYOUT_FIELDS})
+        kernels = []
+        while reader.sees("kernel"):
+            kernels.append(Kernel.read(reader))
+        conditions = Conditions.read(reader) if reader.sees("conditions") else None
+        if not reader.done:
+            reader.fail("'kernel', 'conditions' or the end")
+        own = {key: value for key, value in values.items() if key in PROGRAM_FIELDS}
+        return cls(name=name, layout=layout, kernels=tuple(kernels), conditions=conditions, **own)
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel called `name`; ``KeyError`` where there is none."""
@@ -98,3 +133,23 @@ class Program:
 
     def __iter__(self) -> Iterator[Kernel]:
         return iter(self.kernels)
+
+
+def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
+    """Return what the outputs of a kernel of a program are, as far as that is known."""
+    q, qdot = layout.coordinates, layout.rates
+    rows = [f"constraint {i}" for i in range(1, len(layout.constraints) + 1)]
+    labels: dict[str, list[str]] = {
+        "rhs": [f"rate of {name}" for name in layout.state],
+        "expand": [*q, *qdot],
+        "outputs": list(layout.outputs),
+        "initial": list(layout.state),
+        "mass_matrix": [f"{a}, {b}" for a in q for b in q],
+        "forcing": list(q),
+        "accelerations": [f"rate of {name}" for name in qdot],
+        "constraint_jacobian": [f"{row}, {name}" for row in rows for name in qdot],
+        "position_residual": rows[: layout.holonomic],
+        "velocity_residual": rows,
+    }
+    known = labels.get(kernel.name, [])
+    return known if len(known) == len(kernel.outputs) else []

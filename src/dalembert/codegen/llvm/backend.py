@@ -34,7 +34,7 @@ class LLVMBackend(Backend):
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
         target()  # one that does not serve is refused before anything is made for it
-        digest = digest_of(self.name, toolchain(), generator_digest(), program.name, repr(program.kernels))
+        digest = digest_of(self.name, toolchain(), generator_digest(), program.name, "\n".join(map(str, program)))
 
         def write() -> str:
             return default_source(program, StepLibrary(program, None), self.serving(program))

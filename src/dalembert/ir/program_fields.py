@@ -1,0 +1,146 @@
+"""Named fields of the text form of a program: how each is printed and read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, final
+
+from ..errors import list_names
+from .notation import Reader, literal_text, word
+
+__all__ = ["LAYOUT_FIELDS", "PROGRAM_FIELDS", "field_lines", "read_fields"]
+
+_WIDTH, _INDENT = 100, 16
+"""Columns up to which a list goes on in one line, and the column that values begin at."""
+
+
+@final
+@dataclass(frozen=True)
+class _Field:
+    """How a value is printed, as items, and read; one that is left out of a text is `default`, if that is not None."""
+
+    items: Callable[[Any], list[str]]
+    read: Callable[[Reader], Any]
+    default: Any
+
+
+def _read_words(reader: Reader) -> tuple[str, ...]:
+    return tuple(reader.listed(reader.word))
+
+
+def _read_flag(reader: Reader) -> bool:
+    if reader.take("yes"):
+        return True
+    reader.require("no")
+    return False
+
+
+def _aliases(values: Mapping[str, str]) -> list[str]:
+    return [word(key) if key == value else f"{word(key)}: {word(value)}" for key, value in values.items()]
+
+
+def _mapped(item: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], list[str]]:
+    return lambda values: [f"{word(key)}: {item(value)}" for key, value in values.items()]
+
+
+def _read_mapping(value: Callable[[Reader], Any], *, short: bool = False) -> Callable[[Reader], dict[str, Any]]:
+    """Return the reader of a mapping; in a short one, a key alone stands for itself."""
+
+    def read(reader: Reader) -> dict[str, Any]:
+        entries: dict[str, Any] = {}
+
+        def entry() -> None:
+            key = reader.word()
+            if key in entries:
+                reader.fail(f"no second value of {key!r}")
+            if not reader.take(":"):
+                if not short:
+                    reader.fail("':'")
+                entries[key] = key
+            else:
+                entries[key] = value(reader)
+
+        reader.listed(entry)
+        return entries
+
+    return read
+
+
+def _read_kinds(reader: Reader) -> tuple[str, ...]:
+    def kinds() -> Iterator[str]:
+        while reader.sees_word():
+            yield reader.word()
+
+    return tuple(kinds())
+
+
+_NAME = _Field(lambda value: [word(value)], Reader.word, None)
+_TEXT = _Field(lambda value: [word(value)], Reader.word, "")
+_FLAG = _Field(lambda value: ["yes" if value else "no"], _read_flag, False)
+_COUNT = _Field(lambda value: [str(value)], Reader.whole, None)
+_NAMES = _Field(lambda values: list(map(word, values)), _read_words, ())
+_ALIASES = _Field(_aliases, _read_mapping(Reader.word, short=True), {})
+_NUMBERS = _Field(_mapped(literal_text), _read_mapping(Reader.number), {})
+_ASSUMPTIONS = _Field(_mapped(lambda kinds: " ".join(map(word, kinds))), _read_mapping(_read_kinds), {})
+
+PROGRAM_FIELDS: dict[str, _Field] = {
+    "formulation": _NAME,
+    "notes": _NAMES,
+    "sudden": _FLAG,
+    "energy_note": _TEXT,
+}
+LAYOUT_FIELDS: dict[str, _Field] = {
+    "coordinates": _NAMES,
+    "rates": _NAMES,
+    "parameters": _NAMES,
+    "unknowns": _NAMES,
+    "undetermined": _NAMES,
+    "state": _NAMES,
+    "outputs": _NAMES,
+    "constraints": _NAMES,
+    "holonomic": _COUNT,
+    "constants": _COUNT,
+    "defaults": _NUMBERS,
+    "entries": _NAMES,
+    "assumptions": _ASSUMPTIONS,
+    "aliases": _ALIASES,
+}
+
+
+def field_lines(fields: Mapping[str, _Field], values: object) -> list[str]:
+    """Return the lines of the fields of an object; those that are as by default are left out."""
+    lines: list[str] = []
+    for key, field in fields.items():
+        value = getattr(values, key)
+        if value == field.default:
+            continue
+        line = f"  {key:<{_INDENT - 2}}"
+        items = field.items(value)
+        for i, item in enumerate(items):
+            text = item if i == len(items) - 1 else f"{item}, "
+            if len(line) + len(text) > _WIDTH and len(line) > _INDENT:
+                lines.append(line.rstrip())
+                line = " " * _INDENT
+            line += text
+        lines.append(line)
+    return lines
+
+
+def read_fields(reader: Reader, fields: Mapping[str, _Field]) -> dict[str, Any]:
+    """Return the values of the fields that come next in a text, one a line, and the defaults of those left out."""
+    values: dict[str, Any] = {}
+    while not (reader.done or reader.sees("kernel") or reader.sees("conditions")):
+        left = [key for key in fields if key not in values]
+        key = next((key for key in left if reader.take(key)), None)
+        if key is None:
+            reader.fail(f"one of {list_names(left)}, or 'kernel'")
+        values[key] = fields[key].read(reader)
+        reader.end_line()
+    for key, field in fields.items():
+        if key not in values:
+            if field.default is None:
+                reader.fail(f"{key!r} of the program")
+            values[key] = copy(field.default)
+    return values
