@@ -268,7 +268,7 @@ kernel rhs(t, y, c)
 FAULTS = {
     "no program": ("program", "scene", 1, "'program'", "scene"),
     "no name": ("program sleigh", "program", 1, "the name of the program", "the end of the line"),
-    "unknown field": ("  coordinates x", "  coordinate x", 3, "one of notes, sudden", "coordinate"),
+    "unknown field": ("  coordinates x", "  coordinate x", 3, "one of notes, nonanalytic", "coordinate"),
     "field given twice": ("  holonomic 0", "  coordinates y\n  holonomic 0", 4, "one of", "coordinates"),
     "field missing": ("  holonomic 0\n", "", 6, "'holonomic' of the program", "kernel"),
     "no number": ("holonomic 0", "holonomic none", 4, "a whole number", "none"),

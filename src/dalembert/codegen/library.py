@@ -94,7 +94,7 @@ class KernelLibrary(ABC):
 
         def make() -> tuple[Kernel, int]:
             def text() -> str:
-                known = recurrences(joint, followed, paced=self._program.sudden)
+                known = recurrences(joint, followed, paced=self._program.nonanalytic)
                 return self.step_text("step", known, order, lanes, dense=True)
 
             name = f"following{order}_{_digest(joint, followed)}"
@@ -184,7 +184,7 @@ class KernelLibrary(ABC):
 
     @once_property
     def _recurrences(self) -> Recurrences:
-        return recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
+        return recurrences(self._program.kernel("rhs"), paced=self._program.nonanalytic)
 
     def _taylor_name(self, order: int, dense: bool) -> str:
         return f"taylor{order}{'_series' if dense else ''}"

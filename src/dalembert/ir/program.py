@@ -72,7 +72,7 @@ class Layout:
 class Program:
     """The kernels of one scene in one formulation, and what their arrays hold.
 
-    Where the scene is `sudden`, what its series do not show may happen in reactions, too, that no rate depends on.
+    Where the scene is `nonanalytic`, what its series do not show may happen in reactions, too, that no rate depends on.
     `energy_note` is what those are warned of who ask for the energy.
     `conditions` are those that are decided once for each segment of a run, None where there are none.
 
@@ -85,7 +85,7 @@ class Program:
     layout: Layout
     kernels: tuple[Kernel, ...]
     notes: tuple[str, ...]
-    sudden: bool = False
+    nonanalytic: bool = False
     energy_note: str = ""
     conditions: Conditions | None = None
 

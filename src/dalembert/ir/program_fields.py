@@ -88,7 +88,7 @@ _ASSUMPTIONS = _Field(_mapped(lambda kinds: " ".join(map(word, kinds))), _read_m
 PROGRAM_FIELDS: dict[str, _Field] = {
     "formulation": _NAME,
     "notes": _NAMES,
-    "sudden": _FLAG,
+    "nonanalytic": _FLAG,
     "energy_note": _TEXT,
 }
 LAYOUT_FIELDS: dict[str, _Field] = {

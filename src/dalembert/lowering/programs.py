@@ -102,7 +102,7 @@ def lower(system: ReducedSystem) -> Program:
         layout,
         everything,
         system.notes,
-        equations.sudden,
+        equations.nonanalytic,
         note,
         decided(equations),
     )

@@ -9,7 +9,7 @@ from ..ir.graph import Node
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-from ..transforms.nonsmooth import sudden
+from ..transforms.nonsmooth import nonanalytic
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from .given import given_powers
 from .kinematics import Kinematics
@@ -59,7 +59,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         groups=_groups(kinematics),
         outputs={**model.outputs, **_places(kinematics)},
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
-        sudden=sudden(model.graph, terms, moving),
+        nonanalytic=nonanalytic(model.graph, terms, moving),
         load_energy=load_energy(kinematics, power, silent, rows),
         conditions=model.conditions,
     )

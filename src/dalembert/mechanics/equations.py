@@ -197,7 +197,7 @@ class EquationsOfMotion:
         What ends the mode that contacts are in.
     least : bool
         Whether reactions that are not determined are the least ones, and not an error.
-    sudden : bool
+    nonanalytic : bool
         Whether what the scene says has kinks, jumps or exponential functions in state or time.
     load_energy : LoadEnergy
         The potential energy of its loads, on another graph, which is part of the energy.
@@ -222,7 +222,7 @@ class EquationsOfMotion:
     defaults: Mapping[str, float] = field(default_factory=dict)
     watchpoints: tuple[Watchpoint, ...] = ()
     least: bool = False
-    sudden: bool = False
+    nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)
 
     def energies(self, graph: Graph) -> tuple[Node, Node]:

@@ -103,7 +103,7 @@ class _Variational:
         equations, everything = system.equations, (hoisted.prepare, *hoisted.kernels)
         name = f"{equations.name}, varied"
         return Program(
-            name, system.formulation, layout, everything, (), equations.sudden, conditions=decided(equations)
+            name, system.formulation, layout, everything, (), equations.nonanalytic, conditions=decided(equations)
         )
 
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:

@@ -18,9 +18,9 @@ __all__ = [
     "kinked",
     "last_of",
     "leading_to",
+    "nonanalytic",
     "only_in_branches",
     "reached_from",
-    "sudden",
     "unforeseen",
 ]
 
@@ -86,7 +86,7 @@ def kinked(found: Mapping[str, str]) -> list[str]:
     return [name for name, what in found.items() if what in _KINKED]
 
 
-def sudden(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:
+def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:
     """Return whether nodes have kinks, jumps or exponential functions in what is `moving`."""
     mask = 0
     for node in moving:

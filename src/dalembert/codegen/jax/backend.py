@@ -247,7 +247,7 @@ class JaxEngine(Engine):
 
     @once_property
     def _recurrences(self) -> Recurrences:
-        return recurrences(self._program.kernel("rhs"), paced=self._program.sudden)
+        return recurrences(self._program.kernel("rhs"), paced=self._program.nonanalytic)
 
 
 @final

@@ -59,7 +59,7 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     place = None if program.conditions is None else program.conditions.place
     moved_by = _moved_by(program)
     if method == "taylor":
-        known = recurrences(program.kernel("rhs"), paced=program.sudden)
+        known = recurrences(program.kernel("rhs"), paced=program.nonanalytic)
         step = step_kernel(known, order, dense=False)
         taylor = TaylorAttempts(_step_of_one(looped(step)), paced=known.paced)
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
