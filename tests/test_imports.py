@@ -1,0 +1,129 @@
+"""The order in which packages import one another, and the absence of circles among modules."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import dalembert
+
+PACKAGE = Path(dalembert.__file__).parent
+BASIC = {"arrays", "errors", "interrupts", "naming", "once", "options", "values", "version"}
+ORDER = [
+    "ir",
+    "methods",
+    "transforms",
+    "scene",
+    "scenes",
+    "textbook",
+    "mechanics",
+    "interop",
+    "reduction",
+    "hybrid",
+    "lowering",
+    "integrators",
+    "codegen",
+    "pipeline",
+    "results",
+    "runtime",
+    "compiler",
+]
+"""Packages and modules at the top, each of which imports only what stands before it."""
+
+EXCEPTIONS = {("scene.scene", "interop.sympy_systems")}
+"""`Scene.from_sympy` makes a scene by what comes after scenes."""
+
+Import = tuple[str, str, bool]
+
+
+def _modules() -> dict[str, Path]:
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = _modules()
+
+
+def _imports(name: str) -> set[Import]:
+    """Return what a module imports of the package: (module, imported module, only for type checkers)."""
+    path = MODULES[name]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    checked = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = name.split(".") if name else []
+            base = base if path.name == "__init__.py" else base[:-1]
+            base = base[: len(base) - (node.level - 1)]
+            target = ".".join([*base, *(node.module.split(".") if node.module else [])])
+        elif (node.module or "").split(".")[0] == "dalembert":
+            target = ".".join((node.module or "").split(".")[1:])
+        else:
+            continue
+        for alias in node.names:
+            whole = f"{target}.{alias.name}".lstrip(".")
+            found.add((name, whole if whole in MODULES else target, id(node) in checked))
+    return found
+
+
+IMPORTS = {one for name in MODULES if name for one in _imports(name)}
+
+
+def _package(module: str) -> str:
+    return module.split(".")[0]
+
+
+def test_every_package_has_its_place():
+    assert {_package(name) for name in MODULES if name} <= BASIC | set(ORDER)
+
+
+def test_packages_import_only_what_stands_before_them():
+    wrong = []
+    for module, target, _ in sorted(IMPORTS):
+        importer, imported = _package(module), _package(target)
+        if importer == imported or (module, target) in EXCEPTIONS:
+            continue
+        if target == "" or (importer in BASIC and imported not in BASIC):
+            wrong.append(f"{module} imports {target or 'dalembert'}")
+        elif imported not in BASIC and ORDER.index(imported) > ORDER.index(importer):
+            wrong.append(f"{module} imports {target}")
+    assert not wrong
+
+
+def test_no_modules_import_one_another_in_a_circle():
+    """Imports that only type checkers see are left out: they name types in annotations."""
+    following: dict[str, set[str]] = {name: set() for name in MODULES}
+    for module, target, checked in IMPORTS:
+        if not checked and (module, target) not in EXCEPTIONS and module != target:
+            following[module].add(target)
+    done: set[str] = set()
+
+    def visit(name: str, path: list[str]) -> None:
+        if name in path:
+            pytest.fail(" -> ".join([*path[path.index(name) :], name]))
+        if name in done:
+            return
+        for other in sorted(following[name]):
+            visit(other, [*path, name])
+        done.add(name)
+
+    for name in sorted(following):
+        visit(name, [])
+
+
+def test_the_order_is_that_of_the_design_page():
+    text = (PACKAGE.parents[1] / "docs" / "design.md").read_text(encoding="utf-8")
+    section = text[text.index("## Packages") : text.index("## The graph")]
+    listed = [line.split("`")[1].rstrip("/").removesuffix(".py") for line in section.splitlines() if line.startswith("- `")]
+    assert [name for name in listed if name in ORDER] == [name for name in ORDER if name in listed]
+    assert set(ORDER) - {"hybrid"} <= set(listed)
