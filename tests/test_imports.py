@@ -124,6 +124,8 @@ def test_no_modules_import_one_another_in_a_circle():
 def test_the_order_is_that_of_the_design_page():
     text = (PACKAGE.parents[1] / "docs" / "design.md").read_text(encoding="utf-8")
     section = text[text.index("## Packages") : text.index("## The graph")]
-    listed = [line.split("`")[1].rstrip("/").removesuffix(".py") for line in section.splitlines() if line.startswith("- `")]
+    listed = [
+        line.split("`")[1].rstrip("/").removesuffix(".py") for line in section.splitlines() if line.startswith("- `")
+    ]
     assert [name for name in listed if name in ORDER] == [name for name in ORDER if name in listed]
     assert set(ORDER) - {"hybrid"} <= set(listed)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..ir.conditions import CONDITION_TIME, Conditions
+from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
+from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.passes import hoist_parameters
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from ..reduction import ReducedSystem
 
 __all__ = [
-    "decided",
     "lower",
 ]
 
@@ -113,25 +113,3 @@ def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int
     graph = Graph()
     places = {graph.input(str(node.payload)): place for node, place in inputs.items()}
     return lower_kernel(graph, "energy", equations.energies(graph), places)
-
-
-def decided(equations: EquationsOfMotion) -> Conditions | None:
-    """Return the conditions that are decided for segments of runs, None where there are none."""
-    if not equations.conditions:
-        return None
-    graph, parameters = equations.graph, equations.symbols.parameters
-    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
-    inputs |= {graph.input(name): ("p", i) for i, name in enumerate(parameters)}
-    functions = [condition.function for condition in equations.conditions]
-    within = graph.input(CONDITION_TIME).deps
-
-    def lowered(node: Node) -> Kernel:
-        return lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p"))
-
-    return Conditions(
-        place=parameters.index(CONDITION_TIME) if CONDITION_TIME in parameters else None,
-        functions=tuple(map(lowered, functions)),
-        kinds=tuple(condition.kind for condition in equations.conditions),
-        nested=tuple(bool(node.deps & within) for node in functions),
-        sharpness=tuple(None if c.sharpness is None else lowered(c.sharpness) for c in equations.conditions),
-    )

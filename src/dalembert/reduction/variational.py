@@ -12,11 +12,11 @@ from typing import final
 
 from ..ir.graph import Graph, Node
 from ..ir.program import Layout, Program
-from ..lowering.programs import decided
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.passes import hoist_parameters
 from .base import ReducedSystem
+from .time_conditions import decided
 
 __all__ = ["variational"]
 

@@ -2,7 +2,8 @@
 
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import free_orientation
-from .scene import Joint, Scene, Unknown, unknowns
+from .scene import Joint, Scene
+from .unknowns import Unknown, unknowns
 
 __all__ = [
     "CoulombFriction",

@@ -19,6 +19,7 @@ from ..ir.graph import Graph, Node
 from ..naming import unwritable
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 from .elapsed import ElapsedTime
+from .unknowns import Unknown
 
 __all__ = ["ExpressionReader", "short"]
 
@@ -197,8 +198,6 @@ class ExpressionReader:
         return self.graph.decimal(Fraction(int(exact.p), int(exact.q)))
 
     def _symbol(self, e: Any) -> Node:
-        from .scene import Unknown  # the class is only told apart here
-
         table, other = (self.unknowns, self.parameters) if isinstance(e, Unknown) else (self.parameters, self.unknowns)
         if isinstance(e, Unknown) and not self._allow_unknowns:
             return self.fault(f"the unknown {e.name} may only be used in the force or torque of a joint")

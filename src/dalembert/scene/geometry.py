@@ -14,9 +14,10 @@ from . import changes
 from .angles import Angles
 from .expressions import short
 from .model import Components, FrameModel, Piece, Pieces, PointModel
-from .scene import Scene, Unknown
+from .scene import Scene
 from .symbols import SymbolReader
 from .tree import Tree
+from .unknowns import Unknown
 
 __all__ = ["GeometryReader"]
 

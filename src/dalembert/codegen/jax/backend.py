@@ -16,11 +16,7 @@ from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import order_for, step_kernel
-from ...version import __version__
 from ..base import Backend, BlockResult, CaseBlock, Engine, Prepared, RenderedModule, growing_stretches
-from ..cache import load_in_memory
-from ..printers import JAX
-from ..rendering import digest_of, program_variables, render
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
@@ -28,7 +24,7 @@ if TYPE_CHECKING:
     pass
 
 try:
-    import diffrax
+    import diffrax  # noqa: F401  # of the extra, too
     import jax
 except ImportError as missing:
     raise MissingExtraError(
@@ -36,6 +32,7 @@ except ImportError as missing:
     ) from missing
 
 from ...integrators.jax.compiling import LARGEST_FUSED, compiled
+from ...integrators.jax.kernels import CORRECTIONS, Kernels
 from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
@@ -43,7 +40,8 @@ from ...integrators.jax.precision import double_precision
 from ...integrators.jax.series import TaylorIntegrator, clipped_tolerance
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
-from .kernels import CORRECTIONS, Kernels, compile_kernel
+from .kernels import compile_kernel
+from .modules import loaded, rendered_module
 from .pieces import PAIRS, pieces_of
 from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
@@ -265,12 +263,9 @@ class JaxBackend(Backend):
 
     def render(self, program: Program, *, cache: bool) -> RenderedModule:
         """See `Backend.render`."""
-        source = render("jax/module.py.j2", program_variables(program, JAX))
-        versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
-        return RenderedModule(self.name, program, lambda: source, digest_of(self.name, versions, source))
+        return rendered_module(program)
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`; XLA compiles in memory, so that there is nothing to keep on disk."""
         register_static(Solve)
-        module = load_in_memory(rendered.digest, rendered.source)
-        return JaxEngine(rendered.program, module.__dict__)
+        return JaxEngine(rendered.program, loaded(rendered))

@@ -19,11 +19,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...integrators.jax.adjoint import Pull
+from ...integrators.jax.kernels import Function, stacked
 from ...ir.kernel import Assignment, Kernel, Load
 from ...transforms.nonsmooth import only_in_branches
 from ...transforms.partials import cotangent_kernel
 from ..printers import JAX, JAX_STEPS, Printer
-from .kernels import Function, compile_kernel, stacked
+from .kernels import compile_kernel
 
 __all__ = ["BLOCK", "LARGEST_WHOLE", "blocked", "cotangents_of", "looped"]
 

@@ -13,6 +13,7 @@ import numpy as np
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.derivatives import Steps, jacobians
+from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
 from ...integrators.jax.motion import Pieces
 from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
@@ -27,7 +28,7 @@ from ...transforms.recurrences import recurrences
 from ...transforms.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
-from .kernels import CORRECTIONS, Function, Kernels, OnArrays, compile_kernel
+from .kernels import compile_kernel
 
 __all__ = ["PAIRS", "SERVED", "pieces_of"]
 

@@ -21,7 +21,7 @@ from ...methods.step_constants import SMALLEST_SCALE
 from ..base import Prepared, PreparedStates
 
 if TYPE_CHECKING:
-    from .kernels import Kernels
+    from ...integrators.jax.kernels import Kernels
 
 __all__ = ["final_function", "prepared_run"]
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ...integrators.jax.implicit import implicit_motion
+from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
@@ -24,7 +25,8 @@ from ...values import times_of
 from ..printers import JAX
 from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
-from .kernels import Kernels, compile_kernel, stacked
+from .kernels import compile_kernel
+from .modules import kernels_of
 from .pieces import SERVED, pieces_of
 
 if TYPE_CHECKING:
@@ -136,7 +138,7 @@ class Solve:
         }
         self._program, self._start, self._method = program, start, method
         self.given = program.layout.state if start is None else start.given
-        self._kernels = _kernels(program)
+        self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
 
@@ -250,22 +252,11 @@ def _vector(kind: str, values: Any, names: tuple[str, ...], defaults: Mapping[st
 
 
 @once
-def _kernels(program: Program) -> Kernels:
-    """Return the kernels of a program, rendered anew where a pickled function brought it here."""
-    from .backend import JaxBackend
-
-    backend = JaxBackend()
-    engine = backend.load(backend.render(program, cache=False), cache=False)
-    kernels: Kernels = engine.kernels  # type: ignore[attr-defined]
-    return kernels
-
-
-@once
 def _elapsed(program: Program) -> Kernels:
     """Return the kernels of a program in the time since the start of a run."""
     counted = in_elapsed_time(program)
     if counted is program:
-        return _kernels(program)
+        return kernels_of(program)
     return Kernels(counted, {kernel.name: compile_kernel(kernel, JAX) for kernel in counted})
 
 

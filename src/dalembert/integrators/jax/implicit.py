@@ -13,7 +13,7 @@ from .motion import following, in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
-    from ...codegen.jax.kernels import Kernels
+    from .kernels import Kernels
 
 __all__ = ["implicit_motion"]
 

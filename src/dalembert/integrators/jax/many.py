@@ -14,7 +14,7 @@ from ...methods.status import Status
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
-    from ...codegen.jax.kernels import Kernels
+    from .kernels import Kernels
 
 __all__ = ["diffrax_batch"]
 

@@ -18,7 +18,7 @@ from .precision import double_precision
 from .record import Record
 
 if TYPE_CHECKING:
-    from ...codegen.jax.kernels import Kernels
+    from .kernels import Kernels
 
 __all__ = ["TaylorIntegrator", "clipped_tolerance"]
 

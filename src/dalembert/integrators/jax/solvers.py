@@ -29,7 +29,7 @@ from .projected import projecting
 from .record import Record
 
 if TYPE_CHECKING:
-    from ...codegen.jax.kernels import Kernels
+    from .kernels import Kernels
 
 __all__ = ["METHODS", "Integrator", "Method", "Settings", "equation", "solver_for"]
 

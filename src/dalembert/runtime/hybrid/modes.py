@@ -15,10 +15,10 @@ from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, leaving
 from ...ir.conditions import Conditions
 from ...ir.kernel import Kernel
-from ...lowering.programs import decided
 from ...mechanics.equations import EquationsOfMotion, Watchpoint
 from ...once import derived_once
 from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
+from ...reduction.time_conditions import decided
 from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory

@@ -1,0 +1,110 @@
+"""Generated kernels of a program on JAX arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+
+from ...arrays import FloatArray
+from ...ir.interpret import interpret_rows
+from ...ir.program import Program
+from ...methods.step_constants import BRANCH, SLOW
+
+__all__ = ["CORRECTIONS", "Function", "Kernels", "OnArrays", "stacked"]
+
+
+Function = Callable[..., tuple[Any, ...]]
+
+
+OnArrays = Callable[[Any, Any, Any], Any]
+
+
+def stacked(kernel: Function) -> OnArrays:
+    """Return a kernel as a function from arrays to an array, in the precision of its argument y."""
+
+    def on_arrays(t: Any, y: Any, c: Any) -> Any:
+        y, c = jnp.asarray(y), jnp.asarray(c)
+        kind = jnp.result_type(y, c)
+        outputs = kernel(t, jnp.unstack(y), jnp.unstack(c))
+        return jnp.stack([jnp.asarray(output, dtype=kind) for output in outputs]) if outputs else jnp.zeros(0, kind)
+
+    return on_arrays
+
+
+CORRECTIONS = {"project_position": 3, "project_velocity": 2}
+"""How often each correction is applied after a step."""
+
+
+_QUADRATIC = 1e-8
+
+
+@final
+class Kernels:
+    """The kernels of one program, on arrays.
+
+    Parameters
+    ----------
+    program : Program
+        What the functions were rendered from.
+    namespace : mapping of str to callable
+        The generated functions by name.
+    """
+
+    def __init__(self, program: Program, namespace: Mapping[str, Any]) -> None:
+        self.program = program
+        self._functions = {k.name: jax.jit(stacked(namespace[k.name])) for k in program if k.name != "prepare"}
+        self._prepare: Function | None = namespace.get("prepare")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._functions
+
+    def __getitem__(self, name: str) -> OnArrays:
+        return self._functions[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the kernels of (t, y, c)."""
+        return tuple(self._functions)
+
+    def constants(self, p: Any) -> Any:
+        """Return the constants c (n_c,) of parameters p (n_p,)."""
+        p = jnp.asarray(p)
+        if self._prepare is None or not self.program.layout.constants:
+            return p
+        return jnp.stack([jnp.asarray(output, dtype=p.dtype) for output in self._prepare(jnp.unstack(p))])
+
+    @property
+    def projected(self) -> bool:
+        """Whether accepted steps are projected onto constraints."""
+        return "project_position" in self or "project_velocity" in self
+
+    def project(self, t: Any, y: Any, c: Any, atol: Any) -> Any:
+        """Return y (n_y,) projected onto the constraints, or NaN where that does not converge.
+
+        A fixed number of Newton corrections, so that derivatives pass through; from the end of an accepted step the
+        first one leaves the square of the step's error, and the last removes rounding.
+        """
+        for name, count in CORRECTIONS.items():
+            if name not in self:
+                continue
+            for attempt in range(count):
+                correction = self[name](t, y, c)
+                if attempt == 0 and name == "project_velocity":
+                    changed = jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0)))
+                    kept = jnp.max(jnp.abs(correction)) <= BRANCH * (SLOW + changed)
+                    y = jnp.where(kept, y, jnp.nan)
+                y = y + correction
+            limit = jnp.maximum(_QUADRATIC * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol)
+            y = jnp.where(jnp.max(jnp.abs(correction)) <= limit, y, jnp.nan)
+        return y
+
+    def onto(self, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return states y (k, n_y) at times t (k,), interpolated inside steps, on the constraints."""
+        for name in ("project_position", "project_velocity"):
+            if name in self.program:
+                for _ in range(2):
+                    y = y + interpret_rows(self.program.kernel(name), t, y, c)
+        return y
