@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
@@ -15,7 +16,7 @@ import numpy as np
 import dalembert as da
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm.advance_lanes import _code as pace_code
-from dalembert.codegen.llvm.backend import NumbaBackend
+from dalembert.codegen.llvm.backend import LLVMBackend
 from dalembert.codegen.llvm.check_inputs import _code as soundness_code
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.runtime.model import CompiledModel
@@ -45,7 +46,7 @@ def _everything(model: CompiledModel, cache: bool) -> bytes:
     """Do with a model, loaded anew, what uses files of every kind; return what came out."""
     for kept in (loop_named, pace_code, soundness_code):
         kept.cache_clear()
-    backend, stages = NumbaBackend(), model.stages
+    backend, stages = LLVMBackend(), model.stages
     rendered = backend.render(stages.program, cache=cache)
     fresh = CompiledModel(stages, backend.load(rendered, cache=cache), backend.serving(stages.program))
     start, p = SCENES[fresh.name]
@@ -71,6 +72,7 @@ def begun(model: CompiledModel, folder: Path, expected: bytes | None) -> tuple[i
         os.close(writing)
         return child, reading
     said, code = "", 2
+    faulthandler.register(signal.SIGUSR1, file=writing, all_threads=True)
     try:
         os.environ[ENVIRONMENT_VARIABLE] = str(folder)
         with warnings.catch_warnings(record=True) as caught:
@@ -86,6 +88,19 @@ def begun(model: CompiledModel, folder: Path, expected: bytes | None) -> tuple[i
         os._exit(code)
 
 
+def _activity(child: int, reading: int) -> str:
+    """Return what a child does: its state and seconds of processor time twice, a second apart, and its Python stack."""
+
+    def state() -> str:
+        fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+        return f"{fields[0]} {(int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'):.2f} s"
+
+    before = state()
+    os.kill(child, signal.SIGUSR1)
+    time.sleep(1.0)
+    return f"{before}, then {state()}; {os.read(reading, 4000).decode()}"
+
+
 def ended(child: int, reading: int, limit: float = 120.0) -> Outcome:
     """Wait for a child and return what became of it; one that takes too long is killed."""
     until = time.monotonic() + limit
@@ -94,10 +109,11 @@ def ended(child: int, reading: int, limit: float = 120.0) -> Outcome:
         if number:
             break
         if time.monotonic() > until:
+            said = _activity(child, reading)
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
             os.close(reading)
-            return "does not end", ""
+            return "does not end", said
         time.sleep(0.002)
     with os.fdopen(reading, "rb") as file:
         said = file.read().decode()

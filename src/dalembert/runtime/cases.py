@@ -22,7 +22,7 @@ from ..methods.status import Status
 from ..reduction.starting import Start
 from ..values import array_of, times_of, whole
 from . import inputs
-from .assumed import ROUNDING, contradicts, refuse_contradictions
+from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of"]
 

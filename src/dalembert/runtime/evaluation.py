@@ -13,7 +13,7 @@ from ..errors import ValueInputError, nesting_named
 from ..ir.program import Layout
 from ..values import array_of, times_of
 from . import inputs
-from .assumed import ROUNDING, refuse_contradictions, rows_that_contradict
+from .symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
 
 __all__ = ["Evaluated", "rows_of"]
 

@@ -24,7 +24,7 @@ from ..ir.program import Layout, Program
 from ..reduction.starting import Start
 from ..values import listed, number
 from .assembly import nearest
-from .assumed import ROUNDING, refuse_contradictions
+from .symbol_assumptions import ROUNDING, refuse_contradictions
 
 __all__ = [
     "FLOOR",

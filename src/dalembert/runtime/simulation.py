@@ -28,7 +28,6 @@ from ..results.trajectory import Trajectory
 from ..values import flag, option, times_of, tolerances, whole
 from . import inputs
 from .assembly import assembled
-from .assumed import warn_of_motion
 from .elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_values
 from .evaluation import rows_of
 from .gains import with_gains
@@ -41,6 +40,7 @@ from .prepared import PreparedRun
 from .recording import Record
 from .segments import SegmentedEngine, at_time, starting_constants
 from .singular import indeterminate, judged, nearly_redundant, redundant, searched, singular_start, still_redundant
+from .symbol_assumptions import warn_of_motion
 
 if TYPE_CHECKING:
     from ..pipeline import Stages

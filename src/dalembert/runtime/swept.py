@@ -19,7 +19,6 @@ from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from ..values import flag, option, times_of, tolerances, whole
 from . import inputs
-from .assumed import warn_of_motion
 from .cases import Cases, Settings, agreed, single_problem, spans_of
 from .elapsed import begins_elsewhere, elapsed_times, far, offset_columns
 from .gains import give_gains
@@ -30,6 +29,7 @@ from .reductions import reduction_table
 from .simulation import Simulated
 from .singular import judged_cases, searched, unlike
 from .sweeping import begin_cases, fitted
+from .symbol_assumptions import warn_of_motion
 
 __all__ = ["Swept", "with_grid"]
 

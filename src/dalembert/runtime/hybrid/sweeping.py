@@ -20,8 +20,8 @@ from ...methods.status import Status
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
-from ..assumed import warn_of_motion
 from ..sweeping import meter
+from ..symbol_assumptions import warn_of_motion
 from .campaign import Campaign, Value
 from .carrying import Carrier
 from .instants import Instants, placed

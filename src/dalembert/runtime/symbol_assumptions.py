@@ -1,4 +1,4 @@
-"""What symbols were declared to be, such as positive, and the numbers that are given for them.
+"""Assumptions of symbols, such as positive, and the numbers that are given for them.
 
 SymPy simplifies with what it is told: sqrt(k**2) is k for a positive k before a scene is read. The equations are
 therefore wrong for numbers that the declarations exclude. Zero passes for what is positive or negative: it stands for
@@ -8,8 +8,10 @@ the start of another.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ _SLACK = 1e-6
 ROUNDING = 1e-9
 """Size of values of a state whose sign says nothing."""
 
-_Test = Callable[[FloatArray], NDArray[np.bool_]]
+_Test = Callable[[Any], Any]
 
 
 def _divides(number: int, rest: int) -> _Test:
@@ -57,6 +59,14 @@ def contradicts(declared: Sequence[str], values: FloatArray, rounding: float = 0
     return broken & np.isfinite(values)
 
 
+def _number_contradicts(declared: Sequence[str], value: float, rounding: float) -> bool:
+    """Return the answer of `contradicts` for one number, at a tenth of the cost."""
+    small = abs(value) <= rounding
+    return math.isfinite(value) and any(
+        _BROKEN[name][1](value) and not (small and name in _SIGNED) for name in declared
+    )
+
+
 def refuse_contradictions(
     assumptions: Mapping[str, Sequence[str]], values: Mapping[str, float], rounding: float = 0.0
 ) -> None:
@@ -69,7 +79,7 @@ def refuse_contradictions(
     """
     wrong = []
     for name, value in values.items():
-        if name in assumptions and contradicts(assumptions[name], np.array(value), rounding):
+        if name in assumptions and _number_contradicts(assumptions[name], value, rounding):
             declared = ", ".join(f"{what}=True" for what in assumptions[name])
             wrong.append(f"{name} = {value:g} contradicts {declared}, with which the symbol {name!r} was declared")
     if wrong:
@@ -119,7 +129,9 @@ def warn_of_motion(
     """
     for name in names:
         signs = [what for what in assumptions.get(name, ()) if what in _SIGNED]
-        values = of(name) if signs and len(t) else np.zeros(0)
+        if not signs or not len(t):
+            continue
+        values = of(name)
         size = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
         broken = np.flatnonzero(contradicts(signs, values) & (np.abs(values) > _SLACK * size))
         if len(broken):
