@@ -12,7 +12,7 @@ from ..ir.program import Layout, Program
 from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
 from ..transforms.lower_kernels import lower_kernel
-from ..transforms.passes import hoist_parameters
+from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
 
 if TYPE_CHECKING:
     from ..mechanics.equations import EquationsOfMotion
@@ -23,11 +23,18 @@ __all__ = [
 ]
 
 
-def lower(system: ReducedSystem) -> Program:
+def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Program:
     """Return the program of a reduced system.
 
     Besides ``prepare(p)`` every kernel takes ``(t, y, c)``. In ``rhs``, ``expand``, ``outputs`` and the
     projections y is the state of the formulation; in the others it is (q, q_dot).
+
+    Parameters
+    ----------
+    system : ReducedSystem
+        In any formulation.
+    records : list of PassRecord, optional
+        What each pass did to each kernel is appended to it.
     """
     equations = system.equations
     graph, symbols = equations.graph, equations.symbols
@@ -62,18 +69,17 @@ def lower(system: ReducedSystem) -> Program:
     if not system.regular and set(system.outputs) & set(symbols.unknowns):
         on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
-    kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still))]
-    kernels += [lower_kernel(graph, name, nodes, state) for name, nodes in on_state.items() if nodes]
+    kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still), records=records)]
+    kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:
-            kernels.append(_energies(equations, scene))
+            kernels.append(_energies(equations, scene, records))
         elif nodes:
-            kernels.append(lower_kernel(graph, name, nodes, scene))
+            kernels.append(lower_kernel(graph, name, nodes, scene, records=records))
     if system.stages is not None:
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
-        kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole))
-        kernels.append(lower_kernel(graph, "multipliers", system.stages.multipliers, state))
-    hoisted = hoist_parameters(kernels, symbols.parameters)
+        kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole, records=records))
+        kernels.append(lower_kernel(graph, "multipliers", system.stages.multipliers, state, records=records))
     layout = Layout(
         coordinates=symbols.coordinates,
         rates=symbols.rates,
@@ -84,7 +90,7 @@ def lower(system: ReducedSystem) -> Program:
         outputs=tuple(system.outputs),
         constraints=tuple(row.label for row in rows),
         holonomic=sum(row.position is not None for row in rows),
-        constants=len(hoisted.prepare.outputs),
+        constants=0,
         aliases=dict(symbols.aliases),
         defaults={
             **equations.defaults,
@@ -94,22 +100,23 @@ def lower(system: ReducedSystem) -> Program:
         entries=tuple(name for entry in symbols.entries for name in entry.names),
         assumptions=dict(symbols.assumptions),
     )
-    everything = (hoisted.prepare, *hoisted.kernels)
-    note = equations.load_energy.incomplete(equations.name)
-    return Program(
+    unprepared = Program(
         equations.name,
         system.formulation,
         layout,
-        everything,
+        tuple(kernels),
         system.notes,
         equations.nonanalytic,
-        note,
+        equations.load_energy.incomplete(equations.name),
         decided(equations),
     )
+    return PROGRAM_PASSES(unprepared, records)
 
 
-def _energies(equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int | None]]) -> Kernel:
+def _energies(
+    equations: EquationsOfMotion, inputs: Mapping[Node, tuple[str, int | None]], records: list[PassRecord] | None
+) -> Kernel:
     """Return the kernel of the energies with that of loads, on a graph of its own: no other kernel depends on it."""
     graph = Graph()
     places = {graph.input(str(node.payload)): place for node, place in inputs.items()}
-    return lower_kernel(graph, "energy", equations.energies(graph), places)
+    return lower_kernel(graph, "energy", equations.energies(graph), places, records=records)

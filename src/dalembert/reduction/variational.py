@@ -14,7 +14,7 @@ from ..ir.graph import Graph, Node
 from ..ir.program import Layout, Program
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
-from ..transforms.passes import hoist_parameters
+from ..transforms.pipelines import PROGRAM_PASSES
 from .base import ReducedSystem
 from .time_conditions import decided
 
@@ -85,7 +85,6 @@ class _Variational:
         kernels = [
             lower_kernel(self.graph, name, self._with_derivatives(nodes), inputs) for name, nodes in wanted.items()
         ]
-        hoisted = hoist_parameters(kernels, self.symbols.parameters)
         outputs = (*self.of, *(f"d {name} d {w}" for w in self.wrt for name in self.of))
         layout = Layout(
             coordinates=(),
@@ -97,13 +96,14 @@ class _Variational:
             outputs=outputs,
             constraints=(),
             holonomic=0,
-            constants=len(hoisted.prepare.outputs),
+            constants=0,
             aliases={},
         )
-        equations, everything = system.equations, (hoisted.prepare, *hoisted.kernels)
+        equations = system.equations
         name = f"{equations.name}, varied"
-        return Program(
-            name, system.formulation, layout, everything, (), equations.nonanalytic, conditions=decided(equations)
+        conditions, nonanalytic = decided(equations), equations.nonanalytic
+        return PROGRAM_PASSES(
+            Program(name, system.formulation, layout, tuple(kernels), (), nonanalytic, conditions=conditions)
         )
 
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
@@ -12,13 +13,10 @@ from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.ops import OPERATIONS
 from ..naming import Namer
 from .forms import Forms
-from .passes import eliminate_dead_code, group_products, run, share_equal, share_reciprocals
+from .pipelines import KERNEL_PASSES, PassRecord
 from .rewriting import rewritten
 
-__all__ = ["ARGUMENTS", "PASSES", "lower_kernel"]
-
-
-PASSES = (group_products, share_reciprocals, share_equal, eliminate_dead_code)
+__all__ = ["ARGUMENTS", "lower_kernel"]
 
 
 ARGUMENTS = ("t", "y", "p")
@@ -32,10 +30,12 @@ def lower_kernel(
     arguments: tuple[str, ...] = ARGUMENTS,
     *,
     fixed: Sequence[Node] | None = None,
+    records: list[PassRecord] | None = None,
 ) -> Kernel:
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
 
-    With `fixed`, the inputs that stay the same along a motion, it has few products of the others.
+    With `fixed`, the inputs that stay the same along a motion, it has few products of the others. What each pass did is
+    appended to `records`.
 
     Raises
     ------
@@ -43,10 +43,34 @@ def lower_kernel(
         When a node depends on an input that is not given, or a constant is not finite.
     """
     graph.heal(nodes, inputs.keys())
-    places = {str(node.payload): place for node, place in inputs.items()}
     forms = Forms(graph)
-    if fixed is not None:
-        forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
+    if fixed is None:
+        return KERNEL_PASSES(_kernel(graph, forms, name, nodes, inputs, arguments), records)
+    before = 0 if records is None else _count(graph, nodes)
+    start = time.perf_counter()
+    forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
+    seconds = time.perf_counter() - start
+    kernel = _kernel(graph, forms, name, nodes, inputs, arguments)
+    if records is not None:
+        records.append(PassRecord("rewrite products", seconds, {name: before}, {name: len(kernel.body)}))
+    return KERNEL_PASSES(kernel, records)
+
+
+def _count(graph: Graph, nodes: Sequence[Node]) -> int:
+    """Return the number of operations that nodes take as they are."""
+    return sum(node.op != "input" and node.deps != 0 for node in graph.topological(nodes))
+
+
+def _kernel(
+    graph: Graph,
+    forms: Forms,
+    name: str,
+    nodes: Sequence[Node],
+    inputs: Mapping[Node, tuple[str, int | None]],
+    arguments: tuple[str, ...],
+) -> Kernel:
+    """Return the kernel that computes nodes in the forms given, before any pass."""
+    places = {str(node.payload): place for node, place in inputs.items()}
     namer = Namer()
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
@@ -69,7 +93,7 @@ def lower_kernel(
             operands[node.index] = target
     loads.sort(key=lambda load: (load.array, load.index or 0))
     outputs = tuple(operands[node.index] for node in nodes)
-    return run(Kernel(name, arguments, tuple(loads), tuple(body), outputs), PASSES)
+    return Kernel(name, arguments, tuple(loads), tuple(body), outputs)
 
 
 def _literal(node: Node, args: list[Operand]) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..ir.kernel import Assignment, Kernel
 from ..ir.program import Program
-from .passes import eliminate_dead_code
+from .passes import EliminateDeadCode
 
 __all__ = ["angles_in", "angles_of", "turning"]
 
@@ -35,7 +35,7 @@ def turning(body: Sequence[Assignment], inputs: Iterable[str], outputs: Iterable
 def angles_in(kernel: Kernel, first: int = 0) -> frozenset[int]:
     """Return which components of y a kernel takes modulo a turn, as far as its outputs from `first` on go."""
     places = {load.target: load.index for load in kernel.loads if load.array == "y" and load.index is not None}
-    kernel = eliminate_dead_code(replace(kernel, outputs=kernel.outputs[first:]))
+    kernel = EliminateDeadCode()(replace(kernel, outputs=kernel.outputs[first:]))
     return frozenset(places[name] for name in turning(kernel.body, places, kernel.outputs))
 
 

@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from ..ir.kernel import Assignment, Kernel, Load, Operand
+from ..ir.kernel import Kernel, Load, Operand
 from ..ir.lines import Lines
 from ..methods import step_constants as gains
 from ..methods.tableau import Tableau
-from .passes import eliminate_dead_code, run
+from .pipelines import PRODUCT_FUSION, STEP_PASSES
 
 __all__ = [
     "CONTROL",
@@ -29,7 +28,6 @@ __all__ = [
     "Pieces",
     "attempt_kernel",
     "attempt_pieces",
-    "fuse_products",
     "inlined",
     "memory_size",
     "start_kernel",
@@ -79,12 +77,12 @@ def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
 
 
 def _straight(name: str, rhs: Kernel, parts: _Parts) -> Kernel:
-    evaluate = inlined(parts.lines, fuse_products(rhs))
+    evaluate = inlined(parts.lines, PRODUCT_FUSION(rhs))
     for stage in parts.stages():
         parts.slopes[stage] = evaluate(parts.time(stage), parts.point(stage))
     outputs = tuple(parts.outputs())
     kernel = Kernel(name, _ARGUMENTS, (*parts.loads, *_constants(rhs)), tuple(parts.lines.body), outputs)
-    return run(kernel, [eliminate_dead_code])
+    return STEP_PASSES(kernel)
 
 
 @final
@@ -137,7 +135,7 @@ def _pieces(name: str, rhs: Kernel, make: Callable[[], _Parts]) -> Pieces:
         outputs = tuple(build(parts))
         arguments = ("t", "y", "s", "k")
         kernel = Kernel(f"{name}_{label}", arguments, (*parts.loads, *held), tuple(parts.lines.body), outputs)
-        return run(kernel, [eliminate_dead_code])
+        return STEP_PASSES(kernel)
 
     def point(stage: int) -> Callable[[_Parts], Vector]:
         return lambda parts: [*(parts.point(stage)[i] for i in moved), parts.time(stage)]
@@ -149,7 +147,7 @@ def _pieces(name: str, rhs: Kernel, make: Callable[[], _Parts]) -> Pieces:
     )
     return Pieces(
         name=name,
-        rhs=replace(fuse_products(rhs), loads=loads),
+        rhs=replace(PRODUCT_FUSION(rhs), loads=loads),
         moved=moved,
         stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in make().stages()),
         finish=piece("finish", lambda parts: parts.outputs()),
@@ -371,26 +369,3 @@ def inlined(lines: Lines, rhs: Kernel) -> Slopes:
         return [values[output] if isinstance(output, str) else output for output in rhs.outputs]
 
     return evaluate
-
-
-def fuse_products(kernel: Kernel) -> Kernel:
-    """Take products that only one sum or difference uses along in it, as ``fma``."""
-    uses: Counter[Operand] = Counter(arg for line in kernel.body for arg in line.args)
-    uses.update(kernel.outputs)
-    products = {line.target: line for line in kernel.body if line.op == "mul" and uses[line.target] == 1}
-    taken: set[str] = set()
-    body: list[Assignment] = []
-    for line in kernel.body:
-        place = next((i for i in (1, 0) if line.op in ("add", "sub") and line.args[i] in products), None)
-        if place is None:
-            body.append(line)
-            continue
-        product, other = products[str(line.args[place])], line.args[1 - place]
-        (a, b), sign = product.args, f"{line.target}_minus"
-        if line.op == "sub":
-            body.append(Assignment(sign, "neg", (a if place else other,)))
-            a, other = (sign, other) if place else (a, sign)
-        taken.add(product.target)
-        body.append(Assignment(line.target, "fma", (a, b, other)))
-    lines = tuple(line for line in body if line.target not in taken)
-    return run(replace(kernel, body=lines), [])

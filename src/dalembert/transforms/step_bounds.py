@@ -14,7 +14,7 @@ from ..arrays import FloatArray
 from ..ir.kernel import Kernel, Load, Operand
 from ..ir.lines import Lines
 from ..methods.chebyshev import COEFFICIENTS, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SLOPES, SMOOTH, TAIL
-from .passes import eliminate_dead_code, run
+from .pipelines import STEP_PASSES
 from .runge_kutta import inlined
 
 __all__ = ["StepShape", "followed_kernel", "quiet_kernel", "running_kernel"]
@@ -81,7 +81,7 @@ def followed_kernel(count: int, size: int, degree: int) -> Kernel:
         least = lines.fma(tail, -TAIL, least)
         outputs.append(lines.op("select", lines.op("less", 0.0, least), sign, 0.0))
     kernel = Kernel("followed", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
-    return run(kernel, [eliminate_dead_code])
+    return STEP_PASSES(kernel)
 
 
 def running_kernel(values: Kernel, shape: StepShape) -> Kernel:
@@ -122,7 +122,7 @@ def _over_step(
     constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
     loads += [Load(f"c_{index}_", "c", index) for index in constants]
     kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
-    return run(kernel, [eliminate_dead_code])
+    return STEP_PASSES(kernel)
 
 
 def _joined(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.lines import Lines
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
-from .passes import eliminate_dead_code, run
+from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
 
@@ -87,7 +87,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
     loads = (*_loads(recurrences), *closing_loads(recurrences))
     kernel = Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
-    return run(kernel, [eliminate_dead_code])
+    return STEP_PASSES(kernel)
 
 
 _TURNS = 4.0 * math.pi
@@ -165,7 +165,7 @@ def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
     expansion.extend(order)
     outputs = [a for state in recurrences.states for a in expansion.series[state]]
     kernel = Kernel("series", ("t", "y", "c"), _loads(recurrences), tuple(expansion.lines.body), tuple(outputs))
-    return run(kernel, [eliminate_dead_code])
+    return STEP_PASSES(kernel)
 
 
 def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from ...ir.kernel import Assignment, Kernel, Load, Operand
 from ...ir.program import Program
-from ...transforms.passes import eliminate_dead_code, run
+from ...transforms.pipelines import STEP_PASSES
 
 __all__ = ["in_elapsed_time"]
 
@@ -57,7 +57,7 @@ def _of_parameters(kernel: Kernel, prepare: Kernel) -> Kernel:
     body += [Assignment(line.target, line.op, tuple(given.get(arg, arg) for arg in line.args)) for line in kernel.body]
     outputs = tuple(given.get(output, output) for output in kernel.outputs)
     whole = Kernel(kernel.name, kernel.arguments, tuple(loads), tuple(body), outputs)
-    return run(whole, [eliminate_dead_code])
+    return STEP_PASSES(whole)
 
 
 def _counted(kernel: Kernel, start: int) -> Kernel:

@@ -1,0 +1,128 @@
+"""Pipelines: lists of passes as data, run with the verifier before and after each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar, final
+
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..ir.verify import verify
+from .hoisting import HoistParameters
+from .passes import EliminateDeadCode, FuseProducts, GroupProducts, ShareEqual, ShareReciprocals
+
+__all__ = [
+    "KERNEL_PASSES",
+    "PRODUCT_FUSION",
+    "PROGRAM_PASSES",
+    "STEP_PASSES",
+    "Pass",
+    "PassRecord",
+    "Pipeline",
+    "operation_counts",
+]
+
+Code = TypeVar("Code", Kernel, Program)
+
+
+class Pass(Protocol[Code]):
+    """A pass from kernel to kernel, or from program to program: a frozen dataclass with a name and options."""
+
+    @property
+    def name(self) -> str:
+        """What `explain` calls it."""
+        ...
+
+    def __call__(self, code: Code, /) -> Code:
+        """Return the code after the pass."""
+        ...
+
+
+@final
+@dataclass(frozen=True)
+class PassRecord:
+    """What a pass did.
+
+    Attributes
+    ----------
+    name : str
+        Name of the pass.
+    seconds : float
+        Time that it took, without that of the verifier.
+    before, after : mapping of str to int
+        Operations of each kernel, by its name.
+    """
+
+    name: str
+    seconds: float
+    before: Mapping[str, int]
+    after: Mapping[str, int]
+
+
+@final
+@dataclass(frozen=True)
+class Pipeline(Generic[Code]):
+    """Passes that run one after another.
+
+    Attributes
+    ----------
+    passes : tuple of Pass
+        All on kernels, or all on programs.
+    """
+
+    passes: tuple[Pass[Code], ...]
+
+    def __call__(self, code: Code, records: list[PassRecord] | None = None) -> Code:
+        """Return a kernel or program after all passes, verified before the first and after each.
+
+        Parameters
+        ----------
+        code : Kernel or Program
+            What the passes take.
+        records : list of PassRecord, optional
+            What each pass did is appended to it.
+
+        Raises
+        ------
+        MalformedKernel
+            When the code given, or what a pass makes of it, is not well formed.
+        """
+        _verify(code)
+        for step in self.passes:
+            start = time.perf_counter()
+            after = step(code)
+            if records is not None:
+                seconds = time.perf_counter() - start
+                records.append(PassRecord(step.name, seconds, operation_counts(code), operation_counts(after)))
+            _verify(after)
+            code = after
+        return code
+
+
+def _kernels(code: Kernel | Program) -> tuple[Kernel, ...]:
+    return (code,) if isinstance(code, Kernel) else code.kernels
+
+
+def _verify(code: Kernel | Program) -> None:
+    for kernel in _kernels(code):
+        verify(kernel)
+
+
+def operation_counts(code: Kernel | Program) -> dict[str, int]:
+    """Return the number of operations of each kernel, by its name."""
+    return {kernel.name: len(kernel.body) for kernel in _kernels(code)}
+
+
+KERNEL_PASSES: Pipeline[Kernel] = Pipeline((GroupProducts(), ShareReciprocals(), ShareEqual(), EliminateDeadCode()))
+"""Passes on every kernel that is made of a graph."""
+
+PROGRAM_PASSES: Pipeline[Program] = Pipeline((HoistParameters(),))
+"""Passes on the program that such kernels make up."""
+
+STEP_PASSES: Pipeline[Kernel] = Pipeline((EliminateDeadCode(),))
+"""Passes on kernels that are written line by line, such as the steps of integrators."""
+
+PRODUCT_FUSION: Pipeline[Kernel] = Pipeline((FuseProducts(),))
+"""Passes on right-hand sides before they are written into Runge-Kutta attempts."""
