@@ -10,7 +10,7 @@ export MPLBACKEND ?= Agg
 SUBSET    := tests/integrators/test_lanes.py tests/integrators/test_methods.py tests/integrators/test_radau.py \
              tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
              tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
-             tests/hard_cases/test_long_runs.py tests/ir/test_taylor.py tests/codegen/test_vector_functions.py \
+             tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_vector_functions.py \
              tests/codegen/test_loops.py tests/codegen/test_pace.py tests/codegen/test_soundness.py
 NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/runtime/test_sweep.py \
              tests/runtime/test_events.py tests/runtime/test_reductions.py tests/runtime/test_sweep_events.py

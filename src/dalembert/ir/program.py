@@ -35,7 +35,7 @@ class Layout:
     holonomic : int
         How many of them are holonomic.
     constants : int
-        Length of c: the parameters, then the expressions of parameters alone.
+        Length of c: the parameters, then the expressions of parameters alone; 0 before these are hoisted.
     aliases : mapping of str to str
         Text of a SymPy symbol -> name.
     defaults : mapping of str to float
