@@ -295,6 +295,43 @@ def test_joint_that_cannot_exert_the_reaction():
         da.compile_model(scene, backend="numpy", outputs=["R"])
 
 
+def guided_bead(direction):
+    """A bead that slides in a top, which a unit quaternion turns; its velocity along N.x is cos t."""
+    *e, x = q = dynamicsymbols("e0 e1 e2 e3 x")
+    N, O = ReferenceFrame("N"), Point("O")
+    F = N.orientnew("F", "Quaternion", e)
+    scene = da.Scene("guided_bead", frame=N, origin=O, coordinates=q)
+    place = O.locatenew("P", x * F.x + Rational(1, 2) * F.y)
+    scene.add_bodies(RigidBody("top", O, F, 1, (inertia(F, 1, 2, Rational(5, 2)), O)), Particle("bead", place, 1))
+    scene.add_holonomic_constraints(sum(c**2 for c in e) - 1)
+    time = dynamicsymbols._t
+    scene.add_nonholonomic_constraints(place.pos_from(O).dot(N.x).diff(time) - cos(time))
+    R = da.unknowns("R")
+    scene.add_joints(da.Joint("guide", body="bead", at=place, force=R * direction(N)))
+    return scene
+
+
+@pytest.mark.parametrize("formulation", ["auto", "projected", "augmented"])
+def test_reaction_on_a_body_turned_by_a_quaternion_without_a_regular_basis(formulation):
+    """Off the unit sphere, the velocity has another gradient than the power of R. d(kinetic energy)/dt = R cos t."""
+    model = da.compile_model(
+        guided_bead(lambda N: N.x), backend="numpy", formulation=formulation, outputs=["R", "kinetic_energy"]
+    )
+    assert model.formulation == ("projected" if formulation == "auto" else formulation)
+    start = {"e0": 0.6, "e1": 0.0, "e2": 0.8, "e3": 0.0, "x": 0.3, "e0_dot": 0.0, "e1_dot": 0.2, "e3_dot": 0.3}
+    run = model.simulate((0, 0.5), model.assemble(start, {}), {}, rtol=1e-10, t_eval=np.linspace(0, 0.5, 201))
+    power = run["R"] * np.cos(run.t)
+    work = np.sum(np.diff(run.t) * (power[1:] + power[:-1]) / 2)
+    assert abs(work) > 0.1
+    assert run["kinetic_energy"][-1] - run["kinetic_energy"][0] == pytest.approx(work, rel=1e-4)
+
+
+def test_joint_that_cannot_exert_the_reaction_on_a_body_turned_by_a_quaternion():
+    scene = guided_bead(lambda N: N.x + N.y / 1000)
+    with pytest.raises(ConstraintError, match=r"cannot exert the reactions.*missing power on e0, e1, e2, e3"):
+        da.compile_model(scene, backend="numpy", outputs=["R"])
+
+
 def test_expressions_of_states_and_reactions_are_outputs():
     scene = cartesian_pendulum()
     S = da.unknowns("S")

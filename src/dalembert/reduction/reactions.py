@@ -16,6 +16,7 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from .unit_sphere import unit_values
 
 __all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
 
@@ -171,18 +172,26 @@ def _solve(
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
-    if not all(vanishes(node) for node in left):
-        names = equations.symbols.coordinates
-        where = list_names(name for name, node in zip(names, left, strict=True) if not vanishes(node))
-        raise ConstraintError(
-            f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
-            f" {where}). Give a joint the unknown force or torque component that holds the constraint"
-        )
+    _require_exerted(equations, left)
     if plain is not None:
         residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
         solution = _least(graph, reactions, residual)
     unknowns = equations.unknowns
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
+
+
+def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None:
+    """Refuse reactions of the constraints of which the joints leave some power, where quaternions have length one."""
+    if all(vanishes(node) for node in left):
+        return
+    left = equations.graph.substitute(left, unit_values(equations))
+    names = zip(equations.symbols.coordinates, left, strict=True)
+    missing = [name for name, node in names if not vanishes(node)]
+    if missing:
+        raise ConstraintError(
+            f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
+            f" {list_names(missing)}). Give a joint the unknown force or torque component that holds the constraint"
+        )
 
 
 def _least(graph: Graph, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:

@@ -15,13 +15,23 @@ from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoi
 from ..transforms.linear import Matrix
 from .base import Projection
 
-__all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes"]
+__all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes", "unit_values"]
 
 
 def _held(equations: EquationsOfMotion) -> list[VelocityGroup]:
     """Return the groups of quaternions whose length is among the constraints."""
     labels = {row.label for row in equations.constraints}
     return [group for group in equations.groups if group.norm in labels]
+
+
+def unit_values(equations: EquationsOfMotion) -> dict[Node, Node]:
+    """Return the components of quaternions whose length is among the constraints, and the inputs on the unit sphere."""
+    values: dict[Node, Node] = {}
+    for group in _held(equations):
+        names = unit_names([equations.symbols.coordinates[i] for i in group.coordinates])
+        for i, name in zip(group.coordinates, names, strict=True):
+            values[equations.q[i]] = equations.graph.input(name)
+    return values
 
 
 def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
@@ -32,12 +42,7 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
         equations = replace(equations, groups=tuple(group for group in equations.groups if group not in lost))
     if not held:
         return equations
-    graph, q = equations.graph, list(equations.q)
-    for group in held:
-        names = unit_names([equations.symbols.coordinates[i] for i in group.coordinates])
-        for i, name in zip(group.coordinates, names, strict=True):
-            q[i] = graph.input(name)
-    values = {a: b for a, b in zip(equations.q, q, strict=True) if a is not b}
+    graph, values = equations.graph, unit_values(equations)
 
     def moved(nodes: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(graph.substitute(nodes, values))
@@ -57,7 +62,7 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
     norms = {group.norm for group in held}
     return replace(
         equations,
-        q=tuple(q),
+        q=tuple(values.get(q, q) for q in equations.q),
         mass_matrix=matrix(equations.mass_matrix),
         forcing=moved(equations.forcing),
         reactions=matrix(equations.reactions),
