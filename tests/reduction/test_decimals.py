@@ -105,6 +105,24 @@ def test_a_constraint_that_repeats_another_up_to_rounding_is_left_out(name, form
     assert "left out, because" in model.explain()
 
 
+@pytest.mark.parametrize("formulation", ["auto", "projected"])
+def test_repeated_constraints_that_differ_by_parameters_are_decided_at_the_start(formulation):
+    """What is left of the second is rounding times x, and b - 3 a."""
+    a, b = symbols("a b")
+    first = lambda x, y, z: 0.7 * sin(z) - x - a  # noqa: E731
+    scene = bead(first, lambda x, y, z: (0.7 * 3) * sin(z) - 3 * x - b)
+    start = {"z": 0.4, "z_dot": 0, "y": 0, "y_dot": 0}
+    run, model = end(scene, start, {a: 0.1, b: 0.1 * 3}, formulation)
+    assert "left out, because" in model.explain()
+    np.testing.assert_allclose(run.q[-1], [0.7 * math.sin(0.4) - 0.1, -5, 0.4], atol=1e-8)
+    with pytest.raises(InitialStateError, match="holonomic constraint 2"):
+        model.simulate((0, 1), start, {a: 0.1, b: 0.3 + 1e-6})
+    for rest in (0.2, 1e-9):
+        with pytest.raises(ConstraintError, match=r"holonomic constraint 2.*contradicts"):
+            last = lambda x, y, z, c=rest: (0.7 * 3) * sin(z) - 3 * x - 3.0 * a - c  # noqa: E731
+            da.compile_model(bead(first, last), backend="numpy", formulation=formulation)
+
+
 @pytest.mark.parametrize("formulation", ALL)
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["positions", "rates"])

@@ -113,8 +113,15 @@ def _refuse_unless_it_follows(
 
 
 def _depends_on_parameters_alone(equations: EquationsOfMotion, node: Node) -> bool:
-    free = equations.graph.freed_of(node, equations.moving)
-    return free is not None and bool(free.deps)
+    """Whether a value depends on parameters, and on what moves not or but for the rounding of decimals."""
+    graph, moving = equations.graph, equations.moving
+    free = graph.freed_of(node, moving)
+    if free is not None:
+        return bool(free.deps)
+    if not all(vanishes(slope) for slope in _slopes(equations, node)):
+        return False
+    parameters = [x for x in graph.topological([node]) if x.op == "input" and x not in moving]
+    return not all(vanishes(tangents(graph, [node], {x: graph.one})[0]) for x in parameters)
 
 
 def _slopes(equations: EquationsOfMotion, node: Node) -> list[Node]:
