@@ -23,6 +23,7 @@ from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
+from .transforms.pipelines import PassRecord
 
 __all__ = ["Compiled", "SeveralModes", "Stages", "Stopwatch", "compile_stages"]
 
@@ -32,7 +33,10 @@ T = TypeVar("T")
 @final
 @dataclass(frozen=True)
 class Stages:
-    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for."""
+    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for.
+
+    `passes` are records of the passes that made the program, one for each pass and kernel, in their order.
+    """
 
     scene: Scene
     model: SceneModel
@@ -44,6 +48,7 @@ class Stages:
     options: CompileOptions
     mode: Mode | None = None
     kept: tuple[str, ...] = ()
+    passes: tuple[PassRecord, ...] = ()
 
 
 @final
@@ -120,13 +125,16 @@ def compile_stages(
     if kept:
         unprojected = reduced
         reduced = watch("keep", lambda: keeping(unprojected, kept))
-    program = watch("lower", lambda: lower(reduced))
+    records: list[PassRecord] = []
+    program = watch("lower", lambda: lower(reduced, records))
     if program.energy_note and {"energy", "potential_energy"} & set(names):
         warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
     methods = backend.serving(program)
     rendered = watch("render", lambda: backend.render(program, cache=options.cache))
     engine = watch("load", lambda: backend.load(rendered, cache=options.cache))
-    stages = Stages(scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept)
+    stages = Stages(
+        scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept, tuple(records)
+    )
     return Compiled(stages, engine, methods)
 
 

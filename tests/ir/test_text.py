@@ -19,7 +19,6 @@ from dalembert.ir.program import Layout, Program
 from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import FORMULATIONS, reduce
-from dalembert.reduction.modes import always, in_mode
 from dalembert.reduction.variational import variational
 from dalembert.scene.reading import read
 from hard_cases import CASES, hard_case
@@ -36,11 +35,6 @@ def assert_round_trip(program):
 def lowered(scene, formulation, outputs=()):
     """Return the program of a scene in a formulation, or in "projected" where that refuses it."""
     equations = derive(read(scene, tuple(outputs)))
-    if equations.contacts:
-        mode = always(equations.contacts)
-        if mode is None:
-            return None
-        equations = in_mode(equations, mode)
     try:
         return lower(reduce(equations, formulation, [str(output) for output in outputs]))
     except FormulationError:
@@ -51,6 +45,12 @@ def lowered(scene, formulation, outputs=()):
 @pytest.mark.parametrize("name", da.scenes.ALL)
 def test_programs_of_ready_scenes(name, formulation):
     assert_round_trip(lowered(da.scenes.ALL[name](), formulation))
+
+
+@pytest.mark.parametrize("name", da.scenes.WITH_CONTACTS)
+def test_programs_of_modes_of_contacts(name):
+    model = da.compile_model(da.scenes.WITH_CONTACTS[name](), backend="numpy").mode()
+    assert_round_trip(model.stages.program)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -15,6 +15,7 @@ from dalembert.errors import MissingExtraError, ValueInputError
 from dalembert.ir.kernel import describe_counts
 from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS
+from dalembert.transforms.pipelines import KERNEL_PASSES, PROGRAM_PASSES, operation_counts
 
 
 @functools.cache
@@ -39,6 +40,45 @@ def test_explanation_of_the_sleigh():
     assert "numpy" in lines["backend"] and "dop853" in lines["method"]
     assert describe_counts(model.stages.program.kernel("rhs")) in lines["right side"]
     assert "X, Y, N" in lines["left out"] and "nothing depends on x, y" in lines["left out"]
+
+
+def listed_passes(text):
+    """Return name -> what was done, of the passes that an explanation lists."""
+    lines = text[text.index("\npasses ") :].splitlines()[1:]
+    found = [re.fullmatch(r"(?:passes)? +(\w+(?: \w+)*) +[\d.]+ ms  (.*)", line) for line in lines]
+    return {match[1]: match[2] for match in found}
+
+
+def test_the_passes_of_the_sleigh():
+    model = compiled("chaplygin_sleigh")
+    assert "passes" not in model.explain()
+    passes = listed_passes(model.explain(passes=True))
+    steps = [step.name for pipeline in (KERNEL_PASSES, PROGRAM_PASSES) for step in pipeline.passes]
+    assert list(passes) == ["rewrite products", *steps]
+    assert passes["hoist parameters"] == (
+        "9 operations removed: rhs 2, mass_matrix 1, forcing 1, accelerations 2, energy 3;"
+        " 5 operations added: prepare 5"
+    )
+    assert passes["eliminate dead code"] == "no operations removed"
+
+
+@pytest.mark.parametrize("scene", da.scenes.ALL)
+def test_records_of_passes_lead_to_the_program(scene):
+    stages = compiled(scene).stages
+    counts = {}
+    for record in stages.passes:
+        assert record.seconds >= 0.0
+        assert {name: counts.get(name, count) for name, count in record.before.items()} == dict(record.before)
+        counts.update(record.after)
+    assert counts == operation_counts(stages.program)
+    assert sum(record.seconds for record in stages.passes) <= stages.seconds["lower"]
+
+
+def test_the_passes_of_every_mode_of_a_scene_with_contacts():
+    model = da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
+    modes = model.explain().count("\nmode ")
+    assert modes >= 1 and "passes" not in model.explain()
+    assert model.explain(passes=True).count("\npasses ") == modes
 
 
 @pytest.mark.parametrize("scene", ["chaplygin_sleigh", "rolling_sphere"])

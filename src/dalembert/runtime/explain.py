@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from ..transforms.nonsmooth import kinked, unforeseen
 if TYPE_CHECKING:
     from ..pipeline import Stages
 
-__all__ = ["explain"]
+__all__ = ["describe_passes", "explain"]
 
 
 def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:
@@ -157,3 +158,28 @@ def _formulations(stages: Stages) -> dict[str, str]:
             continue
         counts[name] = describe_counts(other.kernel("rhs"))
     return counts
+
+
+def describe_passes(stages: Stages) -> list[str]:
+    """Return a line for each pass that made the program: its name, its time in all kernels, what it did to each."""
+    seconds: dict[str, float] = {}
+    removed: dict[str, Counter[str]] = {}
+    for record in stages.passes:
+        seconds[record.name] = seconds.get(record.name, 0.0) + record.seconds
+        change = removed.setdefault(record.name, Counter())
+        for kernel in {**record.before, **record.after}:
+            change[kernel] += record.before.get(kernel, 0) - record.after.get(kernel, 0)
+    lines = [f"{name:<20} {1e3 * seconds[name]:7.2f} ms  {_change(removed[name])}" for name in removed]
+    return [f"{'' if i else 'passes':<13} {line}" for i, line in enumerate(lines)]
+
+
+def _change(removed: Counter[str]) -> str:
+    """Return how many operations a pass removed and added, in total and in each kernel."""
+    parts = []
+    for verb, sign in (("removed", 1), ("added", -1)):
+        kernels = {kernel: sign * count for kernel, count in removed.items() if sign * count > 0}
+        if kernels:
+            total = sum(kernels.values())
+            counts = ", ".join(f"{kernel} {count}" for kernel, count in kernels.items())
+            parts.append(f"{total} operation{'s' if total > 1 else ''} {verb}: {counts}")
+    return "; ".join(parts) or "no operations removed"

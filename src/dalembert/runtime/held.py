@@ -18,7 +18,7 @@ from ..values import number, tolerances
 from . import inputs
 from .evaluation import Evaluated
 from .events import compiled_events
-from .explain import explain
+from .explain import describe_passes, explain
 from .reductions import reduction_table
 
 if TYPE_CHECKING:
@@ -105,12 +105,21 @@ class Held(Evaluated):
         rtol, atol = tolerances(rtol, atol)
         return self._engine.source_of(self._method(method, rtol, atol), rtol, atol) or self.source
 
-    def explain(self) -> str:
-        """Return, in a few lines, what was chosen and why, what was left out, and operation counts."""
+    def explain(self, *, passes: bool = False) -> str:
+        """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
+
+        Parameters
+        ----------
+        passes : bool
+            Whether to list the passes that made the program, each with its time in all kernels and the operations that
+            it removed from each. Passes on steps of integrators, which are made when a run needs them, are not among
+            them.
+        """
         automatic = {
             rtol: self._engine.automatic(self.methods, rtol, rtol) for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
         }
-        return explain(self.stages, self._methods, automatic)
+        lines = describe_passes(self.stages) if passes else []
+        return "\n".join([explain(self.stages, self._methods, automatic), *lines])
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"

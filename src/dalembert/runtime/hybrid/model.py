@@ -162,12 +162,15 @@ class HybridModel(Evaluated):
         titled = (f"# mode {self._modes.named(mode)}\n\n{model.source}" for mode, model in self._models.items())
         return "\n\n".join(titled)
 
-    def explain(self) -> str:
-        """Return what the contacts may do, and what was chosen for the modes compiled so far."""
+    def explain(self, *, passes: bool = False) -> str:
+        """Return what the contacts may do, and what was chosen for the modes compiled so far.
+
+        With `passes`, each mode lists the passes that made its program, as `CompiledModel.explain` does.
+        """
         lines = [f"{self.name}: contacts {list_names(self.contacts)}; a model for each mode, compiled when it is met"]
         for mode, model in self._models.items():
             told = ", ".join(f"{name}: {state}" for name, state in self._modes.named(mode).items())
-            lines += ["", f"mode {told}", model.explain()]
+            lines += ["", f"mode {told}", model.explain(passes=passes)]
         return "\n".join(lines)
 
     def __repr__(self) -> str:
