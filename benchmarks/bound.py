@@ -14,7 +14,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from batches import BATCHES
@@ -25,10 +25,9 @@ from sweeps import CASES
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object, native_lanes
-from dalembert.codegen.llvm.loops import packed
 from dalembert.codegen.subset import loop_assembly
-from dalembert.integrators.compiled_subset import bare, call_code, row
-from dalembert.integrators.kinds import INTEGER, MATRIX
+from dalembert.integrators.arguments import Address, Matrix, address_of, pack
+from dalembert.integrators.compiled_subset import call_code, compiled_subset, row
 from dalembert.integrators.workspace import aligned
 from dalembert.ir.kernel import Kernel
 from dalembert.runtime.inputs import constants
@@ -66,40 +65,59 @@ def chain(kernel: Kernel) -> float:
     return max(ready.values())
 
 
-@bare
-def chained(step: int, count: int, clock, states, constants, settings) -> None:
+class Stepping(NamedTuple):
+    """Arguments of the loops below."""
+
+    step: Address
+    number: int
+    clock: Matrix
+    states: Matrix
+    constants: Matrix
+    settings: Matrix
+
+
+@compiled_subset
+def take_step(arguments: Stepping, first: int, second: int) -> None:
+    """Take a step from one half of the states to the other."""
+    clock, constants, settings = row(arguments.clock, 0), row(arguments.constants, 0), row(arguments.settings, 0)
+    states = arguments.states
+    call_code(arguments.step, clock, row(states, first), constants, settings, row(states, second))
+
+
+@compiled_subset
+def chained(arguments: Stepping) -> None:
     """Take steps, each from the end of that before."""
-    half = states.shape[0] // 2
-    for _i in range(count):
-        call_code(step, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, half))
-        call_code(step, row(clock, 0), row(states, half), row(constants, 0), row(settings, 0), row(states, 0))
+    half = arguments.states.shape[0] // 2
+    for _i in range(arguments.number):
+        take_step(arguments, 0, half)
+        take_step(arguments, half, 0)
 
 
-@bare
-def apart(step: int, count: int, clock, states, constants, settings) -> None:
+@compiled_subset
+def apart(arguments: Stepping) -> None:
     """Take the same step again and again, so that one need not wait for another."""
-    half = states.shape[0] // 2
-    for _i in range(2 * count):
-        call_code(step, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, half))
+    half = arguments.states.shape[0] // 2
+    for _i in range(2 * arguments.number):
+        take_step(arguments, 0, half)
 
 
 def stepping(loop: Any, step: int, y: Any, c: Any, rtol: float) -> Callable[[], float]:
     """Return what gives the seconds of a step of a pack."""
     lanes, count = native_lanes(), 1000
-    code = load_object(compile_object(loop_assembly(loop, (INTEGER, INTEGER, *(MATRIX,) * 4)), straight=False))
+    code = load_object(compile_object(loop_assembly(loop), straight=False))
     n = len(y)
     clock, states, constants, settings = (aligned(k, lanes) for k in (1, 2 * (n + 2), len(c), 3))
     constants[:], settings[:] = c[:, None], np.array([0.05, 1.0, absolute(rtol) / rtol])[:, None]
-    words = packed((step, count, clock, states, constants, settings))
+    packed_args = pack(Stepping(step, count, clock, states, constants, settings))
     function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.address("entry"))
 
     def run() -> float:
         states[:n] = y[:, None]
         begin = time.thread_time()
-        function(words.ctypes.data)
+        function(address_of(packed_args))
         return (time.thread_time() - begin) / (2 * count)
 
-    run.held = code, words, clock, states, constants, settings  # type: ignore[attr-defined]
+    run.held = code, packed_args, clock, states, constants, settings  # type: ignore[attr-defined]
     return run
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import dalembert as da
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm.loops import loop_named, packed
+from dalembert.codegen.llvm.loops import loop_named
 from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status
 
@@ -111,12 +111,3 @@ def test_damaged_code_is_rebuilt_with_a_warning(tmp_path, monkeypatch):
         warnings.simplefilter("error")
         assert loop_named("prepared_loop").call is not None
     loop_named.cache_clear()
-
-
-def test_arguments_are_packed_as_addresses_and_shapes():
-    array = np.zeros((2, 3))
-    words = packed((7, (1, True), array, -0.5))
-    assert words[:-1].tolist() == [7, 1, 1, array.ctypes.data, 2, 3]
-    assert words[-1:].view(np.float64) == -0.5
-    with pytest.raises(AssertionError):
-        packed((array[:, :2],))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dalembert.integrators.event_series import plain
-from dalembert.integrators.workspace import scratch, unwatched
+from dalembert.integrators.workspace import event_workspace, no_events
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
@@ -98,7 +98,7 @@ def test_what_no_series_shows_is_not_followed():
 def test_a_plain_step_has_what_its_ends_say():
     """Random series, some of which leave zero, some of these flatly: no zero inside but the one between other signs."""
     rng, theta, found = np.random.default_rng(5), np.linspace(0, 1, 400)[1:], {True: 0, False: 0}
-    room = scratch(unwatched()._replace(followed=1, directions=np.ones(1, np.int64)), 1, ORDER, 1, 2, 1)
+    room = event_workspace(no_events()._replace(followed=1, directions=np.ones(1, np.int64)), 1, ORDER, 1, 2, 1)
     for i in range(600):
         terms = rng.normal(size=ORDER) * 0.3 ** np.arange(ORDER)
         fresh = bool(i % 2)

@@ -180,8 +180,8 @@ class CaseRun:
         begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
     finish : function without arguments
         To be called when all is done.
-    call : function without arguments, optional
-        What `work` calls, made anew, for loops that do so themselves.
+    call : function of an array like `turn`, optional
+        What `work` calls, made anew and with another count, for loops that do so themselves.
     stop : function without arguments, optional
         To be called again and again until stopped work ends. Where there is one, `work` does not return to Python
         before its end, so that Ctrl-C does not reach the thread that calls it.
@@ -190,7 +190,7 @@ class CaseRun:
     work: Callable[[], None]
     turn: NDArray[np.int64]
     finish: Callable[[], None]
-    call: Callable[[], LoopCall] | None = None
+    call: Callable[[NDArray[np.int64]], LoopCall] | None = None
     stop: Callable[[], None] | None = None
 
 
@@ -202,22 +202,16 @@ class LoopCall:
     Attributes
     ----------
     entry : address
-        Of a function of the address of words.
-    words : ndarray (n,) of int
-    count_at, turn_at : int
-        Where among them are the number of cases and the address of `CaseRun.turn`.
+        Of a function of the address of packed arguments.
+    packed_args : ndarray (n,) of int
+        Those of `dalembert.integrators.lane_loop.SweepArguments`.
     held : object
         What must stay alive.
-    pause : ndarray of int
-        See `dalembert.integrators.workspace.Room`.
     """
 
     entry: int
-    words: NDArray[np.int64]
-    count_at: int
-    turn_at: int
+    packed_args: NDArray[np.int64]
     held: object
-    pause: NDArray[np.int64]
 
 
 @final

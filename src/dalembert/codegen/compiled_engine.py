@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.reductions import KINDS
 from ..integrators.stiffness import Rates, fitting, radau_pays, still_stiff
-from ..integrators.workspace import POINT_LANES, Watch, aligned, unwatched
+from ..integrators.workspace import POINT_LANES, EventKernels, aligned, no_events
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -70,7 +71,7 @@ class CompiledEngine(Engine):
         self.steps = steps
         self._further: dict[int, tuple[Kernel, int]] = {}
         self._marches: dict[int, StepCode] = {}
-        self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], Watch] = {}
+        self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
 
     @property
     def _rhs(self) -> Kernel:
@@ -91,7 +92,8 @@ class CompiledEngine(Engine):
         out = np.empty((len(t), size))
         if len(t):
             room = [aligned(size, lanes) for size in (1, y.shape[1], c.shape[1], out.shape[1])]
-            loop_named("kernel_rows")(code, *(np.ascontiguousarray(a) for a in (t, y, c)), out, *room)
+            times, states, constants = (np.ascontiguousarray(a, np.float64) for a in (t, y, c))
+            loop_named("kernel_rows")(KernelRowsArguments(code, times, states, constants, out, *room))
         return out
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
@@ -261,19 +263,23 @@ class CompiledEngine(Engine):
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
-    def _watch(self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
+    def _watch(
+        self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int
+    ) -> EventKernels:
         """Return compiled events, for steps of a method with polynomials and a memory of that shape.
 
         So many of them are followed along by the steps: all or none.
         """
         if code is None:
-            return unwatched()
+            return no_events()
         if len(self._watches) >= _MOST_WATCHES:
             self._watches.clear()
         key = (code, method, shape, lanes, followed)
         return computed_once(self._watches, key, lambda: self._compiled_watch(*key))
 
-    def _compiled_watch(self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int) -> Watch:
+    def _compiled_watch(
+        self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int
+    ) -> EventKernels:
         steps, values = self.steps, code.watch.values
         tableau = None if method == "taylor" else _pair(method)
         jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
@@ -281,7 +287,7 @@ class CompiledEngine(Engine):
         step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
         quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
         running = code.running
-        return Watch(
+        return EventKernels(
             quiet=steps.further(quiet, lanes),
             values=steps.further(values, POINT_LANES),
             value=steps.further(values, 1),

@@ -1,34 +1,56 @@
-"""What compiled loops are written in: Python that `dalembert.codegen.subset` translates, and calls of machine code.
+"""The language of compiled loops: Python that `dalembert.codegen.subset` translates, and calls of machine code.
 
-The functions below mean the same to Python itself, for which a loop is an ordinary function, only a slow one that no
-other thread may join.
+To Python itself a loop is an ordinary function, only a slow one. The functions below mean the same in both, to the last
+bit; so do those of Python that the translator knows. Doubles that loops read are those of NumPy, which follow IEEE 754
+where Python's own raise exceptions (a division by zero, an overflow).
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ahead", "bare", "call_code", "call_test", "element", "flat", "lowest", "row", "take"]
+__all__ = [
+    "PLAIN_LOOPS",
+    "call_code",
+    "call_test",
+    "compiled_subset",
+    "element",
+    "exp",
+    "flat",
+    "log",
+    "lowest",
+    "prefetch",
+    "row",
+    "sqrt",
+    "square",
+    "take",
+]
 
 F = TypeVar("F", bound=Callable[..., object])
 
+PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
+"""Loops that run as plain Python instead of the machine code at an address (`dalembert.codegen.llvm.loops`)."""
+
 _ADDRESSES = (ctypes.c_int64,) * 5
 _CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)
+_TAKING = Lock()
 
 
-def bare(function: F) -> F:
+def compiled_subset(function: F) -> F:
     """Mark a function as one that `dalembert.codegen.subset` translates: it allocates nothing."""
-    function.bare = True  # type: ignore[attr-defined]
+    function.compiled_subset = True  # type: ignore[attr-defined]
     return function
 
 
 def row(matrix: NDArray[Any], number: int) -> int:
-    """Return the address of a row of a C-contiguous matrix of doubles; the matrix must stay alive."""
+    """Return the address of a row of a C-contiguous matrix of doubles or integers; the matrix must stay alive."""
     return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
 
 
@@ -43,25 +65,54 @@ def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:
 
 
 def call_test(address: int, t: int, y: int, c: int, s: int, out: int) -> int:
-    """Call the code at ``address`` with five addresses of doubles; return the whole number that it returns."""
+    """Call the code at ``address`` with five addresses of doubles; return the integer that it returns."""
+    if address in PLAIN_LOOPS:
+        return PLAIN_LOOPS[address](t)
     return int(_TEST(address)(t, y, c, s, out))
 
 
-def element(address: int, index: int) -> float:
+def element(address: int, index: int) -> np.float64:
     """Return the double at an index from an address."""
-    return ctypes.c_double.from_address(address + 8 * index).value
+    return np.float64(ctypes.c_double.from_address(address + 8 * index).value)
 
 
-def ahead(address: int, index: int) -> None:
+def prefetch(address: int, index: int) -> None:
     """Have the memory at an index from an address brought near, where it is any; nothing is read."""
 
 
 def lowest(bits: int) -> int:
-    """Return the place of the lowest bit that is set in a whole number, which is not 0."""
+    """Return the place of the lowest bit that is set in an integer, which is not 0."""
     return (bits & -bits).bit_length() - 1
 
 
 def take(array: NDArray[np.int64], amount: int) -> int:
-    """Add to the first element of an array of whole numbers, which threads share; return what it was."""
-    array[0] += amount
-    return int(array[0] - amount)
+    """Add to the first element of an array of integers, which threads share; return what it was."""
+    with _TAKING:
+        before = int(array[0])
+        array[0] = before + amount
+    return before
+
+
+def square(x: float) -> float:
+    """Return x * x."""
+    return x * x
+
+
+def sqrt(x: float) -> float:
+    """Return the square root of a double, NaN for a negative one."""
+    return np.float64(math.nan if x < 0.0 else math.sqrt(x))
+
+
+def exp(x: float) -> float:
+    """Return the exponential of a double by the C library, infinity where it is too large."""
+    try:
+        return np.float64(math.exp(x))
+    except OverflowError:
+        return np.float64(math.inf)
+
+
+def log(x: float) -> float:
+    """Return the logarithm of a double by the C library: minus infinity of 0, NaN of a negative number."""
+    if x <= 0.0:
+        return np.float64(-math.inf if x == 0.0 else math.nan)
+    return np.float64(math.log(x))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from .compiled_subset import bare, call_code, row
+from .compiled_subset import call_code, compiled_subset, row
 from .crossings import BENT, FLAT
-from .workspace import Scratch
+from .workspace import EventWorkspace
 
 __all__ = ["SERIES", "SLOPE_SERIES", "sample", "simple_piece", "transformed"]
 
@@ -27,44 +27,51 @@ _BEND = BEND.copy()
 _THETA = 3
 
 
-@bare
+@compiled_subset
 def sample(
-    values: int, used: NDArray[np.int64], room: Scratch, c: int, t: float, h: float, low: float, width: float
+    values: int,
+    used: NDArray[np.int64],
+    space: EventWorkspace,
+    c: int,
+    t: float,
+    h: float,
+    low: float,
+    width: float,
 ) -> None:
     """Evaluate all expressions at the eight points of a piece of the step, into ``values``."""
-    degree, work = room.series.shape[1] - 1, room.work
+    degree, work = space.series.shape[1] - 1, space.work
     for j in range(8):
         work[_THETA, j] = low + width * _POINTS[j]
-        room.clock[0, j] = t + work[_THETA, j] * h
+        space.clock[0, j] = t + work[_THETA, j] * h
     for u in range(used.size):
         m = used[u]
-        a = b = c0 = d = e = f = g = w = room.series[m, degree]  # in registers: stored sums wait for each other
+        a = b = c0 = d = e = f = g = w = space.series[m, degree]  # in registers: stored sums wait for each other
         for k in range(degree - 1, -1, -1):
-            term = room.series[m, k]
+            term = space.series[m, k]
             a, b = a * work[_THETA, 0] + term, b * work[_THETA, 1] + term
             c0, d = c0 * work[_THETA, 2] + term, d * work[_THETA, 3] + term
             e, f = e * work[_THETA, 4] + term, f * work[_THETA, 5] + term
             g, w = g * work[_THETA, 6] + term, w * work[_THETA, 7] + term
-        point = room.point[m]
+        point = space.point[m]
         point[0], point[1], point[2], point[3] = a, b, c0, d
         point[4], point[5], point[6], point[7] = e, f, g, w
-    call_code(values, row(room.clock, 0), row(room.point, 0), c, 0, row(room.values, 0))
+    call_code(values, row(space.clock, 0), row(space.point, 0), c, 0, row(space.values, 0))
 
 
-@bare
-def transformed(matrix: FloatArray, room: Scratch, e: int, to: int) -> None:
+@compiled_subset
+def transformed(matrix: FloatArray, space: EventWorkspace, e: int, to: int) -> None:
     """Write the product of a matrix, given transposed, and the values of an expression to a row of ``work``."""
-    work = room.work[to]
+    work = space.work[to]
     a = b = c = d = p = q = r = s = 0.0  # in registers: stored sums wait for each other
     for j in range(8):
-        value, column = room.values[e, j], matrix[j]
+        value, column = space.values[e, j], matrix[j]
         a, b, c, d = a + column[0] * value, b + column[1] * value, c + column[2] * value, d + column[3] * value
         p, q, r, s = p + column[4] * value, q + column[5] * value, r + column[6] * value, s + column[7] * value
     work[0], work[1], work[2], work[3] = a, b, c, d
     work[4], work[5], work[6], work[7] = p, q, r, s
 
 
-@bare
+@compiled_subset
 def _one_sign(work: FloatArray, i: int) -> bool:
     rest = 0.0
     for k in range(1, 8):
@@ -72,7 +79,7 @@ def _one_sign(work: FloatArray, i: int) -> bool:
     return abs(work[i, 0]) > rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7]))
 
 
-@bare
+@compiled_subset
 def _monotone(work: FloatArray) -> bool:
     rest = 0.0
     for k in range(1, 8):
@@ -80,9 +87,9 @@ def _monotone(work: FloatArray) -> bool:
     return abs(work[1, 0]) > rest + SLOPE_TAIL * (abs(work[0, 6]) + abs(work[0, 7]))
 
 
-@bare
+@compiled_subset
 def simple_piece(
-    directions: NDArray[np.int64], room: Scratch, lane: int, fresh: bool, high: float
+    directions: NDArray[np.int64], space: EventWorkspace, lane: int, fresh: bool, high: float
 ) -> tuple[bool, bool]:
     """Return whether a piece need not be cut for any expression, and whether all values are finite.
 
@@ -92,38 +99,38 @@ def simple_piece(
     """
     simple = finite = True
     for e in range(directions.size):
-        if room.open[0, e] == 0.0:
+        if space.open[0, e] == 0.0:
             continue
         lost, largest = True, 0.0
         for j in range(8):
-            value = room.values[e, j]
+            value = space.values[e, j]
             if math.isfinite(value):
                 lost = False
                 largest = max(largest, abs(value))
             else:
                 finite = False
                 largest = math.inf
-        if lost or largest <= room.noise[0, e]:
+        if lost or largest <= space.noise[0, e]:
             continue
-        transformed(SERIES, room, e, 0)
-        if _one_sign(room.work, 0):
+        transformed(SERIES, space, e, 0)
+        if _one_sign(space.work, 0):
             continue
-        if fresh and room.zero[lane, e] != 0.0:
-            transformed(_ONCE, room, e, 1)
-            if _one_sign(room.work, 1):
+        if fresh and space.zero[lane, e] != 0.0:
+            transformed(_ONCE, space, e, 1)
+            if _one_sign(space.work, 1):
                 continue
-            known = abs(directions[e]) > 1 and room.values[e, 7] * room.signs[lane, e] > 0.0
-            if known or room.zero[lane, e] * high <= FLAT * largest:
-                transformed(_TWICE, room, e, 1)
-                if _one_sign(room.work, 1):
+            known = abs(directions[e]) > 1 and space.values[e, 7] * space.signs[lane, e] > 0.0
+            if known or space.zero[lane, e] * high <= FLAT * largest:
+                transformed(_TWICE, space, e, 1)
+                if _one_sign(space.work, 1):
                     continue
                 bend = 0.0
                 for j in range(1, 8):
-                    bend += _BEND[j] * room.values[e, j]
-                transformed(_THRICE, room, e, 1)
-                if (known or abs(bend) <= BENT * largest) and _one_sign(room.work, 1):
+                    bend += _BEND[j] * space.values[e, j]
+                transformed(_THRICE, space, e, 1)
+                if (known or abs(bend) <= BENT * largest) and _one_sign(space.work, 1):
                     continue
-        transformed(SLOPE_SERIES, room, e, 1)
-        if not _monotone(room.work):
+        transformed(SLOPE_SERIES, space, e, 1)
+        if not _monotone(space.work):
             simple = False
     return simple, finite

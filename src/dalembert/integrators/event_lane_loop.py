@@ -1,7 +1,7 @@
 """The loop of `dalembert.integrators.lane_loop` with events and reductions."""
 
-from .lane_loop import kinds, sweeping
+from .lane_loop import sweeping
 
-__all__ = ["KINDS", "LOOP"]
+__all__ = ["LOOP"]
 
-LOOP, KINDS = sweeping(watched=True, projected=True), kinds(watched=True)
+LOOP = sweeping(watched=True, projected=True)

@@ -10,20 +10,17 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.status import Status
-from .compiled_subset import bare, call_code, row
+from .compiled_subset import call_code, compiled_subset, row, square
 from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import sample, simple_piece
 from .event_series import NOISE, alone, sample_curves, value_at, zero_of_curve
 from .events import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
-from .kinds import INTEGER, INTEGERS, MATRIX, Group
-from .workspace import Scratch, Watch
+from .workspace import EventKernels, EventWorkspace
 
 __all__ = [
     "BROKEN",
     "NOTHING",
-    "SCRATCH",
     "STOPPED",
-    "WATCH",
     "begin_signs",
     "resolve",
     "scan",
@@ -40,47 +37,57 @@ _ULP = 2.220446049250313e-16
 _SMALLEST = 1e-300
 _TRIES = 200
 
-WATCH = Group((*(INTEGER,) * 8, *(INTEGERS,) * 4, *(INTEGER,) * 3, *(INTEGERS,) * 2, INTEGER), Watch._fields)
-SCRATCH = Group((MATRIX,) * len(Scratch._fields), Scratch._fields)
 
-
-@bare
-def begin_signs(watch: Watch, room: Scratch, lane: int, t: float, direction: float, c: int) -> None:
+@compiled_subset
+def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
     """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
-    room.one_clock[0, 0] = t
-    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
-    for e in range(watch.directions.size):
-        value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+    space.one_clock[0, 0] = t
+    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+    for e in range(events.directions.size):
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
         limit = noise + RESOLUTION * abs(t) * abs(rate)
-        limit = (limit if math.isfinite(limit) else 0.0) + room.residual[0, e]
-        room.level[lane, e] = noise if math.isfinite(noise) else 0.0
-        room.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
+        limit = (limit if math.isfinite(limit) else 0.0) + space.residual[0, e]
+        space.level[lane, e] = noise if math.isfinite(noise) else 0.0
+        space.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
         deciding = rate * direction if abs(value) <= limit else value
-        room.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
-        if abs(watch.directions[e]) > 1:
-            room.zero[lane, e], room.signs[lane, e] = 1.0, -0.5 * float(watch.directions[e])
-        room.seen[lane, e] = 0.0
+        space.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
+        if abs(events.directions[e]) > 1:
+            space.zero[lane, e], space.signs[lane, e] = 1.0, -0.5 * float(events.directions[e])
+        space.seen[lane, e] = 0.0
 
 
-@bare
-def state_at(room: Scratch, n: int, theta: float, target: int) -> None:
+@compiled_subset
+def state_at(space: EventWorkspace, n: int, theta: float, target: int) -> None:
     """Write the state at a fraction of the step, all of whose series are in place, to a row of ``one_point``."""
-    degree = room.series.shape[1] - 1
+    degree = space.series.shape[1] - 1
     for m in range(n):
-        value = room.series[m, degree]
+        value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + room.series[m, k]
-        room.one_point[target, m] = value
+            value = value * theta + space.series[m, k]
+        space.one_point[target, m] = value
 
 
-@bare
+@compiled_subset
 def _sign(value: float, noise: float) -> float:
     return 0.0 if not abs(value) > noise else (1.0 if value > 0.0 else -1.0)
 
 
-@bare
+@compiled_subset
 def _zero(
-    watch: Watch, room: Scratch, c: int, t: float, h: float, event: int, a: float, b: float, fa: float, fb: float
+    events: EventKernels,
+    space: EventWorkspace,
+    c: int,
+    t: float,
+    h: float,
+    event: int,
+    a: float,
+    b: float,
+    fa: float,
+    fb: float,
 ) -> float:
     """Return the zero of an expression between two fractions of the step, NaN for a pole; see `crossings.zeros`."""
     x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
@@ -88,111 +95,123 @@ def _zero(
     share, best, f_best = 0.5, x1, f1
     for _ in range(_TRIES):
         x = x1 + share * (x2 - x1)
-        f = value_at(watch, room, c, t, h, x, event)
+        f = value_at(events, space, c, t, h, x, event)
         if (f > 0.0) == (f1 > 0.0):
             x3, f3 = x1, f1
         else:
             x3, f3, x2, f2 = x2, f2, x1, f1
         x1, f1 = x, f
         best, f_best = (x2, f2) if abs(f2) < abs(f1) else (x1, f1)
-        space = (4e-16 * abs(best) + least) / abs(x2 - x1)
-        if not space <= 0.5 or f_best == 0.0:
+        nearest = (4e-16 * abs(best) + least) / abs(x2 - x1)
+        if not nearest <= 0.5 or f_best == 0.0:
             break
         xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
         bend = f1 / (f2 - f1) * f3 / (f2 - f3) + (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
         share = 0.5
-        if phi * phi < xi and (1.0 - phi) ** 2 < 1.0 - xi and math.isfinite(bend):
-            share = min(max(bend, space), 1.0 - space)
+        if phi * phi < xi and square(1.0 - phi) < 1.0 - xi and math.isfinite(bend):
+            share = min(max(bend, nearest), 1.0 - nearest)
     return best if abs(f_best) <= largest else math.nan
 
 
-@bare
-def _find(watch: Watch, room: Scratch, lane: int, c: int, t: float, h: float, low: float, high: float) -> int:
+@compiled_subset
+def _find(
+    events: EventKernels, space: EventWorkspace, lane: int, c: int, t: float, h: float, low: float, high: float
+) -> int:
     """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
     count = 0
-    for e in range(watch.directions.size):
-        if room.open[0, e] == 0.0:
+    for e in range(events.directions.size):
+        if space.open[0, e] == 0.0:
             continue
-        first, last, noise = room.ends[0, e], room.ends[1, e], room.noise[0, e]
+        first, last, noise = space.ends[0, e], space.ends[1, e], space.noise[0, e]
         for side in range(2):
             new = _sign(first if side == 0 else last, noise)
             if new == 0.0:
                 continue
             theta = math.nan
-            if new * room.signs[lane, e] < 0.0:
+            if new * space.signs[lane, e] < 0.0:
                 theta = low
                 if side == 1 and first * new < 0.0:
-                    if watch.followed > 0:
-                        theta = zero_of_curve(watch, room, c, t, h, e, low, high, first, last)
+                    if events.followed > 0:
+                        theta = zero_of_curve(events, space, c, t, h, e, low, high, first, last)
                     else:
-                        theta = _zero(watch, room, c, t, h, e, low, high, first, last)
-            room.signs[lane, e] = new
+                        theta = _zero(events, space, c, t, h, e, low, high, first, last)
+            space.signs[lane, e] = new
             if math.isfinite(theta):
                 place = count
-                while place > 0 and room.found[place - 1, 0] > theta:
-                    room.found[place, 0], room.found[place, 1] = room.found[place - 1, 0], room.found[place - 1, 1]
+                while place > 0 and space.found[place - 1, 0] > theta:
+                    space.found[place, 0], space.found[place, 1] = (
+                        space.found[place - 1, 0],
+                        space.found[place - 1, 1],
+                    )
                     place -= 1
-                room.found[place, 0], room.found[place, 1] = theta, e
+                space.found[place, 0], space.found[place, 1] = theta, e
                 count += 1
                 break
     return count
 
 
-@bare
+@compiled_subset
 def _occur(
-    watch: Watch, room: Scratch, lane: int, count: int, t: float, h: float, happened: FloatArray, case: int
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    count: int,
+    t: float,
+    h: float,
+    happened: FloatArray,
+    case: int,
 ) -> float:
     """Count the sign changes in ``found``; return the fraction at which the first of them stops the motion, or -1."""
     stop = -1.0
     for place in range(count):
-        theta, e = room.found[place, 0], int(room.found[place, 1])
+        theta, e = space.found[place, 0], int(space.found[place, 1])
         now = t + theta * h
         if stop >= 0.0 and abs(theta - stop) * abs(h) > TOGETHER * max(abs(now), abs(t)):
             break
-        direction = float(watch.directions[e])
-        if direction != 0.0 and direction * room.signs[lane, e] <= 0.0:
+        direction = float(events.directions[e])
+        if direction != 0.0 and direction * space.signs[lane, e] <= 0.0:
             continue
-        _count(watch, room, e, now, happened, case)
-        if stop < 0.0 and room.happens[0, e] >= 1.0:
+        _count(events, space, e, now, happened, case)
+        if stop < 0.0 and space.happens[0, e] >= 1.0:
             stop = theta
         elif stop < 0.0:
-            room.happens[0, e] = 0.0
+            space.happens[0, e] = 0.0
     return stop
 
 
-@bare
-def _count(watch: Watch, room: Scratch, e: int, now: float, happened: FloatArray, case: int) -> None:
+@compiled_subset
+def _count(events: EventKernels, space: EventWorkspace, e: int, now: float, happened: FloatArray, case: int) -> None:
     """Take down an occurrence; it is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5."""
     if happened[case, 3 * e] == 0.0:
         happened[case, 3 * e + 1] = now
     happened[case, 3 * e] += 1.0
     happened[case, 3 * e + 2] = now
-    ends = watch.last[e] > 0 and happened[case, 3 * e] >= watch.last[e]
-    room.happens[0, e] = 2.0 if ends else 1.0 if watch.jumps[e] != 0 else 0.5
+    ends = events.last[e] > 0 and happened[case, 3 * e] >= events.last[e]
+    space.happens[0, e] = 2.0 if ends else 1.0 if events.jumps[e] != 0 else 0.5
 
 
-@bare
-def _begin_step(watch: Watch, room: Scratch, lane: int, one: int, t: float, h: float) -> None:
+@compiled_subset
+def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int, t: float, h: float) -> None:
     """Take down the rates of all expressions where a step begins, and the sizes below which they count as zero."""
-    if watch.followed == 0:
-        for m in range(room.series.shape[0]):
-            room.one_point[0, m] = room.series[m, 0]
-        room.one_clock[0, 0] = t
-        call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
-    for e in range(watch.directions.size):
-        rate, noise = 0.0, room.level[lane, e]
-        if watch.followed > 0:
-            rate = room.curves[e, 1] / h
+    if events.followed == 0:
+        for m in range(space.series.shape[0]):
+            space.one_point[0, m] = space.series[m, 0]
+        space.one_clock[0, 0] = t
+        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+    for e in range(events.directions.size):
+        rate, noise = 0.0, space.level[lane, e]
+        if events.followed > 0:
+            rate = space.curves[e, 1] / h
         else:
-            rate, noise = room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
+            rate, noise = space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
         noise += NOISE * abs(t) * abs(rate)
-        room.rates[0, e], room.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
+        space.rates[0, e], space.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
 
 
-@bare
+@compiled_subset
 def scan(
-    watch: Watch,
-    room: Scratch,
+    events: EventKernels,
+    space: EventWorkspace,
     lane: int,
     many: int,
     one: int,
@@ -209,85 +228,100 @@ def scan(
     starts with this step, ``plainly`` that all is known to be plain in it, ``values`` holding what is at its ends. What
     stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
-    count = watch.directions.size
-    _begin_step(watch, room, lane, one, t, h)
+    count = events.directions.size
+    _begin_step(events, space, lane, one, t, h)
     for e in range(count):
-        if fresh and room.zero[lane, e] != 0.0:
-            room.zero[lane, e] = max(abs(room.rates[0, e] * h), _SMALLEST)
-        room.happens[0, e] = 0.0
+        if fresh and space.zero[lane, e] != 0.0:
+            space.zero[lane, e] = max(abs(space.rates[0, e] * h), _SMALLEST)
+        space.happens[0, e] = 0.0
     least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
-    room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, 1.0, 0.0
+    space.stack[0, 0], space.stack[0, 1], space.stack[0, 2] = 0.0, 1.0, 0.0
     height, budget, deepest = 1, BUDGET, DEEPEST
     while height > 0:
         height -= 1
-        low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
+        low, high, depth = space.stack[height, 0], space.stack[height, 1], space.stack[height, 2]
         simple = finite = plainly and depth == 0.0
         if not simple:
-            if watch.followed > 0:
-                sample_curves(room, low, high - low)
+            if events.followed > 0:
+                sample_curves(space, low, high - low)
             else:
-                sample(watch.values, watch.used, room, many, t, h, low, high - low)
-            simple, finite = simple_piece(watch.directions, room, lane, fresh and low == 0.0, high)
+                sample(events.values, events.used, space, many, t, h, low, high - low)
+            simple, finite = simple_piece(events.directions, space, lane, fresh and low == 0.0, high)
         budget -= DEEP_COST if depth >= DEEP else 1
         if budget < 0:
             deepest = COARSE
         if not (simple or depth >= deepest or high - low <= least):
             middle = 0.5 * (low + high)
-            room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
-            room.stack[height + 1, 0], room.stack[height + 1, 1], room.stack[height + 1, 2] = low, middle, depth + 1.0
+            space.stack[height, 0], space.stack[height, 1], space.stack[height, 2] = (
+                middle,
+                high,
+                depth + 1.0,
+            )
+            space.stack[height + 1, 0], space.stack[height + 1, 1], space.stack[height + 1, 2] = (
+                low,
+                middle,
+                depth + 1.0,
+            )
             height += 2
             continue
         if not finite:
             return BROKEN, low
         for e in range(count):
-            if room.open[0, e] == 0.0:
+            if space.open[0, e] == 0.0:
                 continue
-            room.ends[0, e], room.ends[1, e] = room.values[e, 0], room.values[e, 7]
-            if fresh and low == 0.0 and room.zero[lane, e] != 0.0:
-                room.ends[0, e] = 0.0
-            if abs(room.ends[0, e]) > room.noise[0, e]:
-                room.seen[lane, e] = 1.0
-        number = _find(watch, room, lane, one, t, h, low, high)
-        stop = _occur(watch, room, lane, number, t, h, happened, case)
+            space.ends[0, e], space.ends[1, e] = space.values[e, 0], space.values[e, 7]
+            if fresh and low == 0.0 and space.zero[lane, e] != 0.0:
+                space.ends[0, e] = 0.0
+            if abs(space.ends[0, e]) > space.noise[0, e]:
+                space.seen[lane, e] = 1.0
+        number = _find(events, space, lane, one, t, h, low, high)
+        stop = _occur(events, space, lane, number, t, h, happened, case)
         if stop >= 0.0:
             return STOPPED, stop
         for e in range(count):
-            if room.open[0, e] != 0.0 and abs(room.ends[1, e]) > room.noise[0, e]:
-                room.seen[lane, e] = 1.0
+            if space.open[0, e] != 0.0 and abs(space.ends[1, e]) > space.noise[0, e]:
+                space.seen[lane, e] = 1.0
     return NOTHING, 1.0
 
 
-@bare
-def starts(watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int) -> None:
+@compiled_subset
+def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, one: int) -> None:
     """Begin a case in a lane, its state being in the first row of ``one_point``."""
-    room.jumped[lane, 0], room.jumped[lane, 1] = math.nan, 0.0
-    for e in range(watch.directions.size):
-        room.residual[0, e] = 0.0
-    begin_signs(watch, room, lane, t, direction, one)
+    space.jumped[lane, 0], space.jumped[lane, 1] = math.nan, 0.0
+    for e in range(events.directions.size):
+        space.residual[0, e] = 0.0
+    begin_signs(events, space, lane, t, direction, one)
 
 
-@bare
+@compiled_subset
 def zeros_at_end(
-    watch: Watch, room: Scratch, lane: int, t: float, direction: float, one: int, happened: FloatArray, case: int
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
 ) -> bool:
     """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`."""
     count = 0
-    for e in range(watch.directions.size):
-        room.residual[0, e] = room.happens[0, e] = 0.0
-        room.ends[0, e] = room.signs[lane, e]
-    begin_signs(watch, room, lane, t, direction, one)
-    for e in range(watch.directions.size):
-        if room.zero[lane, e] != 0.0 and room.signs[lane, e] * room.ends[0, e] < 0.0:
-            room.found[count, 0], room.found[count, 1] = 0.0, e
+    for e in range(events.directions.size):
+        space.residual[0, e] = space.happens[0, e] = 0.0
+        space.ends[0, e] = space.signs[lane, e]
+    begin_signs(events, space, lane, t, direction, one)
+    for e in range(events.directions.size):
+        if space.zero[lane, e] != 0.0 and space.signs[lane, e] * space.ends[0, e] < 0.0:
+            space.found[count, 0], space.found[count, 1] = 0.0, e
             count += 1
-            room.seen[lane, e] = 1.0
-    return _occur(watch, room, lane, count, t, 0.0, happened, case) >= 0.0
+            space.seen[lane, e] = 1.0
+    return _occur(events, space, lane, count, t, 0.0, happened, case) >= 0.0
 
 
-@bare
+@compiled_subset
 def resolve(
-    watch: Watch,
-    room: Scratch,
+    events: EventKernels,
+    space: EventWorkspace,
     lane: int,
     n: int,
     t: float,
@@ -305,47 +339,58 @@ def resolve(
     Other expressions that are zero there to rounding, and about to change their sign, change it at the same time.
     Returns the status that it gives the case, or -1 where it goes on.
     """
-    count = watch.directions.size
-    if watch.followed > 0 and theta < 1.0 and alone(watch, room, theta):
+    count = events.directions.size
+    if events.followed > 0 and theta < 1.0 and alone(events, space, theta):
         return _EVENT
-    room.one_clock[0, 0] = t
-    call_code(watch.begins, row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_out, 0))
+    space.one_clock[0, 0] = t
+    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
     ended, jumped, seen = False, False, True
     for e in range(count):
-        value, rate, noise = room.one_out[0, 3 * e], room.one_out[0, 3 * e + 1], room.one_out[0, 3 * e + 2]
-        crosses = room.signs[lane, e] * rate * direction < 0.0
-        if crosses and room.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
-            if watch.directions[e] == 0 or watch.directions[e] * room.signs[lane, e] < 0.0:
-                _count(watch, room, e, t, happened, case)
-                room.seen[lane, e] = 1.0
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
+        crosses = space.signs[lane, e] * rate * direction < 0.0
+        if crosses and space.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
+            if events.directions[e] == 0 or events.directions[e] * space.signs[lane, e] < 0.0:
+                _count(events, space, e, t, happened, case)
+                space.seen[lane, e] = 1.0
     for e in range(count):
-        here = room.happens[0, e] > 0.0
-        room.residual[0, e] = 4.0 * abs(room.one_out[0, 3 * e]) if here else 0.0
-        ended = ended or room.happens[0, e] == 2.0
-        seen = seen and (not here or room.seen[lane, e] != 0.0)
+        here = space.happens[0, e] > 0.0
+        space.residual[0, e] = 4.0 * abs(space.one_out[0, 3 * e]) if here else 0.0
+        ended = ended or space.happens[0, e] == 2.0
+        seen = seen and (not here or space.seen[lane, e] != 0.0)
     for e in range(count):
-        if room.happens[0, e] == 0.0 or watch.jumps[e] == 0:
+        if space.happens[0, e] == 0.0 or events.jumps[e] == 0:
             continue
         jumped = True
-        call_code(watch.jumps[e], row(room.one_clock, 0), row(room.one_point, 0), one, 0, row(room.one_point, 1))
-        call_code(watch.start, row(room.one_clock, 0), row(room.one_point, 1), one, 0, row(room.one_out, 0))
+        call_code(
+            events.jumps[e],
+            row(space.one_clock, 0),
+            row(space.one_point, 0),
+            one,
+            0,
+            row(space.one_point, 1),
+        )
+        call_code(events.start, row(space.one_clock, 0), row(space.one_point, 1), one, 0, row(space.one_out, 0))
         total = 0.0
-        for m in range(n + watch.checks):
-            total += 0.0 * room.one_out[0, m]
-        for m in range(n, n + watch.checks, 2):
-            total = total if abs(room.one_out[0, m]) <= room.one_out[0, m + 1] else math.nan
+        for m in range(n + events.checks):
+            total += 0.0 * space.one_out[0, m]
+        for m in range(n, n + events.checks, 2):
+            total = total if abs(space.one_out[0, m]) <= space.one_out[0, m + 1] else math.nan
         if total != 0.0:
             return _EVENT_STATE
         for m in range(n):
-            room.one_point[0, m] = room.one_out[0, m]
+            space.one_point[0, m] = space.one_out[0, m]
     if ended:
         return _EVENT
     if not jumped:
         return _GOES_ON
-    before, room.jumped[lane, 0] = room.jumped[lane, 0], t
+    before, space.jumped[lane, 0] = space.jumped[lane, 0], t
     gap = abs(t - before)
     if math.isnan(gap):
         return _GOES_ON
-    room.jumped[lane, 1] = room.jumped[lane, 1] + 1.0 if gap <= SOON * span else 0.0
+    space.jumped[lane, 1] = space.jumped[lane, 1] + 1.0 if gap <= SOON * span else 0.0
     close = gap <= RESOLUTION * max(abs(t), 1e-3 * span)
-    return _ACCUMULATE if close or not seen or room.jumped[lane, 1] >= SOON_IN_A_ROW else _GOES_ON
+    return _ACCUMULATE if close or not seen or space.jumped[lane, 1] >= SOON_IN_A_ROW else _GOES_ON

@@ -10,9 +10,9 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import POINTS, SLOPE_TAIL, TAIL
-from .compiled_subset import bare, call_code, row
+from .compiled_subset import call_code, compiled_subset, row, sqrt
 from .crossings import FLAT
-from .workspace import Scratch, Watch
+from .workspace import EventKernels, EventWorkspace
 
 __all__ = ["NOISE", "alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
 
@@ -23,57 +23,59 @@ NOISE = 4.0 * 2.220446049250313e-16
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 
 
-@bare
-def value_at(watch: Watch, room: Scratch, c: int, t: float, h: float, theta: float, event: int) -> float:
+@compiled_subset
+def value_at(
+    events: EventKernels, space: EventWorkspace, c: int, t: float, h: float, theta: float, event: int
+) -> float:
     """Return one expression at a fraction of the step."""
-    degree = room.series.shape[1] - 1
-    for u in range(watch.used.size):
-        m = watch.used[u]
-        value = room.series[m, degree]
+    degree = space.series.shape[1] - 1
+    for u in range(events.used.size):
+        m = events.used[u]
+        value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + room.series[m, k]
-        room.one_point[0, m] = value
-    room.one_clock[0, 0] = t + theta * h
-    call_code(watch.value, row(room.one_clock, 0), row(room.one_point, 0), c, 0, row(room.one_out, 0))
-    return float(room.one_out[0, event])
+            value = value * theta + space.series[m, k]
+        space.one_point[0, m] = value
+    space.one_clock[0, 0] = t + theta * h
+    call_code(events.value, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+    return float(space.one_out[0, event])
 
 
-@bare
-def follow(room: Scratch, lane: int, states: FloatArray, first: int, h: float) -> None:
+@compiled_subset
+def follow(space: EventWorkspace, lane: int, states: FloatArray, first: int, h: float) -> None:
     """Take the series of what may change its sign in a step, in its fraction, from those of its integrals."""
-    count, terms = room.curves.shape
+    count, terms = space.curves.shape
     power = 1.0
     for k in range(terms):
-        room.powers[0, k] = power * (k + 1)
+        space.powers[0, k] = power * (k + 1)
         power *= h
     for e in range(count):
-        if room.open[0, e] != 0.0:
+        if space.open[0, e] != 0.0:
             for k in range(terms):
-                room.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * room.powers[0, k]
+                space.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * space.powers[0, k]
 
 
-@bare
-def keeps_signs(room: Scratch, lane: int) -> bool:
+@compiled_subset
+def keeps_signs(space: EventWorkspace, lane: int) -> bool:
     """Return whether all that is followed keeps the sign that it has, as ``over`` says."""
     keeps = True
-    for e in range(room.over.shape[0]):
-        keeps = keeps and room.over[e, lane] * room.signs[lane, e] > 0.0
+    for e in range(space.over.shape[0]):
+        keeps = keeps and space.over[e, lane] * space.signs[lane, e] > 0.0
     return keeps
 
 
-@bare
-def plain(room: Scratch, lane: int, fresh: bool) -> bool:
+@compiled_subset
+def plain(space: EventWorkspace, lane: int, fresh: bool) -> bool:
     """Return whether the series bound everything that may change its sign in a step: it keeps it, or is monotone.
 
     The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
     fractions lie between 0 and 1. Then ``values`` get what there is at the ends of the step. What is zero where the
     motion begins is divided by the fraction, or where it leaves zero flatly by its square. See `scan.scan`.
     """
-    count, terms = room.curves.shape
+    count, terms = space.curves.shape
     for e in range(count):
-        if room.open[0, e] == 0.0:
+        if space.open[0, e] == 0.0:
             continue
-        curve = room.curves[e]
+        curve = space.curves[e]
         begin, slope, bend = curve[0], curve[1], curve[2]
         tail = abs(curve[terms - 1]) + abs(curve[terms - 2])
         here = 1.0 if begin > 0.0 else -1.0
@@ -91,12 +93,12 @@ def plain(room: Scratch, lane: int, fresh: bool) -> bool:
             leaving += min(0.0, way * term)
             steep += float(k) * min(0.0, way * term)
             bent += min(0.0, turn * term)
-        room.values[e, 0], room.values[e, 7] = begin, end
+        space.values[e, 0], space.values[e, 7] = begin, end
         if not math.isfinite(end):
             return False
         if above > 0.0 or steep > 0.0:
             continue
-        if not (fresh and room.zero[lane, e] != 0.0):
+        if not (fresh and space.zero[lane, e] != 0.0):
             return False
         flat = slope * bend >= 0.0 or abs(slope) <= FLAT * bent
         if not (leaving > 0.0 or (bent > 0.0 and flat)):
@@ -104,29 +106,29 @@ def plain(room: Scratch, lane: int, fresh: bool) -> bool:
     return True
 
 
-@bare
-def calm(room: Scratch, lane: int, t: float, h: float, fresh: bool) -> bool:
+@compiled_subset
+def calm(space: EventWorkspace, lane: int, t: float, h: float, fresh: bool) -> bool:
     """Return whether nothing ends a `plain` step with another sign than it had; the signs are seen then."""
-    for e in range(room.curves.shape[0]):
-        if room.open[0, e] == 0.0:
+    for e in range(space.curves.shape[0]):
+        if space.open[0, e] == 0.0:
             continue
-        noise = room.level[lane, e] + NOISE * abs(t * room.curves[e, 1] / h)
-        first, last, sign = room.values[e, 0], room.values[e, 7], room.signs[lane, e]
-        if fresh and room.zero[lane, e] != 0.0:
+        noise = space.level[lane, e] + NOISE * abs(t * space.curves[e, 1] / h)
+        first, last, sign = space.values[e, 0], space.values[e, 7], space.signs[lane, e]
+        if fresh and space.zero[lane, e] != 0.0:
             first = 0.0
         if not (last * sign > 0.0 and abs(last) > noise) or (first * sign < 0.0 and abs(first) > noise):
             return False
-    for e in range(room.curves.shape[0]):
-        if room.open[0, e] != 0.0:
-            room.signs[lane, e] = 1.0 if room.values[e, 7] > 0.0 else -1.0
-            room.seen[lane, e] = 1.0
+    for e in range(space.curves.shape[0]):
+        if space.open[0, e] != 0.0:
+            space.signs[lane, e] = 1.0 if space.values[e, 7] > 0.0 else -1.0
+            space.seen[lane, e] = 1.0
     return True
 
 
-@bare
-def sample_curves(room: Scratch, low: float, width: float) -> None:
+@compiled_subset
+def sample_curves(space: EventWorkspace, low: float, width: float) -> None:
     """Evaluate what may change its sign at the eight points of a piece of the step, into ``values``."""
-    count, terms = room.curves.shape
+    count, terms = space.curves.shape
     x0, x1, x2, x3 = (
         low + width * _POINTS[0],
         low + width * _POINTS[1],
@@ -140,41 +142,41 @@ def sample_curves(room: Scratch, low: float, width: float) -> None:
         low + width * _POINTS[7],
     )
     for e in range(count):
-        if room.open[0, e] == 0.0:
+        if space.open[0, e] == 0.0:
             continue
-        a = b = c = d = p = q = r = s = room.curves[e, terms - 1]
+        a = b = c = d = p = q = r = s = space.curves[e, terms - 1]
         for k in range(terms - 2, -1, -1):
-            term = room.curves[e, k]
+            term = space.curves[e, k]
             a, b, c, d = a * x0 + term, b * x1 + term, c * x2 + term, d * x3 + term
             p, q, r, s = p * x4 + term, q * x5 + term, r * x6 + term, s * x7 + term
-        values = room.values[e]
+        values = space.values[e]
         values[0], values[1], values[2], values[3] = a, b, c, d
         values[4], values[5], values[6], values[7] = p, q, r, s
 
 
-@bare
-def _on_curve(room: Scratch, event: int, theta: float) -> tuple[float, float]:
+@compiled_subset
+def _on_curve(space: EventWorkspace, event: int, theta: float) -> tuple[float, float]:
     """Return value and slope of what is followed at a fraction of the step."""
-    last = room.curves.shape[1] - 1
-    value, slope = room.curves[event, last], 0.0
+    last = space.curves.shape[1] - 1
+    value, slope = space.curves[event, last], 0.0
     for k in range(last - 1, -1, -1):
         slope = slope * theta + value
-        value = value * theta + room.curves[event, k]
+        value = value * theta + space.curves[event, k]
     return value, slope
 
 
-@bare
+@compiled_subset
 def _guessed(first: float, slope: float, last: float, otherwise: float) -> float:
     """Return the zero of the parabola with these values at 0 and 1 and this slope at 0, if it lies between them."""
-    root = math.sqrt(max(slope * slope - 4.0 * (last - first - slope) * first, 0.0))
+    root = sqrt(max(slope * slope - 4.0 * (last - first - slope) * first, 0.0))
     theta = 2.0 * first / (root - slope if first > 0.0 else -root - slope)
     return theta if theta > 0.0 and theta < 1.0 else otherwise
 
 
-@bare
+@compiled_subset
 def zero_of_curve(
-    watch: Watch,
-    room: Scratch,
+    events: EventKernels,
+    space: EventWorkspace,
     c: int,
     t: float,
     h: float,
@@ -191,8 +193,8 @@ def zero_of_curve(
     a, b = low, high
     theta = low + (high - low) * (first / (first - last))
     if low == 0.0 and high == 1.0:
-        theta = _guessed(first, room.curves[event, 1], last, theta)
-    value, slope = _on_curve(room, event, theta)
+        theta = _guessed(first, space.curves[event, 1], last, theta)
+    value, slope = _on_curve(space, event, theta)
     for _ in range(_NEWTON):
         if (value > 0.0) == (first > 0.0):
             a = theta
@@ -203,22 +205,22 @@ def zero_of_curve(
             following = 0.5 * (a + b)
         done = abs(following - theta) <= _CLOSE * (high - low)
         theta = following
-        value, slope = _on_curve(room, event, theta)
+        value, slope = _on_curve(space, event, theta)
         if done:
             break
-    exact = theta - value_at(watch, room, c, t, h, theta, event) / slope
+    exact = theta - value_at(events, space, c, t, h, theta, event) / slope
     return min(max(exact, low), high) if math.isfinite(exact) else theta
 
 
-@bare
-def alone(watch: Watch, room: Scratch, theta: float) -> bool:
+@compiled_subset
+def alone(events: EventKernels, space: EventWorkspace, theta: float) -> bool:
     """Return whether nothing else that may change its sign is near zero where something happens."""
     nothing = True
-    for e in range(watch.directions.size):
-        if room.happens[0, e] == 0.0 and room.open[0, e] != 0.0:
+    for e in range(events.directions.size):
+        if space.happens[0, e] == 0.0 and space.open[0, e] != 0.0:
             size = 0.0
-            for k in range(room.curves.shape[1]):
-                size += abs(room.curves[e, k])
-            value, _ = _on_curve(room, e, theta)
+            for k in range(space.curves.shape[1]):
+                size += abs(space.curves[e, k])
+            value, _ = _on_curve(space, e, theta)
             nothing = nothing and abs(value) > _NEAR * size
     return nothing

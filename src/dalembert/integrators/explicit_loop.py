@@ -13,7 +13,8 @@ from ..arrays import FloatArray
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_PREVIOUS
 from ..methods.tableau import Tableau
-from .compiled_subset import bare
+from .arguments import Address
+from .compiled_subset import compiled_subset
 from .explicit_stages import (
     HELD_STEPS,
     LANES,
@@ -24,25 +25,11 @@ from .explicit_stages import (
     evaluate_stages,
     first_step_size,
 )
-from .kinds import INTEGER, Group
-from .packed_tableaus import PACKED_TABLEAU, PackedTableau, pack
+from .packed_tableaus import PackedTableau, packed_tableau
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
-    BEGUN,
-    EVALUATIONS,
-    FURTHER_COUNT,
-    LIMIT,
-    PREVIOUS,
-    REJECTED,
-    RETRIED,
-    ROW,
-    RUN,
-    SETTINGS,
-    SIZE,
-    STEPS,
     Run,
     Settings,
-    T,
     all_finite,
     coming,
     evaluate,
@@ -55,23 +42,22 @@ from .recorded_runs import (
     solution,
 )
 from .step_control import growth, reduction
-from .taylor_runs import RUNNING
+from .taylor_loop import RUNNING
 
-__all__ = ["KINDS", "LOOP", "Addresses", "ExplicitCode", "Held", "integrate"]
+__all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "Held", "integrate"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _STEP_TOO_SMALL, _NON_FINITE = int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 _STOPPED = RUNNING - 1
-_HELD = FURTHER_COUNT
 
 
 class Addresses(NamedTuple):
     """Addresses of the right-hand side and of the projections; 0 where there is none."""
 
-    rhs: int
-    position: int
-    velocity: int
+    rhs: Address
+    position: Address
+    velocity: Address
 
 
 @final
@@ -95,7 +81,13 @@ class Held:
     y: FloatArray
 
 
-KINDS = (Group((INTEGER,) * 3, Addresses._fields), PACKED_TABLEAU, SETTINGS, RUN)
+class ExplicitArguments(NamedTuple):
+    """Arguments of the loop."""
+
+    codes: Addresses
+    tableau: PackedTableau
+    settings: Settings
+    run: Run
 
 
 def integrate(
@@ -119,26 +111,31 @@ def integrate(
     Solution or Held
         Numerical failure is its status, never an exception. `Held` where the run was stopped.
     """
-    settings, packed = settings_of(problem, tableau.degree, watched=watched), pack(tableau)
+    settings, packed = settings_of(problem, tableau.degree, watched=watched), packed_tableau(tableau)
     n, codes = settings.kept, Addresses(code.rhs, code.position, code.velocity)
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
     work[0, :n] = problem.y0
-    status, run, pieces = follow(lambda run: code.loop(codes, packed, settings, run), problem, settings, work)
+
+    def loop(run: Run) -> int:
+        return code.loop(ExplicitArguments(codes, packed, settings, run))
+
+    status, run, pieces = follow(loop, problem, settings, work)
     if status == _STOPPED:
-        return Held(float(run.numbers[T]), float(run.numbers[SIZE]), work[run.counts[ROW], :n].copy())
+        return Held(float(run.progress.t), float(run.progress.size), work[run.progress.row, :n].copy())
     return solution(problem, status, run, pieces)
 
 
-@bare
-def LOOP(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> int:
+@compiled_subset
+def LOOP(arguments: ExplicitArguments) -> int:
     """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
-    counts, numbers = run.counts, run.numbers
-    if counts[EVALUATIONS] == 0 and not _begun(codes, tableau, settings, run):
+    codes, tableau, settings, run = arguments.codes, arguments.tableau, arguments.settings, arguments.run
+    progress = run.progress
+    if progress.evaluations == 0 and not _begun(codes, tableau, settings, run):
         return _NON_FINITE
-    while numbers[T] != settings.t1:
-        if counts[STEPS] == counts[LIMIT]:
+    while progress.t != settings.t1:
+        if progress.steps == progress.limit:
             return RUNNING
-        if counts[STEPS] + counts[REJECTED] >= settings.max_steps:
+        if progress.steps + progress.rejected >= settings.max_steps:
             return _MAX_STEPS
         status = _attempt(codes, tableau, settings, run)
         if status != _SUCCESS:
@@ -146,25 +143,25 @@ def LOOP(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run)
     return _SUCCESS
 
 
-@bare
+@compiled_subset
 def _begun(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> bool:
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
-    t0, t1, counts = settings.t0, settings.t1, run.counts
-    run.numbers[PREVIOUS] = SMALLEST_PREVIOUS
+    t0, t1, progress = settings.t0, settings.t1, run.progress
+    run.progress.previous = SMALLEST_PREVIOUS
     evaluate(codes.rhs, t0, run, 0, tableau.first)
-    counts[EVALUATIONS] += 1
+    progress.evaluations += 1
     if not all_finite(run.work, 0, tableau.first):
         return False
-    if run.numbers[SIZE] == 0.0 and t0 != t1:
+    if run.progress.size == 0.0 and t0 != t1:
         limit, direction = min(abs(t1 - t0), settings.max_step), 1.0 if t1 >= t0 else -1.0
-        run.numbers[SIZE] = first_step_size(
+        run.progress.size = first_step_size(
             codes.rhs, tableau, t0, direction, limit, run, 0, settings.rtol, settings.atol, settings.kept
         )
-        counts[EVALUATIONS] += 1
+        progress.evaluations += 1
     return True
 
 
-@bare
+@compiled_subset
 def _settled(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
     """Judge a step, project its end, evaluate the stage there; return the verdict."""
     if not math.isfinite(error):
@@ -176,37 +173,37 @@ def _settled(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t
     last = tableau.first + tableau.end
     if codes.position != 0 or codes.velocity != 0 or not tableau.fsal:
         evaluate(codes.rhs, t_new, run, y_new, last)
-        run.counts[EVALUATIONS] += 1
+        run.progress.evaluations += 1
     return _SUCCESS if all_finite(run.work, y_new, last) else _NON_FINITE
 
 
-@bare
+@compiled_subset
 def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> int:
     """Take a step, or refuse it; return the status."""
-    numbers, counts, work, n = run.numbers, run.counts, run.work, settings.kept
-    y, y_new, t = counts[ROW], 1 - counts[ROW], numbers[T]
-    h, t_new = coming(settings, numbers)
+    progress, work, n = run.progress, run.work, settings.kept
+    y, y_new, t = progress.row, 1 - progress.row, progress.t
+    h, t_new = coming(settings, progress)
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
-    counts[EVALUATIONS] += tableau.end if tableau.fsal else tableau.end - 1
+    progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
     failure = _settled(codes, tableau, run, error, t_new, y_new)
     if failure != _SUCCESS:
         return refused(settings, run, abs(h) * reduction(failure, error, tableau.exponent), failure)
-    if settings.watched and counts[STEPS] >= WATCHED_FROM:  # before the point of the last stage is overwritten
-        counts[_HELD] = counts[_HELD] + 1 if at_boundary(tableau, h, work, y_new, n) else 0
-    piece = counts[STEPS] - counts[BEGUN] if settings.dense else 0
+    if settings.watched and progress.steps >= WATCHED_FROM:  # before the point of the last stage is overwritten
+        progress.at_boundary = progress.at_boundary + 1 if at_boundary(tableau, h, work, y_new, n) else 0
+    piece = progress.steps - progress.begun if settings.dense else 0
     if settings.dense or pending(run, t_new):
         evaluate_stages(codes.rhs, tableau, tableau.end + 1, tableau.total, t, h, run, y, y_new)
-        counts[EVALUATIONS] += tableau.total - tableau.end - 1
+        progress.evaluations += tableau.total - tableau.end - 1
         dense_polynomial(tableau, h, work, y, y_new, run.pieces, piece, n)
         run.pieces[piece, 0] = t_new
     status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
-    if counts[_HELD] == HELD_STEPS:
-        numbers[SIZE] = abs(h)
+    if progress.at_boundary == HELD_STEPS:
+        progress.size = abs(h)
         return _STOPPED
-    numbers[SIZE] = abs(h) * growth(error, numbers[PREVIOUS], counts[RETRIED] != 0, tableau.exponent)
-    numbers[PREVIOUS] = max(error, SMALLEST_PREVIOUS)
-    counts[RETRIED] = 0
+    progress.size = abs(h) * growth(error, progress.previous, progress.retried != 0, tableau.exponent)
+    progress.previous = max(error, SMALLEST_PREVIOUS)
+    progress.retried = 0
     for m in range(n):
         work[tableau.first, m] = work[tableau.first + tableau.end, m]
     return status

@@ -10,7 +10,7 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SECOND_ERROR_WEIGHT
-from .compiled_subset import bare
+from .compiled_subset import compiled_subset, exp, log, sqrt, square
 from .packed_tableaus import POINT, PackedTableau
 from .recorded_runs import Run, evaluate
 
@@ -32,7 +32,7 @@ WATCHED_FROM, HELD_STEPS = 1000, 15
 _BOUNDARY = 3.0
 
 
-@bare
+@compiled_subset
 def evaluate_stages(
     rhs: int, tableau: PackedTableau, begin: int, end: int, t: float, h: float, run: Run, y: int, y_new: int
 ) -> None:
@@ -69,7 +69,7 @@ def evaluate_stages(
             evaluate(rhs, t + tableau.nodes[i] * h, run, out, tableau.first + i)
 
 
-@bare
+@compiled_subset
 def error_norm(
     tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, atol: float, n: int
 ) -> float:
@@ -84,14 +84,14 @@ def error_norm(
         for entry in range(second, last):
             estimate_second += tableau.weights[entry] * work[tableau.stages[entry], m]
         scale = 1.0 / (atol + rtol * max(abs(work[y, m]), abs(work[y_new, m])))
-        total += (estimate * scale) ** 2
-        total_second += (estimate_second * scale) ** 2
+        total += square(estimate * scale)
+        total_second += square(estimate_second * scale)
     if total == 0.0 and total_second == 0.0:
         return 0.0
-    return abs(h) * total / math.sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
+    return abs(h) * total / sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
 
 
-@bare
+@compiled_subset
 def at_boundary(tableau: PackedTableau, h: float, work: FloatArray, y_new: int, n: int) -> bool:
     """Whether a step is near the limit of stability, from slopes at its end and at the last stage before it.
 
@@ -99,12 +99,12 @@ def at_boundary(tableau: PackedTableau, h: float, work: FloatArray, y_new: int, 
     """
     slopes = states = 0.0
     for m in range(n):
-        slopes += (work[tableau.first + tableau.end, m] - work[tableau.first + tableau.end - 1, m]) ** 2
-        states += (work[y_new, m] - work[POINT, m]) ** 2
+        slopes += square(work[tableau.first + tableau.end, m] - work[tableau.first + tableau.end - 1, m])
+        states += square(work[y_new, m] - work[POINT, m])
     return h * h * slopes > _BOUNDARY * _BOUNDARY * states
 
 
-@bare
+@compiled_subset
 def first_step_size(
     rhs: int,
     tableau: PackedTableau,
@@ -125,9 +125,9 @@ def first_step_size(
     size = slope = curvature = 0.0
     for m in range(n):
         scale = 1.0 / (atol + rtol * abs(work[y, m]))
-        size += (work[y, m] * scale) ** 2
-        slope += (work[tableau.first, m] * scale) ** 2
-    size, slope = math.sqrt(size / n), math.sqrt(slope / n)
+        size += square(work[y, m] * scale)
+        slope += square(work[tableau.first, m] * scale)
+    size, slope = sqrt(size / n), sqrt(slope / n)
     h = 1e-6 if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
     h = min(h, limit)
     for m in range(n):
@@ -135,18 +135,18 @@ def first_step_size(
     evaluate(rhs, t + direction * h, run, POINT, tableau.first + 1)
     for m in range(n):
         scale = 1.0 / (atol + rtol * abs(work[y, m]))
-        curvature += ((work[tableau.first + 1, m] - work[tableau.first, m]) * scale) ** 2
-    curvature = math.sqrt(curvature / n) / h
+        curvature += square((work[tableau.first + 1, m] - work[tableau.first, m]) * scale)
+    curvature = sqrt(curvature / n) / h
     if not math.isfinite(curvature):
         return h
     largest = max(slope, curvature)
     improved = max(1e-6, 1e-3 * h)
     if largest > 1e-15:
-        improved = math.exp(tableau.exponent * math.log(0.01 / largest))
+        improved = exp(tableau.exponent * log(0.01 / largest))
     return min(100.0 * h, improved, limit)
 
 
-@bare
+@compiled_subset
 def dense_polynomial(
     tableau: PackedTableau,
     h: float,

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
-from .compiled_subset import bare
+from .compiled_subset import compiled_subset, sqrt, square
 from .lu import solve
-from .newton import ERROR, SCALE, SLOPE, P, Room, Z
+from .newton import ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z
 from .packed_tableaus import DELTA, POINT
 from .recorded_runs import Run, evaluate
 
 __all__ = ["between", "estimate", "first_step", "keep_polynomial", "scale_of", "write_polynomial"]
 
 
-@bare
+@compiled_subset
 def estimate(
     rhs: int,
     t: float,
@@ -26,7 +24,7 @@ def estimate(
     run: Run,
     y: int,
     y_new: int,
-    room: Room,
+    space: NewtonWorkspace,
     rtol: float,
     atol: float,
     careful: bool,
@@ -36,7 +34,7 @@ def estimate(
     ``careful`` filters an estimate that is too large once more, as stiff components demand after a first step and
     after a rejection.
     """
-    work, vector = run.work, room.first
+    work, vector = run.work, space.first
     n = work.shape[1]
     error, evaluations = 0.0, 0
     for attempt in range(2):
@@ -46,14 +44,14 @@ def estimate(
             if m < differential:
                 for i in range(3):
                     vector[m] += ERROR_WEIGHTS[i] * work[Z + i, m] / h
-        solve(room.real, room.real_pivots, vector)
+        solve(space.real, space.real_pivots, vector)
         total = 0.0
         for m in range(n):
             work[ERROR, m] = vector[m]
             if m < differential:
                 scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
-                total += (vector[m] / scale) ** 2
-        error = math.sqrt(total / differential)
+                total += square(vector[m] / scale)
+        error = sqrt(total / differential)
         if error <= 1.0 or not careful or attempt == 1 or not error < np.inf:
             break
         for m in range(n):
@@ -63,7 +61,7 @@ def estimate(
     return error, evaluations
 
 
-@bare
+@compiled_subset
 def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
     """RMS norm over the tolerances of what the step's polynomial errs by between its nodes.
 
@@ -85,11 +83,11 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
                 value += INVERSE_POWERS[k, i] * work[Z + i, m]
             here = theta * (value + here)
         scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
-        total += ((there - here) / (scope * scale)) ** 2
-    return BETWEEN * math.sqrt(total / differential)
+        total += square((there - here) / (scope * scale))
+    return BETWEEN * sqrt(total / differential)
 
 
-@bare
+@compiled_subset
 def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
     """Write what Newton corrections are measured by.
 
@@ -113,7 +111,7 @@ def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float,
         work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m])) / min(1.0, abs(h))
 
 
-@bare
+@compiled_subset
 def first_step(
     work: FloatArray, y: int, differential: int, span: float, limit: float, rtol: float, atol: float
 ) -> float:
@@ -121,15 +119,15 @@ def first_step(
     size = slope = 0.0
     for m in range(differential):
         scale = 1.0 / (atol + rtol * abs(work[y, m]))
-        size += (work[y, m] * scale) ** 2
-        slope += (work[SLOPE, m] * scale) ** 2
+        size += square(work[y, m] * scale)
+        slope += square(work[SLOPE, m] * scale)
     if size < 1e-10 * differential or slope < 1e-10 * differential:
         return min(1e-6 * span, limit)
     # the share of a time scale of the state over which a method whose estimate has order 3 errs by the tolerance
-    return min(math.sqrt(size / slope) * min(0.01, math.sqrt(math.sqrt(max(rtol, 1e-14)))), limit)
+    return min(sqrt(size / slope) * min(0.01, sqrt(sqrt(max(rtol, 1e-14)))), limit)
 
 
-@bare
+@compiled_subset
 def keep_polynomial(work: FloatArray) -> None:
     """Write the coefficients of the collocation polynomial through the increments."""
     for m in range(work.shape[1]):
@@ -140,7 +138,7 @@ def keep_polynomial(work: FloatArray) -> None:
             work[P + k, m] = value
 
 
-@bare
+@compiled_subset
 def write_polynomial(work: FloatArray, y: int, y_new: int, pieces: FloatArray, piece: int, n: int) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
-from ..arrays import FloatArray
-from .compiled_subset import bare, call_code, row
-from .kinds import INTEGER, MATRIX, VECTOR
+from typing import NamedTuple
 
-__all__ = ["KINDS", "LOOP"]
+from .arguments import Address, Matrix, Vector
+from .compiled_subset import call_code, compiled_subset, row
 
-KINDS = (INTEGER, VECTOR, *(MATRIX,) * 3, *(MATRIX,) * 4)
+__all__ = ["LOOP", "KernelRowsArguments"]
 
 
-@bare
-def LOOP(
-    code: int,
-    t: FloatArray,
-    y: FloatArray,
-    c: FloatArray,
-    out: FloatArray,
-    clock: FloatArray,
-    states: FloatArray,
-    constants: FloatArray,
-    found: FloatArray,
-) -> None:
-    """Write the outputs (k, n) of a kernel at times (k,), states (k, n_y) and constants (k, n_c).
+class KernelRowsArguments(NamedTuple):
+    """Arguments of the loop.
 
-    The last four are room: (1, lanes), (n_y, lanes), (n_c, lanes) and (n, lanes).
+    Attributes
+    ----------
+    t, y, c, out : (k,), (k, n_y), (k, n_c), (k, n)
+        Times, states and constants; gets the outputs of the kernel.
+    clock, states, constants, found : (1, lanes), (n_y, lanes), (n_c, lanes), (n, lanes)
+        Are overwritten.
     """
+
+    kernel: Address
+    t: Vector
+    y: Matrix
+    c: Matrix
+    out: Matrix
+    clock: Matrix
+    states: Matrix
+    constants: Matrix
+    found: Matrix
+
+
+@compiled_subset
+def LOOP(arguments: KernelRowsArguments) -> None:
+    """Evaluate a kernel at every instant."""
+    t, y, c, out = arguments.t, arguments.y, arguments.c, arguments.out
+    clock, states, constants, found = arguments.clock, arguments.states, arguments.constants, arguments.found
     lanes, count = clock.shape[1], t.size
     first = 0
     while first < count:
@@ -37,7 +47,7 @@ def LOOP(
                 states[m, lane] = y[i, m]
             for m in range(c.shape[1]):
                 constants[m, lane] = c[i, m]
-        call_code(code, row(clock, 0), row(states, 0), row(constants, 0), 0, row(found, 0))
+        call_code(arguments.kernel, row(clock, 0), row(states, 0), row(constants, 0), 0, row(found, 0))
         for lane in range(min(lanes, count - first)):
             for m in range(out.shape[1]):
                 out[first + lane, m] = found[m, lane]

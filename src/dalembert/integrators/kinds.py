@@ -1,4 +1,4 @@
-"""Types of what compiled loops work on: whole numbers, doubles, flags, arrays of these, and tuples."""
+"""Types of the values that compiled loops work on: integers, doubles, flags, arrays, records and tuples of these."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from typing import final
 
 __all__ = [
-    "ARRAY_OF_FLAGS",
     "FLAG",
+    "FLAG_MATRIX",
     "INTEGER",
-    "INTEGERS",
-    "INTEGER_MATRIX",
+    "INT_MATRIX",
+    "INT_VECTOR",
     "MATRIX",
     "NUMBER",
     "VECTOR",
     "Array",
+    "Fields",
     "Group",
     "Kind",
     "Scalar",
@@ -23,7 +24,7 @@ __all__ = [
 
 
 class Kind(ABC):
-    """A type; a value of it is one or more words, each of which LLVM knows."""
+    """A type; a value of it is one or more words of 8 bytes, each of which LLVM knows."""
 
     @property
     @abstractmethod
@@ -34,7 +35,7 @@ class Kind(ABC):
 @final
 @dataclass(frozen=True)
 class Scalar(Kind):
-    """A number; ``stored`` is what arrays keep it as."""
+    """A number; ``stored`` is its LLVM type in arrays."""
 
     type: str
     stored: str
@@ -61,8 +62,22 @@ class Array(Kind):
 
 @final
 @dataclass(frozen=True)
+class Fields(Kind):
+    """A record: the address of numbers of 8 bytes each, which have names and can be changed."""
+
+    names: tuple[str, ...]
+    items: tuple[Scalar, ...]
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """See `Kind.words`."""
+        return ("ptr",)
+
+
+@final
+@dataclass(frozen=True)
 class Group(Kind):
-    """A tuple, with names where it is a named one."""
+    """A tuple, with names where it is a NamedTuple."""
 
     parts: tuple[Kind, ...]
     names: tuple[str, ...] = ()
@@ -75,4 +90,4 @@ class Group(Kind):
 
 INTEGER, NUMBER, FLAG = Scalar("i64", "i64"), Scalar("double", "double"), Scalar("i1", "i8")
 VECTOR, MATRIX = Array(NUMBER, 1), Array(NUMBER, 2)
-INTEGERS, INTEGER_MATRIX, ARRAY_OF_FLAGS = Array(INTEGER, 1), Array(INTEGER, 2), Array(FLAG, 2)
+INT_VECTOR, INT_MATRIX, FLAG_MATRIX = Array(INTEGER, 1), Array(INTEGER, 2), Array(FLAG, 2)

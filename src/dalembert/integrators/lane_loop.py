@@ -12,79 +12,87 @@ at a time from a count that they share.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..interrupts import STOPPED
 from ..methods.status import Status
 from ..methods.step_constants import REDUCTION_BLIND
-from .case_loading import enter, stage
-from .compiled_subset import bare, call_code, call_test, lowest, row, take
-from .event_search import BROKEN, NOTHING, SCRATCH, WATCH, begin_signs, resolve, scan, starts, state_at, zeros_at_end
+from .arguments import FlagMatrix, IntVector, Matrix, Vector
+from .case_loading import CaseShape, Columns, SweepKernels, enter_lane, load_cases
+from .compiled_subset import call_code, call_test, compiled_subset, lowest, row, take
+from .event_search import BROKEN, NOTHING, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .event_series import calm, follow, keeps_signs, plain
-from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group, Kind
 from .projection import FAILED, NONE, WANTED, correct
 from .step_reductions import accumulate, advance
 from .workspace import (
     ATTEMPTS,
     BEFORE,
-    CASE,
     END,
     FIRST,
-    FRESH,
-    GOING,
     IDLE,
-    LONE,
-    MARK,
     NEXT,
     NOW,
-    PATIENCE,
     POINT_LANES,
     REFUSED,
-    RETURNS,
     RUNNING,
-    SAMPLED,
-    SAMPLED_BEFORE,
-    SAVED,
-    STAGED,
-    STATUS,
-    Room,
-    Scratch,
-    Watch,
+    EventKernels,
+    EventWorkspace,
+    LaneState,
 )
 
-__all__ = ["KINDS", "LOOP", "kinds", "sweeping"]
+__all__ = ["LOOP", "SweepArguments", "sweeping"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
-_ROOM = Group((*(MATRIX,) * 6, INTEGER_MATRIX, *(MATRIX,) * 5, INTEGERS), Room._fields)
-_NOTHING = Group(())
+
+class SweepArguments(NamedTuple):
+    """Arguments of the loop over lanes.
+
+    Attributes
+    ----------
+    limits : (1, ...)
+        The largest step, the number of steps, and what else the step reads behind step and direction.
+    turn : (1,)
+        The next case, shared by threads.
+    t_eval : (m,)
+        Times to record.
+    out, ends, samples : (k, n_y), (k, 3), (k, m * n_y)
+        Get final states; final time, status and steps; states at the times to record.
+    inside : (k, m) or (0, 0)
+        Gets the samples that were interpolated.
+    kept_constants : (k, n_c) or (0, 0)
+        Gets the constants.
+    happened : (k, 3 n_events)
+        Gets numbers of the events, and the times of the first and the last.
+    totals : (k, n_running)
+        Minima, maxima and integrals are continued in it. With events or any of these, a step writes its polynomials.
+    """
+
+    kernels: SweepKernels
+    shape: CaseShape
+    limits: Matrix
+    columns: Columns
+    turn: IntVector
+    t_eval: Vector
+    out: Matrix
+    ends: Matrix
+    samples: Matrix
+    inside: FlagMatrix
+    kept_constants: Matrix
+    state: LaneState
+    events: EventKernels
+    workspace: EventWorkspace
+    happened: Matrix
+    totals: Matrix
 
 
-def kinds(watched: bool) -> tuple[Kind, ...]:
-    """Return the types of the loop's arguments; without events, two of them are empty."""
-    return (
-        Group((INTEGER,) * 8),
-        Group((INTEGER,) * 7),
-        MATRIX,
-        INTEGER_MATRIX,
-        INTEGERS,
-        VECTOR,
-        *(MATRIX,) * 3,
-        ARRAY_OF_FLAGS,
-        MATRIX,
-        _ROOM,
-        *((WATCH, SCRATCH) if watched else (_NOTHING, _NOTHING)),
-        *(MATRIX,) * 2,
-    )
-
-
-@bare
+@compiled_subset
 def _follow(series: FloatArray, lane: int, states: FloatArray, first: int, scale: float, end: int) -> None:
     """Copy the polynomials of a lane's step, in the fraction of the step, made to end in the state that it ended in."""
     n, terms = series.shape
@@ -100,99 +108,57 @@ def _follow(series: FloatArray, lane: int, states: FloatArray, first: int, scale
         series[m, 3] -= 2.0 * gap
 
 
-def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
-    """Return the loop, with or without events, and with or without projections.
+def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]:
+    """Return the loop, with or without events and reductions, and with or without projections."""
 
-    Parameters of the loop
-    ----------------------
-    codes : addresses
-        The step, what fills in its memory before the first step, the projections, constants from parameters, states
-        from given values, the pace (`dalembert.codegen.llvm.advance_lanes`), 0 for what there is not of these, and
-        the test of what cases are made from (`dalembert.codegen.llvm.check_inputs`).
-    shape : (int,) * 7
-        Degree of the polynomials of a step; how many outputs it remembers; how many parameters, given values and checks
-        of these a case has; how many cases there are, and how many a thread takes at a time. Polynomials of a step with
-        a memory are in the fraction of the step, others in time.
-    limits : (1, ...)
-        The largest step, the number of steps, and what else the step reads behind step and direction.
-    columns : (2 + ..., 2) int64
-        Address and stride of the values of start, end, parameters, and given values.
-    turn : (1,) int64
-        The next case, shared by threads.
-    t_eval : (m,)
-        Times to record.
-    out, ends, samples : (k, n_y), (k, 3), (k, m * n_y)
-        Get final states; final time, status and steps; states at the times to record.
-    inside : (k, m) bool or (0, 0)
-        Gets the samples that were interpolated.
-    kept : (k, n_c) or (0, 0)
-        Gets the constants.
-    room, watch, spare
-        See `dalembert.integrators.workspace`.
-    happened : (k, 3 n_events)
-        Numbers of the events, and the times of the first and the last.
-    totals : (k, n_running)
-        Minima, maxima and integrals are taken on in it. With any of these, a step must write its polynomials.
-    """
-
-    def loop(
-        codes: tuple[int, int, int, int, int, int, int, int],
-        shape: tuple[int, int, int, int, int, int, int],
-        limits: FloatArray,
-        columns: NDArray[np.int64],
-        turn: NDArray[np.int64],
-        t_eval: FloatArray,
-        out: FloatArray,
-        ends: FloatArray,
-        samples: FloatArray,
-        inside: NDArray[np.bool_],
-        kept_constants: FloatArray,
-        room: Room,
-        watch: Watch,
-        spare: Scratch,
-        happened: FloatArray,
-        totals: FloatArray,
-    ) -> None:
-        step, begin, position, velocity, _, _, pace, _ = codes
-        degree, memory, _, _, checks, count, share = shape
-        clock, settings, constants, states, tally = room.clock, room.settings, room.constants, room.states, room.tally
-        whole, lanes, n = room.whole, room.clock.shape[1], room.delta.shape[0]
+    def loop(arguments: SweepArguments) -> None:
+        kernels, shape, limits, columns = arguments.kernels, arguments.shape, arguments.limits, arguments.columns
+        turn, t_eval, out, ends = arguments.turn, arguments.t_eval, arguments.out, arguments.ends
+        samples, inside, kept_constants = arguments.samples, arguments.inside, arguments.kept_constants
+        lane_state, events, space = arguments.state, arguments.events, arguments.workspace
+        happened, totals = arguments.happened, arguments.totals
+        step, begin, position, velocity = kernels.step, kernels.begin, kernels.position, kernels.velocity
+        pace = kernels.advance
+        degree, memory, checks, count, share = shape.degree, shape.memory, shape.checks, shape.cases, shape.share
+        clock, settings, constants = lane_state.clock, lane_state.settings, lane_state.constants
+        states, tally, numbers = lane_state.states, lane_state.tally, lane_state.numbers
+        lanes, n = clock.shape[1], lane_state.delta.shape[0]
         time, end_of, upcoming = clock[NOW], clock[END], clock[NEXT]
         attempts, refused, before_of, first_of = tally[ATTEMPTS], tally[REFUSED], tally[BEFORE], tally[FIRST]
-        case, status, mark, fresh_of = whole[CASE], whole[STATUS], whole[MARK], whole[FRESH]
-        sampled_of, sampled_before = whole[SAMPLED], whole[SAMPLED_BEFORE]
+        case, status, mark, fresh_of = numbers.case, numbers.status, numbers.mark, numbers.fresh
+        sampled_of, sampled_before = numbers.sampled, numbers.sampled_before
         reach, direction = settings[0], settings[1]
         n_c, wanted = kept_constants.shape[1], t_eval.size
         largest, budget = limits[0, 0], limits[0, 1]
-        followed = watch.followed if watched else 0
-        points = 0 if watched and followed > 0 and watch.kinds.size == 0 else POINT_LANES
+        followed = events.followed if watched else 0
+        points = 0 if watched and followed > 0 and events.kinds.size == 0 else POINT_LANES
         size_at = n + followed
         held, rows = size_at + 2 + memory, states.shape[0] // 2
         from_, copied = (n + checks, held) if begin != 0 else (0, n)
-        marked, pause = inside.size > 0, room.pause
-        coming = last = staged = filled = place = 0
+        marked, pause = inside.size > 0, lane_state.pause
+        coming = last = loaded = filled = place = 0
         active, old, new, every = 0, 0, rows, (1 << lanes) - 1
-        look, rounds, patience = every, -1, pause[PATIENCE]
-        if pause[GOING] != 0:
-            coming, last, staged, filled = pause[SAVED], pause[SAVED + 1], pause[SAVED + 2], pause[SAVED + 3]
-            place, active, old, look = pause[SAVED + 4], pause[SAVED + 5], pause[SAVED + 6], pause[SAVED + 7]
+        look, rounds, patience = every, -1, pause.patience
+        if pause.going != 0:
+            coming, last, loaded, filled = pause.coming, pause.last, pause.loaded, pause.filled
+            place, active, old, look = pause.place, pause.active, pause.old, pause.look
             new = rows - old
-            pause[GOING] = 0
+            pause.going = 0
         else:
             for lane in range(lanes):
                 case[lane], status[lane] = -1, IDLE
                 for m in range(constants.shape[0]):
                     constants[m, lane] = 1.0
                 for m in range(2, limits.shape[1]):
-                    settings[m, lane] = room.settings_ahead[m, lane] = limits[0, m]
+                    settings[m, lane] = lane_state.settings_ahead[m, lane] = limits[0, m]
         while True:
             rounds += 1
             if rounds == patience:
                 rounds = 0
-                if pause[RETURNS] != 0 or turn[0] >= STOPPED:
-                    pause[SAVED], pause[SAVED + 1], pause[SAVED + 2], pause[SAVED + 3] = coming, last, staged, filled
-                    pause[SAVED + 4], pause[SAVED + 5], pause[SAVED + 6], pause[SAVED + 7] = place, active, old, look
-                    pause[GOING] = 1
+                if pause.returns != 0 or turn[0] >= STOPPED:
+                    pause.coming, pause.last, pause.loaded, pause.filled = coming, last, loaded, filled
+                    pause.place, pause.active, pause.old, pause.look = place, active, old, look
+                    pause.going = 1
                     break
             left = look
             while left != 0:
@@ -230,34 +196,38 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                             last = min(coming + share, count)
                         if coming == last:
                             break
-                        staged, filled, place = coming, min(lanes, last - coming), 0
-                        stage(codes, shape, limits, columns, staged, filled, room)
+                        loaded, filled, place = coming, min(lanes, last - coming), 0
+                        load_cases(kernels, shape, limits, columns, loaded, filled, lane_state)
                         coming += filled
-                    i = staged + place
+                    i = loaded + place
                     if kept_constants.shape[0] > 0:
                         for m in range(n_c):
-                            kept_constants[i, m] = room.constants_ahead[m, place]
-                    if whole[STAGED, place] != RUNNING:
+                            kept_constants[i, m] = lane_state.constants_ahead[m, place]
+                    if numbers.loaded[place] != RUNNING:
                         for m in range(n):
                             out[i, m] = np.nan
-                        ends[i, 0], ends[i, 1], ends[i, 2] = room.clock_ahead[0, place], whole[STAGED, place], 0.0
+                        ends[i, 0], ends[i, 1], ends[i, 2] = (
+                            lane_state.clock_ahead[0, place],
+                            numbers.loaded[place],
+                            0.0,
+                        )
                         place += 1
                         continue
                     states[old + size_at, lane] = 0.0
-                    enter(room, lane, place, i, old, from_, copied)
+                    enter_lane(lane_state, lane, place, i, old, from_, copied)
                     if begin != 0:
                         for m in range(n):
-                            states[old + m, lane] = room.begun[m, place]
+                            states[old + m, lane] = lane_state.begun[m, place]
                     active += 1
                     if watched:
                         fresh_of[lane] = 1
                         for m in range(constants.shape[0]):
-                            spare.own[lane, m] = room.constants_ahead[m, place]
+                            space.own[lane, m] = lane_state.constants_ahead[m, place]
                             for point in range(points):
-                                spare.constants[lane * constants.shape[0] + m, point] = spare.own[lane, m]
+                                space.constants[lane * constants.shape[0] + m, point] = space.own[lane, m]
                         for m in range(n):
-                            spare.one_point[0, m] = room.begun[m, place]
-                        starts(watch, spare, lane, time[lane], direction[lane], row(spare.own, lane))
+                            space.one_point[0, m] = lane_state.begun[m, place]
+                        starts(events, space, lane, time[lane], direction[lane], row(space.own, lane))
                     place += 1
             if active == 0:
                 break
@@ -266,10 +236,10 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             if pace != 0:
                 if watched:
                     at, rest_of_it, setting = row(clock, 0), row(constants, 0), row(settings, 0)
-                    call_code(watch.quiet, at, row(states, new), rest_of_it, setting, row(spare.over, 0))
+                    call_code(events.quiet, at, row(states, new), rest_of_it, setting, row(space.over, 0))
                     for lane in range(lanes):
                         mark[lane], upcoming[lane] = NONE, end_of[lane]
-                        if fresh_of[lane] != 0 or not keeps_signs(spare, lane):
+                        if fresh_of[lane] != 0 or not keeps_signs(space, lane):
                             upcoming[lane] = time[lane]  # so that it is looked at
                 look = call_test(
                     pace, row(clock, 0), row(states, new + size_at), row(tally, 0), row(settings, 0), row(limits, 0)
@@ -330,7 +300,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             if not projected and not watched:
                 continue
             if projected and (position != 0 or velocity != 0):
-                correct(position, velocity, clock, states, old, constants, room.delta, whole, MARK)
+                correct(position, velocity, clock, states, old, constants, lane_state.delta, mark)
                 for lane in range(lanes):
                     if mark[lane] != FAILED:
                         continue
@@ -348,41 +318,41 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
             if not watched:
                 continue
             for lane in range(lanes):
-                spare.earlier[0, lane] = before_of[lane]
-            at, rest_of_it, setting = row(spare.earlier, 0), row(constants, 0), row(settings, 0)
-            if spare.over.shape[0] > 0 and pace == 0:
-                call_code(watch.quiet, at, row(states, old), rest_of_it, setting, row(spare.over, 0))
-            if spare.quick.shape[0] > 0:
-                call_code(watch.quick, at, row(states, old), rest_of_it, setting, row(spare.quick, 0))
+                space.earlier[0, lane] = before_of[lane]
+            at, rest_of_it, setting = row(space.earlier, 0), row(constants, 0), row(settings, 0)
+            if space.over.shape[0] > 0 and pace == 0:
+                call_code(events.quiet, at, row(states, old), rest_of_it, setting, row(space.over, 0))
+            if space.quick.shape[0] > 0:
+                call_code(events.quick, at, row(states, old), rest_of_it, setting, row(space.quick, 0))
             for lane in range(lanes):
                 if mark[lane] != WANTED:
                     continue
                 i, now, fresh = case[lane], before_of[lane], fresh_of[lane] != 0
-                one, many = row(spare.own, lane), row(spare.constants, lane * constants.shape[0])
+                one, many = row(space.own, lane), row(space.constants, lane * constants.shape[0])
                 h, scale = time[lane] - now, 1.0 if memory > 0 else time[lane] - now
                 quiet, plainly, found, theta = True, False, NOTHING, 1.0
-                for e in range(spare.over.shape[0]):
-                    keeps = spare.over[e, lane] * spare.signs[lane, e] > 0.0
-                    keeps = keeps and not (fresh and spare.zero[lane, e] != 0.0)
+                for e in range(space.over.shape[0]):
+                    keeps = space.over[e, lane] * space.signs[lane, e] > 0.0
+                    keeps = keeps and not (fresh and space.zero[lane, e] != 0.0)
                     quiet = quiet and keeps
-                    spare.seen[lane, e] = 1.0 if quiet or (followed > 0 and keeps) else spare.seen[lane, e]
-                    spare.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
+                    space.seen[lane, e] = 1.0 if quiet or (followed > 0 and keeps) else space.seen[lane, e]
+                    space.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
                 if not quiet and followed > 0:
-                    follow(spare, lane, states, old + held + n * (degree + 1), h)
-                    plainly = plain(spare, lane, fresh)
-                    quiet = plainly and calm(spare, lane, now, h, fresh)
+                    follow(space, lane, states, old + held + n * (degree + 1), h)
+                    plainly = plain(space, lane, fresh)
+                    quiet = plainly and calm(space, lane, now, h, fresh)
                 if not quiet:
-                    _follow(spare.series, lane, states, old + held, scale, old)
-                    found, theta = scan(watch, spare, lane, many, one, now, h, fresh, plainly, happened, i)
+                    _follow(space.series, lane, states, old + held, scale, old)
+                    found, theta = scan(events, space, lane, many, one, now, h, fresh, plainly, happened, i)
                 fresh_of[lane] = 0
                 ready = not quiet
-                for e in range(watch.kinds.size):
-                    decided, total = advance(watch.kinds[e], totals[i, e], spare.quick, e, lane, h)
+                for e in range(events.kinds.size):
+                    decided, total = advance(events.kinds[e], totals[i, e], space.quick, e, lane, h)
                     if found != NOTHING or not decided:
                         if not ready:
-                            _follow(spare.series, lane, states, old + held, scale, old)
+                            _follow(space.series, lane, states, old + held, scale, old)
                         ready = True
-                        total = accumulate(watch, spare, many, one, now, h, theta, e, watch.kinds[e], totals[i, e])
+                        total = accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[i, e])
                     totals[i, e] = total
                 if quiet:
                     continue
@@ -390,24 +360,24 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     if status[lane] != _SUCCESS:
                         continue
                     for m in range(n):
-                        spare.one_point[0, m] = states[old + m, lane]
+                        space.one_point[0, m] = states[old + m, lane]
                     end, forward = end_of[lane], direction[lane]
-                    if not zeros_at_end(watch, spare, lane, end, forward, one, happened, i):
+                    if not zeros_at_end(events, space, lane, end, forward, one, happened, i):
                         continue
                 elif theta < 1.0:
-                    state_at(spare, n, theta, 0)
+                    state_at(space, n, theta, 0)
                     time[lane] = now + theta * h
                     for m in range(n):
-                        states[old + m, lane] = spare.one_point[0, m]
+                        states[old + m, lane] = space.one_point[0, m]
                     if projected:
                         for other in range(lanes):
-                            whole[LONE, other] = WANTED if other == lane else NONE
-                        correct(position, velocity, clock, states, old, constants, room.delta, whole, LONE)
-                        if whole[LONE, lane] == FAILED:
+                            numbers.lone[other] = WANTED if other == lane else NONE
+                        correct(position, velocity, clock, states, old, constants, lane_state.delta, numbers.lone)
+                        if numbers.lone[lane] == FAILED:
                             status[lane] = _PROJECTION_FAILED
                             continue
                 for m in range(n):
-                    spare.one_point[0, m] = states[old + m, lane]
+                    space.one_point[0, m] = states[old + m, lane]
                 t, forward = time[lane], direction[lane]
                 sampled = sampled_of[lane]
                 while sampled > 0 and (t_eval[sampled - 1] - t) * forward >= 0.0:
@@ -421,9 +391,9 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                     status[lane] = _EVENT_NON_FINITE
                     continue
                 span = abs(end_of[lane] - first_of[lane])
-                outcome = resolve(watch, spare, lane, n, t, forward, span, one, happened, i, theta)
+                outcome = resolve(events, space, lane, n, t, forward, span, one, happened, i, theta)
                 for m in range(n):
-                    states[old + m, lane] = spare.one_point[0, m]
+                    states[old + m, lane] = space.one_point[0, m]
                 if outcome >= 0:
                     status[lane] = outcome
                     continue
@@ -434,18 +404,18 @@ def sweeping(watched: bool, projected: bool) -> Callable[..., None]:
                 if status[lane] != RUNNING:
                     continue
                 fresh_of[lane] = 1
-                begin_signs(watch, spare, lane, t, forward, one)
+                begin_signs(events, space, lane, t, forward, one)
                 if memory > 0:
-                    spare.setting[0, 0], spare.setting[0, 1] = min(largest, rest), forward
+                    space.setting[0, 0], space.setting[0, 1] = min(largest, rest), forward
                     for m in range(2, limits.shape[1]):
-                        spare.setting[0, m] = limits[0, m]
-                    at, first = row(spare.one_clock, 0), row(spare.one_point, 0)
-                    spare.one_clock[0, 0] = t
-                    call_code(watch.refill, at, first, one, row(spare.setting, 0), row(spare.one_out, 0))
+                        space.setting[0, m] = limits[0, m]
+                    at, first = row(space.one_clock, 0), row(space.one_point, 0)
+                    space.one_clock[0, 0] = t
+                    call_code(events.refill, at, first, one, row(space.setting, 0), row(space.one_out, 0))
                     for m in range(held):
-                        states[old + m, lane] = spare.one_out[0, m]
+                        states[old + m, lane] = space.one_out[0, m]
 
-    return bare(loop)
+    return compiled_subset(loop)
 
 
-LOOP, KINDS = sweeping(watched=False, projected=False), kinds(watched=False)
+LOOP = sweeping(watched=False, projected=False)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .compiled_subset import bare
+from .compiled_subset import compiled_subset
 
 __all__ = ["factor", "factor_pair", "solve", "solve_pair"]
 
 
-@bare
+@compiled_subset
 def factor(a: FloatArray, pivots: NDArray[np.int64]) -> bool:
     """Factor ``a`` (n, n) in place with partial pivoting; return whether it is finite and regular."""
     n = a.shape[0]
@@ -43,7 +43,7 @@ def factor(a: FloatArray, pivots: NDArray[np.int64]) -> bool:
     return True
 
 
-@bare
+@compiled_subset
 def solve(a: FloatArray, pivots: NDArray[np.int64], b: FloatArray) -> None:
     """Solve for ``b`` (n,) in place, ``a`` and ``pivots`` being what `factor` left."""
     n = a.shape[0]
@@ -62,7 +62,7 @@ def solve(a: FloatArray, pivots: NDArray[np.int64], b: FloatArray) -> None:
         b[k] = value / a[k, k]
 
 
-@bare
+@compiled_subset
 def _inverse(x: float, y: float) -> tuple[float, float]:
     """Return 1 / (x + i y), whose square may be out of range (R. L. Smith, Communications of the ACM 5 (1962) 435)."""
     if abs(x) >= abs(y):
@@ -74,7 +74,7 @@ def _inverse(x: float, y: float) -> tuple[float, float]:
     return ratio / below, -1.0 / below
 
 
-@bare
+@compiled_subset
 def factor_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64]) -> bool:
     """Factor ``re + i im`` (n, n) as `factor` does."""
     n = re.shape[0]
@@ -105,7 +105,7 @@ def factor_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64]) -> bo
     return True
 
 
-@bare
+@compiled_subset
 def solve_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64], a: FloatArray, b: FloatArray) -> None:
     """Solve for ``a + i b`` (n,) in place, the rest being what `factor_pair` left."""
     n = re.shape[0]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from .compiled_subset import bare
-from .phase_tables import APART, ATTEMPT, ATTEMPTS, FIRST_ATTEMPT, HELD, KNOWN, Bench, Fleet, Plan
+from .compiled_subset import compiled_subset
+from .phase_tables import Bench, Fleet, Plan
 
 __all__ = ["NOISE", "REGULAR", "ROUNDING", "chosen", "go_on", "pose"]
 
@@ -19,7 +19,7 @@ REGULAR = 1e-6
 """Share of its diagonal entry that a pivot must have, so that a decision by kernels is trusted."""
 
 
-@bare
+@compiled_subset
 def pose(plan: Plan, fleet: Fleet, bench: Bench, rule: int, i: int, lane: int) -> None:
     """Write the directions of a case, those of its slip velocities where it has any, and its sides behind its state."""
     n, k = fleet.x.shape[1], fleet.sides.shape[1]
@@ -30,40 +30,40 @@ def pose(plan: Plan, fleet: Fleet, bench: Bench, rule: int, i: int, lane: int) -
         if slip < 0.0:
             way = -1.0
         bench.posed[n + m, lane] = way
-        bench.posed[n + k + m, lane] = fleet.sides[i, m] if plan.rules[rule, KNOWN] != 0 else 1.0
+        bench.posed[n + k + m, lane] = fleet.sides[i, m] if plan.rules.known[rule] != 0 else 1.0
 
 
-@bare
+@compiled_subset
 def chosen(plan: Plan, bench: Bench, rule: int, lane: int) -> int:
     """Return the first attempt of a rule that contradicts nothing, -1 where that is not sure."""
-    first, verdict = plan.rules[rule, FIRST_ATTEMPT], bench.verdict
+    first, verdict = plan.rules.first_attempt[rule], bench.verdict
     strict, loose, clear, torn = -1, -1, 0, False
-    for a in range(plan.rules[rule, ATTEMPTS]):
+    for a in range(plan.rules.attempts[rule]):
         margin = verdict[2 + a, lane]
         if strict < 0 and margin >= 0.0:
             strict = a
         if loose < 0 and margin >= -ROUNDING:
             loose = a
         if margin > ROUNDING:
-            torn = torn or clear & plan.attempts[first + a, APART] != 0
+            torn = torn or clear & plan.attempts.apart[first + a] != 0
             clear += 1 << a
     if torn or not math.isfinite(verdict[1, lane]) or not verdict[0, lane] >= REGULAR:
         return -1
-    if strict < 0 and plan.rules[rule, KNOWN] != 0:
+    if strict < 0 and plan.rules.known[rule] != 0:
         return -1
     best = strict if strict >= 0 else loose
     return first + best if best >= 0 else -1
 
 
-@bare
+@compiled_subset
 def go_on(plan: Plan, fleet: Fleet, bench: Bench, attempt: int, i: int, lane: int) -> None:
     """Give a case the rates, directions and sides of an attempt."""
-    n, k, held = fleet.x.shape[1], fleet.sides.shape[1], plan.attempts[attempt, HELD]
+    n, k, held = fleet.x.shape[1], fleet.sides.shape[1], plan.attempts.held[attempt]
     if held > 0:
         for m in range(n // 2):
             fleet.x[i, n // 2 + m] = bench.verdict[held + m, lane]
     for m in range(k):
-        way, side = plan.attempts[attempt, ATTEMPT + m], plan.attempts[attempt, ATTEMPT + k + m]
+        way, side = plan.attempts.ways[attempt, m], plan.attempts.sides[attempt, m]
         fleet.directions[i, 2 * m] = bench.posed[n + m, lane]
         if way != 0:
             fleet.directions[i, 2 * m] = float(way)

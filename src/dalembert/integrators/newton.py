@@ -8,16 +8,14 @@ step is one real and one complex system with the matrices REAL/h E - J and COMPL
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.collocation import COMPLEX, FROM_MODES, NODES, REAL, TO_MODES
-from .compiled_subset import bare, call_code, row
-from .kinds import INTEGERS, MATRIX, VECTOR, Group
+from .arguments import IntVector, Matrix, Vector
+from .compiled_subset import call_code, compiled_subset, row, sqrt, square
 from .lu import factor, factor_pair, solve, solve_pair
 from .packed_tableaus import POINT
 from .recorded_runs import Run, evaluate
@@ -28,18 +26,17 @@ __all__ = [
     "DIVERGED",
     "ERROR",
     "MAX_ITERATIONS",
-    "ROOM",
     "ROWS",
     "SCALE",
     "SLOPE",
+    "NewtonWorkspace",
     "P",
-    "Room",
     "Z",
     "evaluate_jacobian",
     "factor_matrices",
     "newton",
+    "newton_workspace",
     "predict",
-    "room",
 ]
 
 # Rows of the working array behind those of ``packing``: slope at the start, error, scale, increments, slopes at the
@@ -53,37 +50,34 @@ CONVERGED, DIVERGED, BROKEN = 0, 1, 2
 _A, _B = COMPLEX.real, -COMPLEX.imag
 
 
-class Room(NamedTuple):
+class NewtonWorkspace(NamedTuple):
     """Matrices for the Newton systems of n unknowns: the Jacobian, both factored matrices, pivots, and vectors.
 
     ``wide`` (2, max(n*n, 2*n)) holds what a kernel of the Jacobian reads and writes; ``re`` and ``im`` are the parts of
     the complex matrix, as ``second`` and ``third`` are those of its vector.
     """
 
-    j: FloatArray
-    wide: FloatArray
-    real: FloatArray
-    re: FloatArray
-    im: FloatArray
-    real_pivots: NDArray[np.int64]
-    pair_pivots: NDArray[np.int64]
-    first: FloatArray
-    second: FloatArray
-    third: FloatArray
+    j: Matrix
+    wide: Matrix
+    real: Matrix
+    re: Matrix
+    im: Matrix
+    real_pivots: IntVector
+    pair_pivots: IntVector
+    first: Vector
+    second: Vector
+    third: Vector
 
 
-ROOM = Group((*(MATRIX,) * 5, INTEGERS, INTEGERS, *(VECTOR,) * 3), Room._fields)
-
-
-def room(n: int) -> Room:
-    """Return room for n unknowns."""
+def newton_workspace(n: int) -> NewtonWorkspace:
+    """Return the arrays for n unknowns."""
     j, real, re, im = (np.zeros((n, n)) for _ in range(4))
     first, second, third = (np.zeros(n) for _ in range(3))
     pivots = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    return Room(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third)
+    return NewtonWorkspace(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third)
 
 
-@bare
+@compiled_subset
 def _power(x: float, k: int) -> float:
     result = 1.0
     for _ in range(k):
@@ -91,10 +85,10 @@ def _power(x: float, k: int) -> float:
     return result
 
 
-@bare
-def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, room: Room) -> None:
+@compiled_subset
+def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, space: NewtonWorkspace) -> None:
     """Write the Jacobian at ``work[y]`` into ``j``: at once, or column by column where it is too long for that."""
-    j, wide, n = room.j, room.wide, run.work.shape[1]
+    j, wide, n = space.j, space.wide, run.work.shape[1]
     run.clock[0, 0] = t
     clock, point, c, out = row(run.clock, 0), row(wide, 0), row(run.constants, 0), row(wide, 1)
     for m in range(n):
@@ -115,22 +109,22 @@ def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, r
             j[m, k] = wide[1, m]
 
 
-@bare
-def factor_matrices(h: float, differential: int, room: Room) -> bool:
+@compiled_subset
+def factor_matrices(h: float, differential: int, space: NewtonWorkspace) -> bool:
     """Factor the two matrices of the Newton steps; return whether both are regular."""
-    n = room.j.shape[0]
+    n = space.j.shape[0]
     for m in range(n):
         for k in range(n):
-            room.real[m, k] = room.re[m, k] = -room.j[m, k]
-            room.im[m, k] = 0.0
+            space.real[m, k] = space.re[m, k] = -space.j[m, k]
+            space.im[m, k] = 0.0
         if m < differential:
-            room.real[m, m] += REAL / h
-            room.re[m, m] += _A / h
-            room.im[m, m] -= _B / h
-    return factor(room.real, room.real_pivots) and factor_pair(room.re, room.im, room.pair_pivots)
+            space.real[m, m] += REAL / h
+            space.re[m, m] += _A / h
+            space.im[m, m] -= _B / h
+    return factor(space.real, space.real_pivots) and factor_pair(space.re, space.im, space.pair_pivots)
 
 
-@bare
+@compiled_subset
 def predict(work: FloatArray, ratio: float) -> None:
     """Start the iteration from the last step's polynomial, continued; ``ratio`` is h over the last h, 0 for none."""
     for m in range(work.shape[1]):
@@ -147,7 +141,7 @@ def predict(work: FloatArray, ratio: float) -> None:
             work[W + i, m] = value
 
 
-@bare
+@compiled_subset
 def newton(
     rhs: int,
     t: float,
@@ -155,7 +149,7 @@ def newton(
     differential: int,
     run: Run,
     y: int,
-    room: Room,
+    space: NewtonWorkspace,
     tolerance: float,
     known_rate: float,
 ) -> tuple[int, int, float]:
@@ -164,7 +158,7 @@ def newton(
     ``tolerance`` is in units of ``work[SCALE]``; ``known_rate`` is rate/(1 - rate) of the last step, from which the
     first correction is judged.
     """
-    work, first, second, third = run.work, room.first, room.second, room.third
+    work, first, second, third = run.work, space.first, space.second, space.third
     n = work.shape[1]
     rate, before, factor_ = 0.0, 0.0, known_rate
     # With multipliers every other iteration gains little: they follow what the one before has done to the state.
@@ -189,27 +183,27 @@ def newton(
             first[m], second[m], third[m] = a, b, c
         if finite != 0.0:
             return BROKEN, iteration + 1, rate
-        solve(room.real, room.real_pivots, first)
-        solve_pair(room.re, room.im, room.pair_pivots, second, third)
+        solve(space.real, space.real_pivots, first)
+        solve_pair(space.re, space.im, space.pair_pivots, second, third)
         total = 0.0
         for m in range(n):
             work[W, m] += first[m]
             work[W + 1, m] += second[m]
             work[W + 2, m] += third[m]
             weight = 1.0 / work[SCALE, m]
-            total += (first[m] * weight) ** 2 + (second[m] * weight) ** 2 + (third[m] * weight) ** 2
+            total += square(first[m] * weight) + square(second[m] * weight) + square(third[m] * weight)
             for i in range(3):
                 work[Z + i, m] = (
                     FROM_MODES[i, 0] * work[W, m]
                     + FROM_MODES[i, 1] * work[W + 1, m]
                     + FROM_MODES[i, 2] * work[W + 2, m]
                 )
-        size = math.sqrt(total / (3 * n))
+        size = sqrt(total / (3 * n))
         if not size < np.inf:
             return BROKEN, iteration + 1, rate
         if iteration > 0:
             quotient = size / before if before > 0.0 else 0.0
-            rate = quotient if iteration == 1 else math.sqrt(quotient * rate)
+            rate = quotient if iteration == 1 else sqrt(quotient * rate)
             if rate >= 0.99:
                 return DIVERGED, iteration + 1, rate
             factor_ = rate / (1.0 - rate)

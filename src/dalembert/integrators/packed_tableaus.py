@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import FloatArray
 from ..methods.tableau import Tableau
 from ..once import once
-from .kinds import FLAG, INTEGER, INTEGERS, NUMBER, VECTOR, Group
+from .arguments import IntVector, Vector
 
-__all__ = ["DELTA", "PACKED_TABLEAU", "POINT", "STAGES", "PackedTableau", "pack"]
+__all__ = ["DELTA", "POINT", "STAGES", "PackedTableau", "packed_tableau"]
 
 # Rows of the working array: two that hold the ends of a step in turn, two for scratch, and the stages.
 POINT, DELTA, STAGES = 2, 3, 4
@@ -33,17 +31,14 @@ class PackedTableau(NamedTuple):
     degree: int
     fsal: bool
     exponent: float
-    nodes: FloatArray
-    starts: NDArray[np.int64]
-    stages: NDArray[np.int64]
-    weights: FloatArray
-
-
-PACKED_TABLEAU = Group((INTEGER,) * 4 + (FLAG, NUMBER, VECTOR, INTEGERS, INTEGERS, VECTOR), PackedTableau._fields)
+    nodes: Vector
+    starts: IntVector
+    stages: IntVector
+    weights: Vector
 
 
 @once
-def pack(tableau: Tableau) -> PackedTableau:
+def packed_tableau(tableau: Tableau) -> PackedTableau:
     """Flatten a tableau."""
     error = np.zeros((2, tableau.n_total))
     error[: len(tableau.error)] = tableau.error

@@ -1,102 +1,113 @@
-"""What the loop over phases works with: the cases of a sweep, what is known of their modes, and room of a thread."""
+"""Tables of the loop over phases: the cases of a sweep, what is known of their modes, and arrays of a thread."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import FloatArray
-from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
+from .arguments import Address, IntMatrix, IntVector, Matrix, Vector
 
 __all__ = [
-    "APART",
-    "ATTEMPT",
-    "ATTEMPTS",
-    "ATTEMPT_MODE",
-    "ATTEMPT_STATION",
-    "BENCH",
-    "CAUSE",
-    "CODE",
-    "EVENTS",
-    "EXPAND",
-    "FIRED",
-    "FIRST_ATTEMPT",
-    "FLEET",
-    "HELD",
-    "KNOWN",
-    "MODE",
-    "NEXT",
     "NOTHING_FIRED",
-    "PARADOX",
-    "PARAMETERS",
-    "PHASES",
-    "PLAIN",
-    "PLAN",
-    "RULE_CAUSE",
-    "RULE_FIRED",
-    "RULE_SLIDING",
-    "RULE_STATION",
-    "SIZE",
-    "SOON",
-    "STATE",
-    "STATION",
-    "STEPS",
-    "WHOLE",
-    "WORDS",
+    "AttemptTable",
     "Bench",
+    "CaseNumbers",
     "Fleet",
     "Plan",
+    "RuleTable",
+    "StationTable",
+    "case_numbers",
 ]
 
-STATE, MODE, CAUSE, STATION, FIRED, PHASES, STEPS, SOON, NEXT, WHOLE = range(10)
-"""Rows of ``Fleet.whole``, and how many there are.
-
-The status, the mode and why it began, the station (-1: none), what ended the last phase while that is not decided
-(`NOTHING_FIRED` otherwise), how many phases others have followed, steps, phases in a row that ended too soon, the next
-sample.
-"""
-
 NOTHING_FIRED = -1
+"""Value of `CaseNumbers.fired` where nothing waits for a decision."""
 
-SIZE, EVENTS, PARAMETERS, EXPAND, PLAIN, PARADOX, WORDS = range(7)
-"""Columns of ``Plan.stations``.
 
-Sizes of the state, of the events and of the parameters, the code that gives coordinates and rates, the station of
-motions that nothing has ended, and the events, as bits, with which the reactions are no longer determined.
-"""
+class CaseNumbers(NamedTuple):
+    """Integers of the cases.
 
-RULE_STATION, RULE_FIRED, RULE_SLIDING, CODE, ATTEMPTS, FIRST_ATTEMPT, KNOWN, RULE_CAUSE = range(8)
-"""Columns of ``Plan.rules``.
+    The status, the mode and why it began, the station (-1: none), what ended the last phase while that is not decided
+    (`NOTHING_FIRED` otherwise), how many phases others have followed, steps, phases in a row that ended too soon, the
+    next sample.
+    """
 
-From a station, with these points fired and these contacts sliding, as bits, the code of a verdict decides between so
-many attempts from the first on; whether sides are those just before; and the number of the cause.
-"""
+    state: IntVector
+    mode: IntVector
+    cause: IntVector
+    station: IntVector
+    fired: IntVector
+    phases: IntVector
+    steps: IntVector
+    soon: IntVector
+    next: IntVector
 
-ATTEMPT_MODE, ATTEMPT_STATION, HELD, APART, ATTEMPT = range(5)
-"""Columns of ``Plan.attempts``.
 
-Mode, station, where the verdict has its rates (0: nowhere), the attempts before that it must not hold with, as bits.
-Behind them are the ways and the sides of the contacts.
-"""
+def case_numbers(count: int) -> CaseNumbers:
+    """Return zeros for so many cases."""
+    return CaseNumbers(*np.zeros((len(CaseNumbers._fields), count), np.int64))
+
+
+class StationTable(NamedTuple):
+    """Sizes of the state, of the events and of the parameters of each station, and code.
+
+    The code gives coordinates and rates; ``plain`` is the station of motions that nothing has ended, ``paradox`` the
+    events, as bits, with which the reactions are no longer determined.
+    """
+
+    size: IntVector
+    events: IntVector
+    parameters: IntVector
+    expand: IntVector
+    plain: IntVector
+    paradox: IntVector
+
+
+class RuleTable(NamedTuple):
+    """How cases go on.
+
+    From a station, with these points fired and these contacts sliding, as bits, the code of a verdict decides between
+    so many attempts from the first on; whether sides are those just before; and the number of the cause.
+    """
+
+    station: IntVector
+    fired: IntVector
+    sliding: IntVector
+    code: IntVector
+    attempts: IntVector
+    first_attempt: IntVector
+    known: IntVector
+    cause: IntVector
+
+
+class AttemptTable(NamedTuple):
+    """Mode, station, where the verdict has its rates (0: nowhere), the attempts that it must not hold with, as bits.
+
+    ``ways`` and ``sides`` (n_attempts, n_contacts) are those of the contacts.
+    """
+
+    mode: IntVector
+    station: IntVector
+    held: IntVector
+    apart: IntVector
+    ways: IntMatrix
+    sides: IntMatrix
 
 
 class Plan(NamedTuple):
     """What is known of the modes.
 
     ``slips`` is the code of the slip velocities; ``columns`` (n_stations, n) says in which row of ``Bench.gathered``
-    each parameter of a station is. ``count_at`` is the place of the number of cases among the words of a station. Of
-    the events, those that were asked for come first; ``terminal`` is 1 for those that end a case.
+    each parameter of a station is. Of the events, those that were asked for come first; ``terminal`` is 1 for those
+    that end a case.
     """
 
-    slips: int
-    count_at: int
-    stations: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    rules: NDArray[np.int64]
-    attempts: NDArray[np.int64]
-    terminal: NDArray[np.int64]
+    slips: Address
+    stations: StationTable
+    columns: IntMatrix
+    rules: RuleTable
+    attempts: AttemptTable
+    terminal: IntVector
 
 
 class Fleet(NamedTuple):
@@ -108,80 +119,49 @@ class Fleet(NamedTuple):
     coordinates and rates. A full log ends the work.
     """
 
-    t: FloatArray
-    t1: FloatArray
-    span: FloatArray
-    passed: FloatArray
-    x: FloatArray
-    p: FloatArray
-    directions: FloatArray
-    sides: FloatArray
-    speeds: FloatArray
-    whole: NDArray[np.int64]
-    occurred: FloatArray
-    order: NDArray[np.int64]
-    turn: NDArray[np.int64]
-    t_eval: FloatArray
-    sampled_t: FloatArray
-    sampled_x: FloatArray
-    sampled_mode: NDArray[np.int64]
-    sampled_directions: FloatArray
-    sampled_sides: FloatArray
-    log: FloatArray
+    t: Vector
+    t1: Vector
+    span: Vector
+    passed: Vector
+    x: Matrix
+    p: Matrix
+    directions: Matrix
+    sides: Matrix
+    speeds: Matrix
+    numbers: CaseNumbers
+    occurred: Matrix
+    order: IntVector
+    turn: IntVector
+    t_eval: Vector
+    sampled_t: Vector
+    sampled_x: Matrix
+    sampled_mode: IntVector
+    sampled_directions: Matrix
+    sampled_sides: Matrix
+    log: Matrix
 
 
 class Bench(NamedTuple):
     """Room of one thread, for so many cases at a time as ``gathered`` has columns.
 
     Its rows are start, end, parameters, directions, sides, coordinates and rates. ``entries`` are the loops over lanes
-    of the stations, ``addresses`` those of the words for which they are called, which are rows of ``words``; their
-    results are in ``y``, ``ends`` and ``happened``. The rest has one column a lane.
+    of the stations, rows of ``packed_args`` their arguments; their results are in ``y``, ``ends`` and ``happened``. The
+    rest has one column a lane.
     """
 
-    gathered: FloatArray
-    words: NDArray[np.int64]
-    entries: NDArray[np.int64]
-    addresses: NDArray[np.int64]
-    turns: NDArray[np.int64]
-    y: FloatArray
-    ends: FloatArray
-    happened: FloatArray
-    chosen: NDArray[np.int64]
-    rules: NDArray[np.int64]
-    clock: FloatArray
-    states: FloatArray
-    constants: FloatArray
-    scene: FloatArray
-    posed: FloatArray
-    slips: FloatArray
-    verdict: FloatArray
-
-
-PLAN = Group((*(INTEGER,) * 2, *(INTEGER_MATRIX,) * 4, INTEGERS), Plan._fields)
-FLEET = Group(
-    (
-        *(VECTOR,) * 4,
-        *(MATRIX,) * 5,
-        INTEGER_MATRIX,
-        MATRIX,
-        *(INTEGERS,) * 2,
-        *(VECTOR,) * 2,
-        MATRIX,
-        INTEGERS,
-        *(MATRIX,) * 3,
-    ),
-    Fleet._fields,
-)
-BENCH = Group(
-    (
-        MATRIX,
-        INTEGER_MATRIX,
-        *(INTEGERS,) * 3,
-        VECTOR,
-        MATRIX,
-        VECTOR,
-        *(INTEGERS,) * 2,
-        *(MATRIX,) * 7,
-    ),
-    Bench._fields,
-)
+    gathered: Matrix
+    packed_args: IntMatrix
+    entries: IntVector
+    turns: IntVector
+    y: Vector
+    ends: Matrix
+    happened: Vector
+    chosen: IntVector
+    rules: IntVector
+    clock: Matrix
+    states: Matrix
+    constants: Matrix
+    scene: Matrix
+    posed: Matrix
+    slips: Matrix
+    verdict: Matrix

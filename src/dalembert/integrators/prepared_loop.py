@@ -6,71 +6,104 @@ remembers nothing; an attempt of a Runge-Kutta step may be rejected, and what it
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from ..arrays import FloatArray
 from ..methods.status import Status
 from ..methods.step_constants import REDUCTION_BLIND
-from .compiled_subset import bare, call_code, row
-from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
+from .arguments import Address, IntVector, Matrix, Record
+from .compiled_subset import call_code, compiled_subset, row
 from .projection import corrected
 
-__all__ = ["KINDS", "LOOP"]
+__all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress"]
 
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
-KINDS = (
-    Group((INTEGER,) * 5),
-    Group((INTEGER,) * 5),
-    VECTOR,
-    *(MATRIX,) * 6,
-    INTEGER_MATRIX,
-    INTEGERS,
-)
 
+class PreparedKernels(NamedTuple):
+    """Addresses of what the loop calls, 0 for what there is not.
 
-@bare
-def LOOP(
-    codes: tuple[int, int, int, int, int],
-    shape: tuple[int, int, int, int, int],
-    span: FloatArray,
-    p: FloatArray,
-    c: FloatArray,
-    settings: FloatArray,
-    clock: FloatArray,
-    states: FloatArray,
-    delta: FloatArray,
-    mark: NDArray[np.int64],
-    outcome: NDArray[np.int64],
-) -> int:
-    """Run from the state in row 0 of ``states`` (2, rows); the last state is left there. Return the status.
-
-    Parameters
-    ----------
-    codes : addresses
-        Constants from parameters, the step, what fills in its memory before the first step, and the projections; 0 for
-        what there is not.
-    shape : (int, int, int, int, int)
-        Number of components of the state, of what a step remembers, and of attempts allowed; whether a run goes on
-        that has paused; attempts after which it pauses, with the status -1.
-    span : (4,)
-        Start, end and largest step [s]; gets the time where the run pauses.
-    p, c, settings, clock, delta, mark : (1, n_p), (1, n_c), (1, ...), (1, 1), (n_y, 1), (1, 1)
-        Parameters, and room for what is computed; ``settings`` holds the direction and what a step reads behind it.
-    outcome : (3,) int64
-        Gets the numbers of steps and attempts, and the row of the state.
+    Constants from parameters, the step, what fills in its memory before the first step, and the projections.
     """
-    prepare, step, start, position, velocity = codes
-    n, memory, budget, going, patience = shape
-    t, t1, largest, direction = span[0], span[1], span[2], settings[0, 1]
+
+    prepare: Address
+    step: Address
+    start: Address
+    position: Address
+    velocity: Address
+
+
+class PreparedLimits(NamedTuple):
+    """Start, end and largest step [s], and numbers of attempts.
+
+    After ``attempts`` the run ends; after ``patience`` of them it pauses, with the status -1. ``going`` says whether it
+    continues one that has paused.
+    """
+
+    t0: float
+    t1: float
+    largest: float
+    attempts: int
+    patience: int
+    going: bool
+
+
+class PreparedProgress(Record):
+    """Where a run pauses: the time, the number of steps and attempts, and the row of the state."""
+
+    t: float
+    steps: int
+    attempts: int
+    row: int
+
+
+class PreparedArguments(NamedTuple):
+    """Arguments of the loop.
+
+    Attributes
+    ----------
+    n, memory : int
+        Number of components of the state, and of what a step remembers.
+    p, c : (1, n_p), (1, n_c)
+        Parameters; gets the constants.
+    settings : (1, ...)
+        Gets the largest step; the direction of time, and what else a step reads.
+    clock, delta, mark : (1, 1), (n_y, 1), (1,)
+        Are overwritten.
+    states : (2, ...)
+        The first row begins with the state, and gets the last one.
+    """
+
+    kernels: PreparedKernels
+    limits: PreparedLimits
+    n: int
+    memory: int
+    p: Matrix
+    c: Matrix
+    settings: Matrix
+    clock: Matrix
+    states: Matrix
+    delta: Matrix
+    mark: IntVector
+    progress: PreparedProgress
+
+
+@compiled_subset
+def LOOP(arguments: PreparedArguments) -> int:
+    """Run from the first row of the states, where the last state is left; return the status."""
+    kernels, limits, progress = arguments.kernels, arguments.limits, arguments.progress
+    prepare, step, start = kernels.prepare, kernels.step, kernels.start
+    position, velocity = kernels.position, kernels.velocity
+    n, memory, budget = arguments.n, arguments.memory, limits.attempts
+    p, c, settings, clock = arguments.p, arguments.c, arguments.settings, arguments.clock
+    states, delta, mark = arguments.states, arguments.delta, arguments.mark
+    t, t1, largest, direction = limits.t0, limits.t1, limits.largest, settings[0, 1]
     old = steps = attempts = 0
     status = -1
-    if going != 0:
-        t, steps, attempts, old = span[3], outcome[0], outcome[1], outcome[2]
+    if limits.going:
+        t, steps, attempts, old = progress.t, progress.steps, progress.attempts, progress.row
     else:
         call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
         states[0, n] = 0.0
@@ -80,13 +113,13 @@ def LOOP(
             clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
             call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
             old = 1
-    limit = min(budget, attempts + patience)
+    limit = min(budget, attempts + limits.patience)
     while status < 0:
         if attempts == limit:
             if attempts == budget:
                 status = _MAX_STEPS
                 break
-            span[3], outcome[0], outcome[1], outcome[2] = t, steps, attempts, old
+            progress.t, progress.steps, progress.attempts, progress.row = t, steps, attempts, old
             return -1
         attempts += 1
         new, rest = 1 - old, abs(t1 - t)
@@ -123,5 +156,5 @@ def LOOP(
     if old == 1:
         for m in range(n):
             states[0, m] = states[1, m]
-    outcome[0] = steps
+    progress.steps = steps
     return status

@@ -1,7 +1,7 @@
 """The loop of `dalembert.integrators.lane_loop` with projections."""
 
-from .lane_loop import kinds, sweeping
+from .lane_loop import sweeping
 
-__all__ = ["KINDS", "LOOP"]
+__all__ = ["LOOP"]
 
-LOOP, KINDS = sweeping(watched=False, projected=True), kinds(watched=False)
+LOOP = sweeping(watched=False, projected=True)

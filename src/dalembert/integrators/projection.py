@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.step_constants import BRANCH, SLOW
-from .compiled_subset import bare, call_code, flat, row
+from .compiled_subset import call_code, compiled_subset, flat, row
 
 __all__ = ["FAILED", "NONE", "WANTED", "correct", "corrected"]
 
@@ -18,7 +18,7 @@ _QUADRATIC = 1e-8
 _LINEAR = 1e-4
 
 
-@bare
+@compiled_subset
 def correct(
     position: int,
     velocity: int,
@@ -27,18 +27,17 @@ def correct(
     first: int,
     constants: FloatArray,
     delta: FloatArray,
-    whole: NDArray[np.int64],
-    marks: int,
+    mark: NDArray[np.int64],
 ) -> None:
-    """Project the states of the lanes that a row of ``whole`` marks as wanted; those where that fails are marked so.
+    """Project the states of the lanes that are marked as wanted in ``mark`` (lanes,); where that fails is marked so.
 
-    ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is room.
+    ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is overwritten.
     """
     lanes = clock.shape[1]
     for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
         left = 0
         for lane in range(lanes):
-            left += 1 if whole[marks, lane] == WANTED else 0
+            left += 1 if mark[lane] == WANTED else 0
         if kernel == 0:
             left = 0
         for attempt in range(tries):
@@ -46,7 +45,7 @@ def correct(
                 break
             call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
             for lane in range(lanes):
-                if whole[marks, lane] != WANTED:
+                if mark[lane] != WANTED:
                     continue
                 change = finite = size = magnitude = 0.0
                 for m in range(delta.shape[0]):
@@ -57,17 +56,17 @@ def correct(
                     finite += 0.0 * delta[m, lane]
                 lost = attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
                 if lost or finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
-                    whole[marks, lane] = FAILED
+                    mark[lane] = FAILED
                     left -= 1
                 elif not change > _QUADRATIC:
-                    whole[marks, lane] = _SETTLED
+                    mark[lane] = _SETTLED
                     left -= 1
         for lane in range(lanes):
-            if whole[marks, lane] == _SETTLED:
-                whole[marks, lane] = WANTED
+            if mark[lane] == _SETTLED:
+                mark[lane] = WANTED
 
 
-@bare
+@compiled_subset
 def corrected(
     position: int,
     velocity: int,
@@ -80,8 +79,8 @@ def corrected(
 ) -> bool:
     """Project the state that begins a row of ``states``; return whether that came about.
 
-    ``clock`` (1, 1) holds its time; ``delta`` (n, 1) and ``mark`` (1, 1) are room.
+    ``clock`` (1, 1) holds its time; ``delta`` (n, 1) and ``mark`` (1,) are overwritten.
     """
-    mark[0, 0] = WANTED
-    correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark, 0)
-    return mark[0, 0] == WANTED
+    mark[0] = WANTED
+    correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark)
+    return mark[0] == WANTED

@@ -1,4 +1,4 @@
-"""What the loops of recorded runs share: settings, what they remember and record, and their calls from Python.
+"""Recorded runs: settings, progress, recording and sampling that their loops share, and their calls from Python.
 
 Compiled loops allocate nothing: a run fills a block of rows, returns where it is full, and is called again with others.
 """
@@ -9,38 +9,23 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..interrupts import check
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_SCALE, STRETCH
-from .compiled_subset import bare, call_code, row
-from .kinds import FLAG, INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, NUMBER, VECTOR, Group
+from .arguments import IntVector, Matrix, Record, Vector
+from .compiled_subset import call_code, compiled_subset, row
 from .packed_tableaus import POINT
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .projection import corrected
 from .step_control import smallest_step
-from .taylor_runs import RUNNING
+from .taylor_loop import RUNNING
 
 __all__ = [
-    "BEGUN",
-    "EVALUATIONS",
-    "FURTHER_COUNT",
-    "FURTHER_NUMBERS",
-    "LIMIT",
-    "PREVIOUS",
-    "RECORDED",
-    "REJECTED",
-    "RETRIED",
-    "ROW",
-    "RUN",
-    "SETTINGS",
-    "SIZE",
-    "STEPS",
+    "Progress",
     "Run",
     "Settings",
-    "T",
     "all_finite",
     "coming",
     "evaluate",
@@ -53,17 +38,6 @@ __all__ = [
     "solution",
 ]
 
-T, SIZE, PREVIOUS, FURTHER_NUMBERS = range(4)
-"""Places in ``Run.numbers``: time, size of the next step, the error before; behind them those of a loop alone."""
-
-ROW, STEPS, REJECTED, EVALUATIONS, RECORDED, RETRIED, BEGUN, LIMIT, FURTHER_COUNT = range(9)
-"""Places in ``Run.counts``.
-
-The row of the state, numbers of steps, refused steps, evaluations and recorded times, whether a step was refused, and
-the steps before and after the present block; behind them one of a loop alone.
-"""
-
-_NUMBERS, _COUNTS = FURTHER_NUMBERS + 5, FURTHER_COUNT + 1
 _SUCCESS, _PROJECTION_FAILED = int(Status.SUCCESS), int(Status.PROJECTION_FAILED)
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
@@ -88,7 +62,35 @@ class Settings(NamedTuple):
     watched: bool
 
 
-SETTINGS = Group((NUMBER,) * 6 + (INTEGER,) * 3 + (FLAG,) * 3, Settings._fields)
+class Progress(Record):
+    """How far a run has come.
+
+    Time, the size of the next step and the error of the last; the row of the state in the work; how many steps were
+    taken and refused, evaluations made and times recorded; whether the last step was refused; the steps before the
+    present block, and those after which it is full. What follows is kept by one loop alone: steps in a row at the
+    boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian is that of the present state, the
+    size of the last step, its inverse where its polynomial can be continued, the rate of convergence of its iteration,
+    what the first correction of the next is judged by, and the step that the matrices are factored for, 0 for none.
+    """
+
+    t: float
+    size: float
+    previous: float
+    row: int
+    steps: int
+    rejected: int
+    evaluations: int
+    recorded: int
+    retried: int
+    begun: int
+    limit: int
+    at_boundary: int
+    fresh: int
+    last_size: float
+    ratio: float
+    rate: float
+    known_rate: float
+    factored: float
 
 
 class Run(NamedTuple):
@@ -99,29 +101,25 @@ class Run(NamedTuple):
     block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are not kept.
     """
 
-    clock: FloatArray
-    constants: FloatArray
-    t_eval: FloatArray
-    work: FloatArray
-    delta: FloatArray
-    mark: NDArray[np.int64]
-    numbers: FloatArray
-    counts: NDArray[np.int64]
-    rows: FloatArray
-    pieces: FloatArray
+    clock: Matrix
+    constants: Matrix
+    t_eval: Vector
+    work: Matrix
+    delta: Matrix
+    mark: IntVector
+    progress: Progress
+    rows: Matrix
+    pieces: Matrix
 
 
-RUN = Group((MATRIX, MATRIX, VECTOR, MATRIX, MATRIX, INTEGER_MATRIX, VECTOR, INTEGERS, MATRIX, MATRIX), Run._fields)
-
-
-@bare
+@compiled_subset
 def evaluate(code: int, t: float, run: Run, y: int, out: int) -> None:
     """Call a kernel on one row of the work; another gets its outputs."""
     run.clock[0, 0] = t
     call_code(code, row(run.clock, 0), row(run.work, y), row(run.constants, 0), 0, row(run.work, out))
 
 
-@bare
+@compiled_subset
 def project(position: int, velocity: int, t: float, run: Run, y: int) -> bool:
     """Project a row of the work onto the constraints, if there are any; return whether that came about."""
     if position == 0 and velocity == 0:
@@ -130,7 +128,7 @@ def project(position: int, velocity: int, t: float, run: Run, y: int) -> bool:
     return corrected(position, velocity, run.clock, run.work, y, run.constants, run.delta, run.mark)
 
 
-@bare
+@compiled_subset
 def all_finite(work: FloatArray, first: int, second: int) -> bool:
     """Whether every entry of two rows is finite."""
     total = 0.0
@@ -139,57 +137,57 @@ def all_finite(work: FloatArray, first: int, second: int) -> bool:
     return total == 0.0
 
 
-@bare
-def coming(settings: Settings, numbers: FloatArray) -> tuple[float, float]:
+@compiled_subset
+def coming(settings: Settings, progress: Progress) -> tuple[float, float]:
     """Return the next step, with its sign, and where it ends."""
-    t, t1 = numbers[T], settings.t1
-    size = min(max(numbers[SIZE], smallest_step(t, abs(t1 - settings.t0))), settings.max_step)
-    numbers[SIZE] = size
+    t, t1 = progress.t, settings.t1
+    size = min(max(progress.size, smallest_step(t, abs(t1 - settings.t0))), settings.max_step)
+    progress.size = size
     if size * STRETCH >= abs(t1 - t):
         return t1 - t, t1
     h = size if t1 >= settings.t0 else -size
     return h, t + h
 
 
-@bare
+@compiled_subset
 def refused(settings: Settings, run: Run, size: float, failure: int) -> int:
     """Count a step that failed, to try a smaller one; return the failure where that is too small, else success."""
-    run.counts[REJECTED] += 1
-    run.counts[RETRIED] = 1
-    run.numbers[SIZE] = size
-    return failure if size < smallest_step(run.numbers[T], abs(settings.t1 - settings.t0)) else _SUCCESS
+    run.progress.rejected += 1
+    run.progress.retried = 1
+    run.progress.size = size
+    return failure if size < smallest_step(run.progress.t, abs(settings.t1 - settings.t0)) else _SUCCESS
 
 
-@bare
+@compiled_subset
 def pending(run: Run, t_new: float) -> bool:
     """Whether a time to record lies inside a step up to a time."""
-    k = run.counts[RECORDED]
-    return k < run.t_eval.size and (run.t_eval[k] - t_new) * (t_new - run.numbers[T]) < 0.0
+    k = run.progress.recorded
+    return k < run.t_eval.size and (run.t_eval[k] - t_new) * (t_new - run.progress.t) < 0.0
 
 
-@bare
+@compiled_subset
 def record(position: int, velocity: int, settings: Settings, run: Run, piece: int, y_new: int, t_new: float) -> int:
     """Take a step and record what is wanted of it, by its polynomial where that is `pending`; return the status."""
-    counts, t, status = run.counts, run.numbers[T], _SUCCESS
+    progress, t, status = run.progress, run.progress.t, _SUCCESS
     while pending(run, t_new):
-        at = run.t_eval[counts[RECORDED]]
+        at = run.t_eval[progress.recorded]
         _evaluate_polynomial(run, piece, settings.degree, (at - t) / (t_new - t), settings.kept)
         if not project(position, velocity, at, run, POINT):
             status = _PROJECTION_FAILED
             break
-        _store(run, counts[RECORDED], at, POINT)
-        counts[RECORDED] += 1
-    while counts[RECORDED] < run.t_eval.size and run.t_eval[counts[RECORDED]] == t_new:
-        _store(run, counts[RECORDED], t_new, y_new)
-        counts[RECORDED] += 1
+        _store(run, progress.recorded, at, POINT)
+        progress.recorded += 1
+    while progress.recorded < run.t_eval.size and run.t_eval[progress.recorded] == t_new:
+        _store(run, progress.recorded, t_new, y_new)
+        progress.recorded += 1
     if not settings.sampled:
-        _store(run, counts[STEPS] - counts[BEGUN], t_new, y_new)
-    counts[STEPS] += 1
-    counts[ROW], run.numbers[T] = y_new, t_new
+        _store(run, progress.steps - progress.begun, t_new, y_new)
+    progress.steps += 1
+    progress.row, run.progress.t = y_new, t_new
     return status
 
 
-@bare
+@compiled_subset
 def _evaluate_polynomial(run: Run, piece: int, degree: int, theta: float, n: int) -> None:
     """Evaluate a polynomial, lowest power first, by Horner's scheme, into ``work[POINT]``."""
     for m in range(n):
@@ -199,7 +197,7 @@ def _evaluate_polynomial(run: Run, piece: int, degree: int, theta: float, n: int
         run.work[POINT, m] = value
 
 
-@bare
+@compiled_subset
 def _store(run: Run, number: int, t: float, source: int) -> None:
     run.rows[number, 0] = t
     for m in range(run.rows.shape[1] - 1):
@@ -249,10 +247,10 @@ def follow(
     first = int(np.searchsorted(t_eval != settings.t0, True)) if len(t_eval) else 0
     samples = np.empty((max(len(t_eval), 1), 1 + n))
     samples[:first] = begin
-    numbers, counts = np.zeros(_NUMBERS), np.zeros(_COUNTS, np.int64)
-    numbers[T], numbers[SIZE], counts[RECORDED] = settings.t0, settings.first_step, first
+    progress = Progress()
+    progress.t, progress.size, progress.recorded = settings.t0, settings.first_step, first
     constants = np.array(problem.constants, dtype=np.float64).reshape(1, -1)
-    room = np.zeros((1, 1)), constants, t_eval, work, np.zeros((n, 1)), np.zeros((1, 1), np.int64), numbers, counts
+    same = np.zeros((1, 1)), constants, t_eval, work, np.zeros((n, 1)), np.zeros(1, np.int64), progress
     blocks, pieces = [begin.reshape(1, -1)], []
     bounded = settings.dense or not settings.sampled
     status, size = RUNNING, _FIRST_BLOCK
@@ -261,31 +259,31 @@ def follow(
         limit = size if bounded else settings.max_steps
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))
-        counts[BEGUN], counts[LIMIT] = counts[STEPS], counts[STEPS] + limit
-        status = loop(Run(*room, rows, piece))
-        count = int(counts[STEPS] - counts[BEGUN])
+        progress.begun, progress.limit = progress.steps, progress.steps + limit
+        status = loop(Run(*same, rows, piece))
+        count = progress.steps - progress.begun
         if not settings.sampled:
             blocks.append(rows[:count])
         if settings.dense:
             pieces.append(piece[:count])
         size = min(2 * size, _LARGEST_BLOCK)
-    recorded = samples[: counts[RECORDED]] if settings.sampled else np.concatenate(blocks)
-    return status, Run(*room, recorded, samples), pieces
+    recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
+    return status, Run(*same, recorded, samples), pieces
 
 
 def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[FloatArray]) -> Solution:
     """Return what `follow` found."""
-    counts = run.counts
+    progress = run.progress
     return Solution(
         status=Status(status),
         t=run.rows[:, 0].copy(),
         y=run.rows[:, 1:].copy(),
-        steps=int(counts[STEPS]),
-        rejected=int(counts[REJECTED]),
-        evaluations=int(counts[EVALUATIONS]),
+        steps=progress.steps,
+        rejected=progress.rejected,
+        evaluations=progress.evaluations,
         dense=_dense_output(problem, np.concatenate(pieces)) if problem.dense else None,
-        end=float(run.numbers[T]),
-        last=run.work[counts[ROW], : len(problem.y0)].copy(),
+        end=float(run.progress.t),
+        last=run.work[progress.row, : len(problem.y0)].copy(),
     )
 
 

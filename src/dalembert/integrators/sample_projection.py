@@ -2,50 +2,55 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from ..arrays import FloatArray
-from .compiled_subset import bare
-from .kinds import ARRAY_OF_FLAGS, INTEGER, INTEGER_MATRIX, MATRIX, VECTOR, Group
+from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
+from .compiled_subset import compiled_subset
 from .projection import NONE, WANTED, correct
 
-__all__ = ["KINDS", "LOOP"]
-
-KINDS = (
-    Group((INTEGER,) * 2),
-    *(MATRIX, VECTOR, ARRAY_OF_FLAGS, MATRIX),
-    *(MATRIX,) * 4,
-    INTEGER_MATRIX,
-)
+__all__ = ["LOOP", "SampleArguments"]
 
 
-@bare
-def LOOP(
-    codes: tuple[int, int],
-    c: FloatArray,
-    t_eval: FloatArray,
-    inside: NDArray[np.bool_],
-    samples: FloatArray,
-    clock: FloatArray,
-    states: FloatArray,
-    constants: FloatArray,
-    delta: FloatArray,
-    whole: NDArray[np.int64],
-) -> None:
-    """Correct those of ``samples`` (k, m * n_y) that are marked in ``inside`` (k, m); what fails stays as it is.
+class SampleArguments(NamedTuple):
+    """Arguments of the loop.
 
-    Parameters
+    Attributes
     ----------
-    codes : addresses
-        The projections of positions and velocities, 0 for none.
+    position, velocity : address
+        The projections, 0 for none.
     c : (k, n_c)
         Constants of the cases.
     t_eval : (m,)
         Times [s].
-    clock, states, constants, delta, whole : (1, lanes), (n_y, lanes), (n_c, lanes), (n_y, lanes), (2, lanes)
-        Room.
+    inside : (k, m)
+        Which of the samples are to be corrected.
+    samples : (k, m * n_y)
+    clock, states, constants, delta : (1, lanes), (n_y, lanes), (n_c, lanes), (n_y, lanes)
+        Are overwritten.
+    number, mark : (lanes,)
+        Are overwritten.
     """
+
+    position: Address
+    velocity: Address
+    c: Matrix
+    t_eval: Vector
+    inside: FlagMatrix
+    samples: Matrix
+    clock: Matrix
+    states: Matrix
+    constants: Matrix
+    delta: Matrix
+    number: IntVector
+    mark: IntVector
+
+
+@compiled_subset
+def LOOP(arguments: SampleArguments) -> None:
+    """Correct the samples that are marked as inside a step; where that fails they stay as they are."""
+    c, t_eval, inside, samples = arguments.c, arguments.t_eval, arguments.inside, arguments.samples
+    clock, states, constants, delta = arguments.clock, arguments.states, arguments.constants, arguments.delta
+    position, velocity, number, mark = arguments.position, arguments.velocity, arguments.number, arguments.mark
     lanes, wanted, n = clock.shape[1], t_eval.size, delta.shape[0]
     filled, total = 0, inside.size
     for place in range(total + 1):
@@ -55,15 +60,15 @@ def LOOP(
                 states[m, filled] = samples[i, j * n + m]
             for m in range(c.shape[1]):
                 constants[m, filled] = c[i, m]
-            clock[0, filled], whole[0, filled], whole[1, filled] = t_eval[j], place, WANTED
+            clock[0, filled], number[filled], mark[filled] = t_eval[j], place, WANTED
             filled += 1
         if filled < lanes and (place < total or filled == 0):
             continue
         for lane in range(filled, lanes):
-            whole[1, lane] = NONE
-        correct(codes[0], codes[1], clock, states, 0, constants, delta, whole, 1)
+            mark[lane] = NONE
+        correct(position, velocity, clock, states, 0, constants, delta, mark)
         for lane in range(filled):
-            if whole[1, lane] == WANTED:
+            if mark[lane] == WANTED:
                 for m in range(n):
-                    samples[whole[0, lane] // wanted, whole[0, lane] % wanted * n + m] = states[m, lane]
+                    samples[number[lane] // wanted, number[lane] % wanted * n + m] = states[m, lane]
         filled = 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from ..methods.status import Status
 from ..methods.step_constants import (
     INTEGRAL,
@@ -13,7 +11,7 @@ from ..methods.step_constants import (
     REDUCTION_BLIND,
     SAFETY,
 )
-from .compiled_subset import bare
+from .compiled_subset import compiled_subset, exp, log
 
 __all__ = ["growth", "reduction", "smallest_step"]
 
@@ -21,7 +19,7 @@ _EPSILON = 2.220446049250313e-16
 _TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
 
-@bare
+@compiled_subset
 def growth(error: float, previous: float, retried: bool, exponent: float) -> float:
     """Factor for the step after an accepted one; ``exponent`` is 1/(order of the error estimate + 1).
 
@@ -32,19 +30,19 @@ def growth(error: float, previous: float, retried: bool, exponent: float) -> flo
         return largest
     beta = INTEGRAL * exponent
     alpha = exponent - PROPORTIONAL * beta
-    factor = SAFETY * math.exp(beta * math.log(previous) - alpha * math.log(error))
+    factor = SAFETY * exp(beta * log(previous) - alpha * log(error))
     return min(largest, max(LARGEST_REDUCTION, factor))
 
 
-@bare
+@compiled_subset
 def reduction(failure: int, error: float, exponent: float) -> float:
     """Factor for another attempt after a failed one; only an error that is too large says how far to go."""
     if failure == _TOO_SMALL:
-        return max(LARGEST_REDUCTION, SAFETY * math.exp(-exponent * math.log(error)))
+        return max(LARGEST_REDUCTION, SAFETY * exp(-exponent * log(error)))
     return REDUCTION_BLIND
 
 
-@bare
+@compiled_subset
 def smallest_step(t: float, span: float) -> float:
     """Step size below which time no longer advances reliably."""
     return 16.0 * _EPSILON * max(abs(t), _EPSILON * span)

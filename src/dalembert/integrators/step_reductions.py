@@ -8,11 +8,11 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
-from .compiled_subset import bare, call_code, row
+from .compiled_subset import call_code, compiled_subset, row
 from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import SERIES, SLOPE_SERIES, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
-from .workspace import QUICK, Scratch, Watch
+from .workspace import QUICK, EventKernels, EventWorkspace
 
 __all__ = ["accumulate", "advance"]
 
@@ -21,7 +21,7 @@ _BENDS = np.ascontiguousarray(BENDS.T)
 _INTEGRAL = INTEGRAL.copy()
 
 
-@bare
+@compiled_subset
 def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
     """Return whether the quick test decides what a step adds to a minimum, maximum or integral, and the new one."""
     first = QUICK * e
@@ -33,25 +33,34 @@ def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: fl
     return quick[first + 6, lane] != 0.0 or bound <= best, sign * best
 
 
-@bare
+@compiled_subset
 def accumulate(
-    watch: Watch, room: Scratch, many: int, one: int, t: float, h: float, till: float, e: int, kind: int, total: float
+    events: EventKernels,
+    space: EventWorkspace,
+    many: int,
+    one: int,
+    t: float,
+    h: float,
+    till: float,
+    e: int,
+    kind: int,
+    total: float,
 ) -> float:
     """Return a minimum, maximum or integral with a step up to a fraction of it, whose series are in place."""
     sign = 1.0 if kind == MAXIMUM else -1.0
     best = sign * total
-    work = room.work
-    room.stack[0, 0], room.stack[0, 1], room.stack[0, 2] = 0.0, till, 0.0
+    work = space.work
+    space.stack[0, 0], space.stack[0, 1], space.stack[0, 2] = 0.0, till, 0.0
     height, budget = 1, BUDGET
     deep, deepest = (DEEP_IN_MEAN, SHALLOW) if kind == MEAN else (DEEP, DEEPEST)
     while height > 0:
         height -= 1
-        low, high, depth = room.stack[height, 0], room.stack[height, 1], room.stack[height, 2]
+        low, high, depth = space.stack[height, 0], space.stack[height, 1], space.stack[height, 2]
         budget -= DEEP_COST if depth >= deep else 1
         if budget < 0:
             deepest = COARSE
-        sample(watch.running, watch.read, room, many, t, h, low, high - low)
-        transformed(SERIES, room, e, 0)
+        sample(events.running, events.read, space, many, t, h, low, high - low)
+        transformed(SERIES, space, e, 0)
         varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
         for k in range(1, 8):
             varies += abs(work[0, k])
@@ -66,13 +75,13 @@ def accumulate(
                 continue
         else:
             for j in range(8):
-                if not math.isfinite(room.values[e, j]):
+                if not math.isfinite(space.values[e, j]):
                     return math.nan
-                best = max(best, sign * room.values[e, j])
+                best = max(best, sign * space.values[e, j])
             if sign * work[0, 0] + varies + TAIL * tail <= best or depth >= deepest:
                 continue
-            transformed(SLOPE_SERIES, room, e, 1)
-            transformed(_BENDS, room, e, 2)
+            transformed(SLOPE_SERIES, space, e, 1)
+            transformed(_BENDS, space, e, 2)
             falls, turns = 0.0, 0.0
             for k in range(1, 8):
                 falls += abs(work[1, k])
@@ -82,18 +91,22 @@ def accumulate(
             if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
                 if sign * work[2, 0] < 0.0:
                     theta = low + (high - low) * _turning(work, sign)
-                    best = max(best, sign * _value(watch, room, one, t, h, theta, e))
+                    best = max(best, sign * _value(events, space, one, t, h, theta, e))
                 continue
             if varies + TAIL * tail <= FLAT * abs(best):
                 continue
         middle = 0.5 * (low + high)
-        room.stack[height, 0], room.stack[height, 1], room.stack[height, 2] = middle, high, depth + 1.0
-        room.stack[height + 1, 0], room.stack[height + 1, 1], room.stack[height + 1, 2] = low, middle, depth + 1.0
+        space.stack[height, 0], space.stack[height, 1], space.stack[height, 2] = middle, high, depth + 1.0
+        space.stack[height + 1, 0], space.stack[height + 1, 1], space.stack[height + 1, 2] = (
+            low,
+            middle,
+            depth + 1.0,
+        )
         height += 2
     return total if kind == MEAN else sign * best
 
 
-@bare
+@compiled_subset
 def _turning(work: FloatArray, sign: float) -> float:
     """Return where sign times a slope, which falls, changes its sign, as a fraction of the piece."""
     low, high = -1.0, 1.0
@@ -109,15 +122,15 @@ def _turning(work: FloatArray, sign: float) -> float:
     return 0.25 * (low + high) + 0.5
 
 
-@bare
-def _value(watch: Watch, room: Scratch, one: int, t: float, h: float, theta: float, e: int) -> float:
-    degree = room.series.shape[1] - 1
-    for u in range(watch.read.size):
-        m = watch.read[u]
-        value = room.series[m, degree]
+@compiled_subset
+def _value(events: EventKernels, space: EventWorkspace, one: int, t: float, h: float, theta: float, e: int) -> float:
+    degree = space.series.shape[1] - 1
+    for u in range(events.read.size):
+        m = events.read[u]
+        value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + room.series[m, k]
-        room.one_point[1, m] = value
-    room.one_clock[0, 0] = t + theta * h
-    call_code(watch.at, row(room.one_clock, 0), row(room.one_point, 1), one, 0, row(room.one_out, 0))
-    return float(room.one_out[0, e])
+            value = value * theta + space.series[m, k]
+        space.one_point[1, m] = value
+    space.one_clock[0, 0] = t + theta * h
+    call_code(events.at, row(space.one_clock, 0), row(space.one_point, 1), one, 0, row(space.one_out, 0))
+    return float(space.one_out[0, e])

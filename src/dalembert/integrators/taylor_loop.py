@@ -10,26 +10,76 @@ the phase of a long run, and angles that wind up, keep the digits of the steps.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from ..arrays import FloatArray
 from ..methods.status import Status
-from .compiled_subset import bare, call_code, row
-from .kinds import INTEGER, INTEGER_MATRIX, INTEGERS, MATRIX, VECTOR, Group
+from .arguments import Address, IntVector, Matrix, Record, Vector
+from .compiled_subset import call_code, compiled_subset, row
 from .projection import corrected
-from .taylor_runs import RUNNING
 
-__all__ = ["KINDS", "LOOP"]
+__all__ = ["LOOP", "RUNNING", "TaylorArguments", "TaylorProgress"]
+
+RUNNING = -1
+"""Status of a run whose number of steps was reached before the end of the span."""
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 _STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
 _SMALLEST = 16.0 * 2.220446049250313e-16
 
-KINDS = (Group((INTEGER,) * 4), VECTOR, *(MATRIX,) * 4, VECTOR, VECTOR, MATRIX, MATRIX, INTEGER_MATRIX, INTEGERS)
+
+class TaylorProgress(Record):
+    """Time [s], which moves along, and the number of steps taken."""
+
+    t: float
+    steps: int
 
 
-@bare
+class TaylorArguments(NamedTuple):
+    """Arguments of the loop.
+
+    Attributes
+    ----------
+    step, position, velocity : address
+        The step, and the projections, 0 for none.
+    limit : int
+        The number of steps.
+    t1, largest : float
+        End of the run and largest step [s].
+    settings : (1, 3)
+        Handed to the step (see `dalembert.transforms.taylor`).
+    y : (1, n_y + 1)
+        The state, and the size of the step before, 0 where there was none.
+    c : (1, n_c)
+    rows : (m, ...)
+        Gets the outputs of step k in row k modulo m.
+    times : (...,)
+        Gets the end of step k where it has room.
+    low : (n_y + 1,)
+        What rounding took from the state and from the time so far.
+    clock, delta, mark : (1, 1), (n_y, 1), (1,)
+        Are overwritten.
+    """
+
+    step: Address
+    position: Address
+    velocity: Address
+    limit: int
+    t1: float
+    largest: float
+    settings: Matrix
+    y: Matrix
+    c: Matrix
+    rows: Matrix
+    times: Vector
+    low: Vector
+    clock: Matrix
+    delta: Matrix
+    mark: IntVector
+    progress: TaylorProgress
+
+
+@compiled_subset
 def _sum(a: float, b: float) -> tuple[float, float]:
     """Return a + b as rounded, and what rounding took (Knuth's two-sum)."""
     total = a + b
@@ -37,7 +87,7 @@ def _sum(a: float, b: float) -> tuple[float, float]:
     return total, (a - (total - part)) + (b - part)
 
 
-@bare
+@compiled_subset
 def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float, low: FloatArray) -> None:
     """Write to ``rows[here, :n]`` the state ``old[before, :n]`` moved by the series in that row, with compensation."""
     n = low.size - 1
@@ -50,23 +100,13 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
         rows[here, i], low[i] = _sum(old[before, i], move + low[i])
 
 
-@bare
-def _march(
-    codes: tuple[int, int, int, int],
-    span: FloatArray,
-    settings: FloatArray,
-    y: FloatArray,
-    c: FloatArray,
-    rows: FloatArray,
-    times: FloatArray,
-    low: FloatArray,
-    clock: FloatArray,
-    delta: FloatArray,
-    mark: NDArray[np.int64],
-) -> tuple[int, int]:
-    step, position, velocity, limit = codes
+@compiled_subset
+def _march(arguments: TaylorArguments) -> tuple[int, int]:
+    step, position, velocity, progress = arguments.step, arguments.position, arguments.velocity, arguments.progress
+    settings, y, c, rows = arguments.settings, arguments.y, arguments.c, arguments.rows
+    times, low, clock, limit = arguments.times, arguments.low, arguments.clock, arguments.limit
     n = low.size - 1
-    t, t1, largest = span[0], span[1], span[2]
+    t, t1, largest = progress.t, arguments.t1, arguments.largest
     state = row(y, 0)
     for k in range(limit):
         here = k % rows.shape[0]
@@ -79,7 +119,7 @@ def _march(
         size = rows[here, n]
         if rows[here, n + 1] != 0.0:
             return _NON_FINITE, k
-        if size < _SMALLEST * max(abs(t), abs(t1 - span[0]) * 1e-16) and size < rest:
+        if size < _SMALLEST * max(abs(t), abs(t1 - progress.t) * 1e-16) and size < rest:
             return _STEP_TOO_SMALL, k
         if k == 0:
             _advance(y, 0, rows, here, settings[0, 1] * size, low)
@@ -92,9 +132,9 @@ def _march(
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
         clock[0, 0] = t
         held = position != 0 or velocity != 0
-        if held and not corrected(position, velocity, clock, rows, here, c, delta, mark):
+        if held and not corrected(position, velocity, clock, rows, here, c, arguments.delta, arguments.mark):
             return _PROJECTION_FAILED, k
-        span[0] = t
+        progress.t = t
         if k < times.size:
             times[k] = t
         if t == t1:
@@ -102,48 +142,11 @@ def _march(
     return RUNNING, limit
 
 
-@bare
-def LOOP(
-    codes: tuple[int, int, int, int],
-    span: FloatArray,
-    settings: FloatArray,
-    y: FloatArray,
-    c: FloatArray,
-    rows: FloatArray,
-    times: FloatArray,
-    low: FloatArray,
-    clock: FloatArray,
-    delta: FloatArray,
-    mark: NDArray[np.int64],
-    outcome: NDArray[np.int64],
-) -> int:
-    """March from the state y (1, n_y + 1), at most so many steps. Return the status.
+@compiled_subset
+def LOOP(arguments: TaylorArguments) -> int:
+    """Take steps from the state given, at most so many; return the status.
 
-    Behind the state lies the size of the step before, 0 where there was none.
-
-    Parameters
-    ----------
-    codes : addresses and a number
-        The step, the projections (0 for none), and the number of steps.
-    span : (3,)
-        Present time, end and largest step [s]; the first moves along.
-    settings : (1, 3)
-        Handed to the step (see `dalembert.transforms.taylor`).
-    rows : (m, ...)
-        Gets the outputs of step k in row k modulo m.
-    times : (...,)
-        Gets the end of step k where it has room.
-    low : (n_y + 1,)
-        What rounding took from the state and from the time so far.
-    clock, delta, mark : (1, 1), (n_y, 1), (1, 1)
-        Room.
-    outcome : (1,) int64
-        Gets the number of steps.
-
-    Returns
-    -------
-    int
-        The status; `RUNNING` where the number of steps was reached before the end.
+    It is `RUNNING` where the number of steps was reached before the end.
     """
-    status, outcome[0] = _march(codes, span, settings, y, c, rows, times, low, clock, delta, mark)
+    status, arguments.progress.steps = _march(arguments)
     return status

@@ -15,11 +15,9 @@ from ..interrupts import check
 from ..methods.status import Status
 from ..transforms.taylor import clipped_tolerance
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
+from .taylor_loop import RUNNING, TaylorArguments, TaylorProgress
 
-__all__ = ["RUNNING", "StepCode", "integrate"]
-
-RUNNING = -1
-"""Status of a march whose number of steps was reached before the end of the span."""
+__all__ = ["StepCode", "integrate"]
 
 _FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
@@ -80,10 +78,11 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     """
     n = len(problem.y0)
     clock, delta = np.empty((1, 1)), np.empty((n, 1))
-    mark, outcome = np.zeros((1, 1), np.int64), np.zeros(1, np.int64)
+    mark, progress = np.zeros(1, np.int64), TaylorProgress()
     tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
-    span = np.array([problem.t0, problem.t1, problem.max_step])
+    progress.t, t1, largest = problem.t0, float(problem.t1), float(problem.max_step)
+    codes = code.step, code.position, code.velocity
     settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
     y = np.append(np.asarray(problem.y0, dtype=float), 0.0).reshape(1, n + 1)
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
@@ -100,18 +99,20 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             status = int(Status.MAX_STEPS)
             break
         rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
-        start = float(span[0])
+        start = float(progress.t)
         turns[angles] += _unwound(y[0], low, angles)
-        codes = code.step, code.position, code.velocity, limit
-        status = code.loop(codes, span, settings, y, c, rows, times, low, clock, delta, mark, outcome)
-        count = int(outcome[0])
+        arguments = TaylorArguments(
+            *codes, limit, t1, largest, settings, y, c, rows, times, low, clock, delta, mark, progress
+        )
+        status = code.loop(arguments)
+        count, t = progress.steps, float(progress.t)
         record.add(start, times[:count], y[0, :n], rows[:count], turns)
         if count:
             y = rows[count - 1, : n + 1].copy().reshape(1, n + 1)
         size = min(2 * size, _LARGEST_WINDING if len(angles) else _LARGEST_BLOCK)
         if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
-            step = abs(float(span[0]) - start) / count
-            if abs(problem.t1 - float(span[0])) >= _WATCHED_REST * step and watch(float(span[0]), y[0, :n], step):
+            step = abs(t - start) / count
+            if abs(problem.t1 - t) >= _WATCHED_REST * step and watch(t, y[0, :n], step):
                 return None
     return record.solution(Status(status))
 

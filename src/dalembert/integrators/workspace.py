@@ -1,66 +1,50 @@
-"""What the loops over lanes work with: arrays that their callers make, because compiled loops allocate nothing.
-
-Nothing here imports numba, so that a process that finds the loops compiled does without it.
-"""
+"""Arrays of the loops over lanes: their callers make them, because compiled loops allocate nothing."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..once import once
+from .arguments import Address, IntVector, Matrix, Record
 from .crossings import DEEPEST
 
 __all__ = [
     "ATTEMPTS",
     "BEFORE",
-    "CASE",
     "END",
     "FIRST",
-    "FRESH",
-    "GOING",
     "IDLE",
-    "LONE",
-    "MARK",
     "NEXT",
     "NOW",
-    "PATIENCE",
     "POINT_LANES",
     "QUICK",
     "REFUSED",
-    "RETURNS",
     "RUNNING",
-    "SAMPLED",
-    "SAMPLED_BEFORE",
-    "SAVED",
-    "STAGED",
-    "STATUS",
-    "Room",
-    "Scratch",
-    "Watch",
+    "EventKernels",
+    "EventWorkspace",
+    "LaneNumbers",
+    "LaneState",
+    "Pause",
     "aligned",
-    "room",
-    "scratch",
-    "unwatched",
+    "event_workspace",
+    "lane_state",
+    "no_event_workspace",
+    "no_events",
 ]
 
 POINT_LANES = 8
 QUICK = 7
 """Outputs of the quick test for each expression, see `dalembert.transforms.step_bounds.running_kernel`."""
 
-CASE, STATUS, SAMPLED, SAMPLED_BEFORE, MARK, FRESH, LONE, STAGED = range(8)
-"""Rows of ``Room.whole``."""
-
 NOW, END, NEXT = range(3)
-"""Rows of ``Room.clock``."""
+"""Rows of ``LaneState.clock``."""
 
 ATTEMPTS, REFUSED, BEFORE, FIRST = range(4)
-"""Rows of ``Room.tally``."""
-
-PATIENCE, RETURNS, GOING, SAVED = range(4)
-"""Places in ``Room.pause``; what a loop that pauses remembers begins at the last."""
+"""Rows of ``LaneState.tally``."""
 
 RUNNING, IDLE = -1, -2
 """Statuses of a lane whose case goes on, and of one without a case."""
@@ -68,7 +52,7 @@ RUNNING, IDLE = -1, -2
 _LINE = 64
 
 
-def aligned(rows: int, columns: int, dtype: type = np.float64) -> NDArray[np.float64]:
+def aligned(rows: int, columns: int, dtype: type = np.float64) -> NDArray[Any]:
     """Return zeros (rows, columns) that begin with a cache line, so that no pack lies across two."""
     size = rows * columns * np.dtype(dtype).itemsize
     memory = np.zeros(size + _LINE, np.uint8)
@@ -76,56 +60,95 @@ def aligned(rows: int, columns: int, dtype: type = np.float64) -> NDArray[np.flo
     return memory[first : first + size].view(dtype).reshape(rows, columns)
 
 
-class Room(NamedTuple):
+class LaneNumbers(NamedTuple):
+    """Integers of the lanes, one column each.
+
+    The case and its status; the samples recorded, now and before the last step; whether the state is to be projected,
+    together (``mark``) or alone (``lone``); whether the case starts with the next step; the status of the case that was
+    loaded for the lane.
+    """
+
+    case: IntVector
+    status: IntVector
+    sampled: IntVector
+    sampled_before: IntVector
+    mark: IntVector
+    fresh: IntVector
+    lone: IntVector
+    loaded: IntVector
+
+
+class Pause(Record):
+    """When a loop returns before its end, and where it continues.
+
+    After ``patience`` rounds the loop looks whether it is to stop, and returns where ``returns`` is not 0. ``going`` is
+    1 then, and it continues where it was when it is called again; the rest are its variables.
+    """
+
+    patience: int
+    returns: int
+    going: int
+    coming: int
+    last: int
+    loaded: int
+    filled: int
+    place: int
+    active: int
+    old: int
+    look: int
+
+
+class LaneState(NamedTuple):
     """What lanes hold, one column each.
 
     ``clock`` are time, end and the next time to record; ``tally`` attempts, refused attempts, the time before the last
-    step and that of the start; ``whole`` whole numbers. A step reads the state in one half of ``states`` and writes
-    the other. Others are for cases that come next: ``given`` values, state, checks and memory in ``begun``.
-
-    After so many rounds as the first number of ``pause`` the loop looks whether it is to stop, and returns where the
-    second is not 0. The third then is not 0, and it goes on where it was when it is called again.
+    step and that of the start. A step reads the state in one half of ``states`` and writes the other. Others are for
+    cases that come next: ``given`` values, state, checks and memory in ``begun``.
     """
 
-    clock: FloatArray
-    settings: FloatArray
-    constants: FloatArray
-    states: FloatArray
-    delta: FloatArray
-    tally: FloatArray
-    whole: NDArray[np.int64]
-    given: FloatArray
-    begun: FloatArray
-    clock_ahead: FloatArray
-    settings_ahead: FloatArray
-    constants_ahead: FloatArray
-    pause: NDArray[np.int64]
+    clock: Matrix
+    settings: Matrix
+    constants: Matrix
+    states: Matrix
+    delta: Matrix
+    tally: Matrix
+    numbers: LaneNumbers
+    given: Matrix
+    begun: Matrix
+    clock_ahead: Matrix
+    settings_ahead: Matrix
+    constants_ahead: Matrix
+    pause: Pause
 
 
-def room(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, begun: int) -> Room:
-    """Return room for so many lanes.
+def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, begun: int) -> LaneState:
+    """Return the arrays of so many lanes.
 
     States have n components, constants n_c, settings n_s; a step writes `rows` outputs; cases are made from at most
     `given` values, which gives `begun` numbers.
     """
-    return Room(
-        aligned(3, lanes),
-        aligned(n_s, lanes),
-        aligned(max(n_c, 1), lanes),
-        aligned(2 * rows, lanes),
-        aligned(n, lanes),
-        aligned(4, lanes),
-        np.zeros((8, lanes), np.int64),
-        aligned(max(given, 1), lanes),
-        aligned(begun, lanes),
-        aligned(2, lanes),
-        aligned(n_s, lanes),
-        aligned(max(n_c, 1), lanes),
-        np.zeros(SAVED + 8, np.int64),
+    count, integers = max(n_c, 1), len(LaneNumbers._fields)
+    sizes = 3, n_s, count, 2 * rows, n, 4, integers, max(given, 1), begun, 2, n_s, count
+    block, ends = aligned(sum(sizes), lanes), tuple(accumulate(sizes))  # one, as arrays of their own take longer
+    parts = iter([block[end - size : end] for size, end in zip(sizes, ends, strict=True)])
+    return LaneState(
+        clock=next(parts),
+        settings=next(parts),
+        constants=next(parts),
+        states=next(parts),
+        delta=next(parts),
+        tally=next(parts),
+        numbers=LaneNumbers(*next(parts).view(np.int64)),
+        given=next(parts),
+        begun=next(parts),
+        clock_ahead=next(parts),
+        settings_ahead=next(parts),
+        constants_ahead=next(parts),
+        pause=Pause(),
     )
 
 
-class Watch(NamedTuple):
+class EventKernels(NamedTuple):
     """Addresses of compiled code, and the rules of the events.
 
     ``quiet`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are the
@@ -140,33 +163,34 @@ class Watch(NamedTuple):
     Where ``followed`` is not 0 but the number of events, all of these end the case, and a step writes their series too.
     """
 
-    quiet: int
-    values: int
-    value: int
-    begins: int
-    start: int
-    refill: int
+    quiet: Address
+    values: Address
+    value: Address
+    begins: Address
+    start: Address
+    refill: Address
     given: int
     checks: int
-    jumps: NDArray[np.int64]
-    directions: NDArray[np.int64]
-    last: NDArray[np.int64]
-    used: NDArray[np.int64]
-    quick: int
-    running: int
-    at: int
-    kinds: NDArray[np.int64]
-    read: NDArray[np.int64]
+    jumps: IntVector
+    directions: IntVector
+    last: IntVector
+    used: IntVector
+    quick: Address
+    running: Address
+    at: Address
+    kinds: IntVector
+    read: IntVector
     followed: int = 0
 
 
-def unwatched() -> Watch:
-    """Return what stands where nothing is watched."""
+@once
+def no_events() -> EventKernels:
+    """Return what stands where there are no events."""
     nothing = np.zeros(0, np.int64)
-    return Watch(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
+    return EventKernels(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
 
 
-class Scratch(NamedTuple):
+class EventWorkspace(NamedTuple):
     """Arrays to watch cases with, and what each lane remembers: signs, what was seen of them, and zeros at the start.
 
     ``curves`` are the series of what is followed, in the fraction of the step, and ``level`` what rounding of the state
@@ -176,43 +200,43 @@ class Scratch(NamedTuple):
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
     """
 
-    own: FloatArray
-    constants: FloatArray
-    clock: FloatArray
-    point: FloatArray
-    out: FloatArray
-    series: FloatArray
-    values: FloatArray
-    ends: FloatArray
-    noise: FloatArray
-    one_clock: FloatArray
-    one_point: FloatArray
-    one_out: FloatArray
-    setting: FloatArray
-    earlier: FloatArray
-    over: FloatArray
-    quick: FloatArray
-    signs: FloatArray
-    seen: FloatArray
-    zero: FloatArray
-    found: FloatArray
-    happens: FloatArray
-    residual: FloatArray
-    jumped: FloatArray
-    work: FloatArray
-    stack: FloatArray
-    curves: FloatArray
-    level: FloatArray
-    rates: FloatArray
-    open: FloatArray
-    powers: FloatArray
+    own: Matrix
+    constants: Matrix
+    clock: Matrix
+    point: Matrix
+    out: Matrix
+    series: Matrix
+    values: Matrix
+    ends: Matrix
+    noise: Matrix
+    one_clock: Matrix
+    one_point: Matrix
+    one_out: Matrix
+    setting: Matrix
+    earlier: Matrix
+    over: Matrix
+    quick: Matrix
+    signs: Matrix
+    seen: Matrix
+    zero: Matrix
+    found: Matrix
+    happens: Matrix
+    residual: Matrix
+    jumped: Matrix
+    work: Matrix
+    stack: Matrix
+    curves: Matrix
+    level: Matrix
+    rates: Matrix
+    open: Matrix
+    powers: Matrix
 
 
-def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> Scratch:
+def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
     """Return room to watch cases of n components and n_c constants, by polynomials of a degree, in so many lanes."""
-    k, count = max(watch.directions.size, watch.kinds.size, 1), max(n_c, 1)
-    size = max(3 * k, watch.given, n + watch.checks, 2 * n + 8)
-    return Scratch(
+    k, count = max(events.directions.size, events.kinds.size, 1), max(n_c, 1)
+    size = max(3 * k, events.given, n + events.checks, 2 * n + 8)
+    return EventWorkspace(
         own=aligned(lanes, count),
         constants=aligned(lanes * count, POINT_LANES),
         clock=aligned(1, POINT_LANES),
@@ -223,12 +247,12 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -
         ends=aligned(2, k),
         noise=aligned(1, k),
         one_clock=aligned(1, 1),
-        one_point=aligned(2, max(n, watch.given)),
+        one_point=aligned(2, max(n, events.given)),
         one_out=aligned(1, size),
         setting=aligned(1, n_s),
         earlier=aligned(1, lanes),
-        over=aligned(watch.directions.size, lanes),
-        quick=aligned(QUICK * watch.kinds.size, lanes),
+        over=aligned(events.directions.size, lanes),
+        quick=aligned(QUICK * events.kinds.size, lanes),
         signs=aligned(lanes, k),
         seen=aligned(lanes, k),
         zero=aligned(lanes, k),
@@ -238,9 +262,15 @@ def scratch(watch: Watch, n: int, degree: int, n_c: int, n_s: int, lanes: int) -
         jumped=aligned(lanes, 2),
         work=aligned(5, 8),
         stack=aligned(2 * DEEPEST + 4, 3),
-        curves=aligned(max(watch.followed, 1), degree),
+        curves=aligned(max(events.followed, 1), degree),
         level=aligned(lanes, k),
         rates=aligned(1, k),
         open=np.ones((1, k)),
         powers=aligned(1, degree + 1),
     )
+
+
+@once
+def no_event_workspace() -> EventWorkspace:
+    """Return what stands where there are no events."""
+    return EventWorkspace(*(np.empty((0, 0)),) * len(EventWorkspace._fields))

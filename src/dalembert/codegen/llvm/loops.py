@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import ctypes
 import importlib
-import struct
 import sys
 from collections.abc import Callable
 from typing import Any, final
 
 import llvmlite
-import numpy as np
-from numpy.typing import NDArray
 
+from ...integrators.arguments import address_of, pack
 from ...once import once, once_property
 from ...version import __version__
 from ..cache import directory
@@ -24,9 +22,7 @@ from ..rendering import digest_of
 from .assembly import Compiled, load_object
 from .objects import object_code
 
-__all__ = ["Loop", "library_code", "loop_named", "packed", "toolchain"]
-
-_DOUBLE, _BITS = struct.Struct("=d"), struct.Struct("=q")
+__all__ = ["Loop", "library_code", "loop_named", "toolchain"]
 
 
 @once
@@ -44,7 +40,7 @@ def library_code(name: str, text: Callable[[], str], *, straight: bool = True) -
 
 @final
 class Loop:
-    """The function ``LOOP`` of ``dalembert.integrators.NAME``, with arguments of the types ``KINDS``."""
+    """The function ``LOOP`` of ``dalembert.integrators.NAME``."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -55,13 +51,13 @@ class Loop:
             from ..subset import loop_assembly
 
             module = importlib.import_module(f"dalembert.integrators.{self._name}")
-            return loop_assembly(module.LOOP, module.KINDS)
+            return loop_assembly(module.LOOP)
 
         return library_code(self._name, text, straight=False)
 
     @once_property
     def call(self) -> Any:
-        """The function of one pointer to words; it releases the interpreter while it runs."""
+        """The function of one pointer to packed arguments; it releases the interpreter while it runs."""
         return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
 
     @property
@@ -69,33 +65,10 @@ class Loop:
         """Address of that function."""
         return self._code.address("entry")
 
-    def __call__(self, *arguments: Any) -> int:
-        """Return what the loop makes of numbers, C-contiguous arrays, and tuples of these."""
-        words = packed(arguments)
-        return int(self.call(words.ctypes.data))
-
-
-def packed(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
-    """Return arguments as words: integers as they are, doubles by their bits, an array as its address and its shape."""
-    words: list[int] = []
-    _append(words, arguments)
-    return np.array(words, dtype=np.int64)
-
-
-def _append(words: list[int], arguments: tuple[Any, ...]) -> None:
-    for argument in arguments:
-        if isinstance(argument, int):
-            words.append(argument)
-        elif isinstance(argument, np.ndarray):
-            assert argument.flags.c_contiguous
-            words.append(argument.__array_interface__["data"][0])
-            words += argument.shape
-        elif isinstance(argument, float):
-            words.append(_BITS.unpack(_DOUBLE.pack(argument))[0])
-        elif isinstance(argument, tuple):
-            _append(words, argument)
-        else:
-            words.append(int(argument))
+    def __call__(self, arguments: tuple[Any, ...]) -> int:
+        """Return what the loop returns for its NamedTuple of arguments."""
+        packed_args = pack(arguments)
+        return int(self.call(address_of(packed_args)))
 
 
 @once

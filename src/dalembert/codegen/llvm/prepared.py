@@ -12,19 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...integrators.arguments import address_of, pack, place_of
+from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...integrators.problem import IntegrationProblem
 from ...interrupts import check
 from ...methods.status import Status
 from ..base import Prepared
-from .loops import loop_named, packed
+from .loops import loop_named
 
 __all__ = ["prepared_run"]
 
 _PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
 """Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
 
-_PATIENCE_AT = 5 + 4
-"""Place of the attempts among the words: behind five addresses and four numbers."""
+_PATIENCE_AT = place_of(PreparedArguments, "limits.patience")
 
 _Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
 """Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
@@ -33,11 +34,11 @@ run that goes on, and what they point to."""
 
 def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) -> int:
     """Take a run that has paused to its end and return its status; Ctrl-C is raised between its parts."""
-    words, patience, status = going.copy(), _PATIENCE, -1  # an interrupted run leaves nothing behind
-    pointer = ctypes.c_void_p(words.ctypes.data)
+    packed_args, patience, status = going.copy(), _PATIENCE, -1  # an interrupted run leaves nothing behind
+    pointer = ctypes.c_void_p(address_of(packed_args))
     while status < 0:
         begin = perf_counter()
-        words[_PATIENCE_AT] = patience
+        packed_args[_PATIENCE_AT] = patience
         status = code(pointer)
         check()
         if perf_counter() - begin < _QUICK:
@@ -75,24 +76,24 @@ def prepared_run(
 
     def memory_of_one() -> _Memory:
         states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
-        arguments = (
-            codes,
-            (n, memory, problem.max_steps, 0, _PATIENCE),
-            np.array([problem.t0, problem.t1, problem.max_step, 0.0]),
-            p,
-            np.zeros((1, n_c)),
-            np.array([[0.0, direction, *settings]]),
-            np.zeros((1, 1)),
-            states,
-            np.zeros((n, 1)),
-            np.zeros((1, 1), np.int64),
-            np.zeros(3, np.int64),
+        span = float(problem.t0), float(problem.t1), float(problem.max_step)
+        arguments = PreparedArguments(
+            kernels=PreparedKernels(*codes),
+            limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False),
+            n=n,
+            memory=memory,
+            p=p,
+            c=np.zeros((1, n_c)),
+            settings=np.array([[0.0, direction, *settings]]),
+            clock=np.zeros((1, 1)),
+            states=states,
+            delta=np.zeros((n, 1)),
+            mark=np.zeros(1, np.int64),
+            progress=PreparedProgress(),
         )
-        words, further = (
-            packed(arguments),
-            packed((codes, (n, memory, problem.max_steps, 1, _PATIENCE), *arguments[2:])),
-        )
-        return states[0, :n], p[0], ctypes.c_void_p(words.ctypes.data), [0], further, (words, arguments)
+        begun = pack(arguments)
+        going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))
+        return states[0, :n], p[0], ctypes.c_void_p(address_of(begun)), [0], going, (begun, arguments)
 
     code, statuses = loop_named("prepared_loop").call, tuple(Status)
     own = {get_ident(): memory_of_one()}

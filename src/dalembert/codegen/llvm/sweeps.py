@@ -12,18 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.workspace import GOING, PATIENCE, RETURNS, Watch, aligned, room, scratch
+from ...integrators.arguments import address_of, pack
+from ...integrators.case_loading import CaseShape, Columns, SweepKernels
+from ...integrators.lane_loop import SweepArguments
+from ...integrators.sample_projection import SampleArguments
+from ...integrators.workspace import EventKernels, LaneState, aligned, event_workspace, lane_state, no_event_workspace
 from ...interrupts import STOPPED, check
 from ..base import BlockResult, CaseColumns, CaseRun, LoopCall
-from .loops import loop_named, packed
+from .loops import loop_named
 
 __all__ = ["SweepShape", "case_run"]
 
 _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
 """Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
-
-_COUNT = 5
-"""Place of the number of cases in the loop's ``shape``."""
 
 
 @final
@@ -51,7 +52,7 @@ def case_run(
     cases: CaseColumns,
     result: BlockResult,
     constants: FloatArray,
-    watch: Watch,
+    events: EventKernels,
     watched: bool,
 ) -> CaseRun:
     """Return cases ready to run; see `dalembert.integrators.lane_loop`.
@@ -68,72 +69,78 @@ def case_run(
         Whether there are events or reductions.
     """
     k, n, wanted = cases.count, shape.n, len(cases.t_eval)
-    columns, held = _columns(cases)
-    values, checks = len(cases.given), 2 * len(cases.start.labels)
-    limits = np.array([[cases.max_step, float(cases.max_steps), *settings]])
+    kernels, (columns, held) = SweepKernels(*codes), _columns(cases)
+    given, checks = len(cases.given), 2 * len(cases.start.labels)
     samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
-    projections = codes[2:4]
-    inside = np.zeros((k, wanted) if wanted and any(projections) else (0, 0), np.bool_)
-    turn = np.zeros(1, np.int64)
+    projected = bool(kernels.position or kernels.velocity)
+    inside = np.zeros((k, wanted) if wanted and projected else (0, 0), np.bool_)
+    turn, t_eval = np.zeros(1, np.int64), np.ascontiguousarray(cases.t_eval)
     more = n + shape.followed
     size = more + 2 + shape.memory
     rows = size + (more * (shape.degree + 1) if shape.dense else 0)
-    t_eval = np.ascontiguousarray(cases.t_eval)
-    first = (
-        codes,
-        (shape.degree, shape.memory, len(cases.parameters), values, checks, k, shape.share),
-        limits,
-        columns,
-        turn,
-        t_eval,
-        result.y,
-        result.ends,
-        samples,
-        inside,
-        constants,
-    )
-    last = (result.happened, result.totals)
-    loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if any(projections) else "lane_loop")
-    head, tail = packed(first), packed(last)
-    places = len(packed(first[:1])) + _COUNT, len(packed(first[:4]))
+    loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop")
 
-    def call() -> LoopCall:
-        n_s = 2 + len(settings)
-        space = room(shape.lanes, n, shape.n_c, n_s, rows, max(len(cases.parameters), values), n + checks + size)
-        space.pause[PATIENCE] = _ROUNDS
-        spare = (watch, scratch(watch, n, shape.degree, shape.n_c, n_s, shape.lanes)) if watched else ()
-        words = np.concatenate([head, packed((space, spare)), tail])
-        return LoopCall(loop.address, words, *places, (held, first, last, space, spare), space.pause)
+    def arguments(turn: NDArray[np.int64]) -> SweepArguments:
+        n_s, parameters = 2 + len(settings), len(cases.parameters)
+        sizes = n, shape.degree, shape.n_c, n_s, shape.lanes
+        return SweepArguments(
+            kernels=kernels,
+            shape=CaseShape(shape.degree, shape.memory, parameters, given, checks, k, shape.share),
+            limits=np.array([[cases.max_step, float(cases.max_steps), *settings]]),
+            columns=columns,
+            turn=turn,
+            t_eval=t_eval,
+            out=result.y,
+            ends=result.ends,
+            samples=samples,
+            inside=inside,
+            kept_constants=constants,
+            state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
+            events=events,
+            workspace=event_workspace(events, *sizes) if watched else no_event_workspace(),
+            happened=result.happened,
+            totals=result.totals,
+        )
+
+    def call(turn: NDArray[np.int64]) -> LoopCall:
+        made = arguments(turn)
+        return LoopCall(loop.address, pack(made), (held, made))
 
     def work() -> None:
-        made, code = call(), loop.call
-        words, pause = ctypes.c_void_p(made.words.ctypes.data), made.pause
-        pause[RETURNS], going = 1, True
+        made, code = arguments(turn), loop.call
+        packed_args, pause = pack(made), made.state.pause
+        pointer = ctypes.c_void_p(address_of(packed_args))
+        pause.returns, going = 1, True
         while going:  # Ctrl-C is raised here
             begin = perf_counter()
-            code(words)
-            going = bool(pause[GOING]) and turn[0] < STOPPED
+            code(pointer)
+            going = pause.going != 0 and turn[0] < STOPPED
             check()
             if going and perf_counter() - begin < _QUICK:
-                pause[PATIENCE] = min(2 * pause[PATIENCE], _MOST_ROUNDS)
+                pause.patience = min(2 * pause.patience, _MOST_ROUNDS)
 
     def finish() -> None:
         if np.any(inside):
-            _project(projections, constants, t_eval, inside, samples, shape)
+            _project(kernels, constants, t_eval, inside, samples, shape)
 
     return CaseRun(work, turn, finish, call)
 
 
-def _columns(cases: CaseColumns) -> tuple[NDArray[np.int64], tuple[FloatArray, ...]]:
+def _state(made: LaneState) -> LaneState:
+    made.pause.patience = _ROUNDS
+    return made
+
+
+def _columns(cases: CaseColumns) -> tuple[Columns, tuple[FloatArray, ...]]:
     """Return address and stride of every column, and the columns."""
     columns = (*cases.spans, *cases.parameters, *cases.given)
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
-    places = [(column.__array_interface__["data"][0], int(len(column) > 1)) for column in columns]
-    return np.array(places, np.int64), columns
+    strides = [int(len(column) > 1) for column in columns]
+    return Columns(np.array([address_of(column) for column in columns]), np.array(strides)), columns
 
 
 def _project(
-    codes: tuple[int, int],
+    kernels: SweepKernels,
     constants: FloatArray,
     t_eval: FloatArray,
     inside: NDArray[np.bool_],
@@ -141,5 +148,7 @@ def _project(
     shape: SweepShape,
 ) -> None:
     lanes, n = shape.lanes, shape.n
-    space = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
-    loop_named("sample_projection")(codes, constants, t_eval, inside, samples, *space, np.zeros((2, lanes), np.int64))
+    overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
+    numbers = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
+    codes = kernels.position, kernels.velocity
+    loop_named("sample_projection")(SampleArguments(*codes, constants, t_eval, inside, samples, *overwritten, *numbers))

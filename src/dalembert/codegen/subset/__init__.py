@@ -1,14 +1,14 @@
 """[Python function] -> [module of LLVM assembly]: loops of integrators, translated without numba's front end.
 
 numba takes seconds for what this does in hundredths of one, because the loops need little of Python: functions of
-whole numbers, doubles, flags, C-contiguous arrays and tuples of these. They are marked as `bare`
+integers, doubles, flags, C-contiguous arrays, records and tuples of these. They are marked as `compiled_subset`
 (`dalembert.integrators.compiled_subset`). The rules, beside those of Python:
 
-- A variable has one kind, that of its first value in the text; whole numbers become doubles where these are kept.
+- A variable has one kind, that of its first value in the text; integers become doubles where these are kept.
 - Functions say what they return. They are translated for the kinds of their arguments.
 - What a function finds outside it (numbers, arrays) is constant, and tests of it are decided when it is translated.
 - Loops are ``while``, ``for`` over a ``range`` with a constant step, and ``for`` over a tuple that is written out.
-- Indices are never negative, and divisors of whole numbers are positive.
+- Indices are never negative, and divisors of integers are positive.
 - Products and sums may be fused, nothing is reassociated, and a division by zero gives what IEEE 754 says.
 """
 
@@ -18,14 +18,15 @@ from typing import Any, final
 
 import numpy as np
 
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Group, Kind
+from ...integrators.arguments import arguments_of, kind_of
+from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Kind
 from .statements import translated
 from .values import Value, rounded
 
 __all__ = ["ENTRY", "loop_assembly"]
 
 ENTRY = "entry"
-"""Name of the function that a module defines: ``i64 entry(ptr words)``."""
+"""Name of the function that a module defines: ``i64 entry(ptr packed_args)``."""
 
 _DECLARED = """declare double @llvm.fabs.f64(double)
 declare double @llvm.sqrt.f64(double)
@@ -37,36 +38,40 @@ declare i64 @llvm.cttz.i64(i64, i1)
 declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"""
 
 
-def loop_assembly(loop: Any, kinds: tuple[Kind, ...]) -> str:
-    """Return a module that defines `ENTRY`, which reads the arguments of `loop` from words and calls it.
+def loop_assembly(loop: Any) -> str:
+    """Return a module that defines `ENTRY`, which reads the arguments of `loop` from packed words and calls it.
 
     Parameters
     ----------
     loop : function
-        It returns a whole number or nothing, and writes other results to its arguments.
-    kinds : tuple of Kind
-        Of its arguments. Whole numbers are one word each, arrays their address and their shape.
+        Of one NamedTuple (`dalembert.integrators.arguments`). It returns an integer or nothing, and writes other
+        results to arrays and records of its arguments.
 
     Raises
     ------
     TypeError
         For what has no translation; the message names the line.
     """
-    module = _Module()
-    name, result = module.function(loop, kinds)
+    module, kind = _Module(), kind_of(arguments_of(loop))
+    name, result = module.function(loop, (kind,))
     lines, words = [], []
-    for place, word in enumerate(Group(kinds).words):
-        lines.append(f"%a{place} = getelementptr i64, ptr %words, i64 {place}")
-        lines.append(f"%w{place} = load {word}, ptr %a{place}")
-        words.append(f"{word} %w{place}")
+    for place, word in enumerate(kind.words):
+        stored = "i64" if word == "i1" else word
+        lines.append(f"%a{place} = getelementptr %arguments, ptr %packed_args, i32 0, i32 {place}")
+        lines.append(f"%w{place} = load {stored}, ptr %a{place}")
+        if word == "i1":
+            lines.append(f"%f{place} = trunc i64 %w{place} to i1")
+        words.append(f"{word} %{'f' if word == 'i1' else 'w'}{place}")
     if result == INTEGER:
         lines += [f"%r = call {{i64}} @{name}({', '.join(words)})", "%status = extractvalue {i64} %r, 0"]
         lines.append("ret i64 %status")
     else:
         lines += [f"call void @{name}({', '.join(words)})", "ret i64 0"]
     body = "\n".join(["entry:", *lines])
-    entry = f"define i64 @{ENTRY}(ptr %words) nounwind {{\n{body}\n}}"
-    return "\n\n".join([_DECLARED, *module.constants, *module.texts, entry, ""])
+    entry = f"define i64 @{ENTRY}(ptr %packed_args) nounwind {{\n{body}\n}}"
+    fields = ", ".join("i64" if word == "i1" else word for word in kind.words)
+    signature = f"%arguments = type {{ {fields} }}"
+    return "\n\n".join([signature, _DECLARED, *module.constants, *module.texts, entry, ""])
 
 
 @final

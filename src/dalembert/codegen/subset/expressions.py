@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...integrators import compiled_subset as code
-from ...integrators.kinds import FLAG, INTEGER, INTEGERS, MATRIX, NUMBER, VECTOR, Array, Group, Kind
+from ...integrators.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Fields, Group, Kind
 from .values import Lines, Value, literal, parts, rounded, unified
 
 __all__ = ["UNKNOWN", "Expressions", "Functions"]
@@ -131,9 +131,7 @@ class Expressions(Lines):
     def combined(self, op: ast.operator, a: Value, b: Value) -> Value:
         """Return a sum, product or another combination of two numbers, as Python has it."""
         if isinstance(op, ast.Pow):
-            if b != literal(2):
-                raise TypeError("the only power is the square")
-            return self.combined(ast.Mult(), a, a)
+            raise TypeError("there are no powers, and `square` for squares: Python rounds x ** 2 in another way")
         kind = NUMBER if isinstance(op, ast.Div) else unified(unified(a.kind, b.kind), INTEGER)
         (x,), (y,) = self.converted(a, kind).words, self.converted(b, kind).words
         if kind == NUMBER:
@@ -215,6 +213,8 @@ class Expressions(Lines):
         return Value(FLAG, (result,))
 
     def _attribute(self, value: Value, name: str) -> Value:
+        if isinstance(value.kind, Fields):
+            return self.load(self.field(value, name))
         if isinstance(value.kind, Group) and name in value.kind.names:
             return parts(value)[value.kind.names.index(name)]
         if isinstance(value.kind, Array) and name == "shape":
@@ -238,7 +238,7 @@ class Expressions(Lines):
             return self._extreme(_TESTS[ast.Lt if function is min else ast.Gt], given)
         if function in _BUILT_IN:
             return _BUILT_IN[function](self, *given)
-        if not getattr(function, "bare", False):
+        if not getattr(function, "compiled_subset", False):
             raise TypeError(f"{function} has no translation")
         name, kind, given = self.called(function, given)
         words = ", ".join(f"{k} {w}" for v in given for k, w in zip(v.kind.words, v.words, strict=True))
@@ -316,9 +316,9 @@ def _flat(lines: Expressions, matrix: Value) -> Value:
 
 
 def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
+    if not isinstance(matrix.kind, Array) or matrix.kind.dimensions != 2 or matrix.kind.item == FLAG:
+        raise TypeError("rows are those of matrices of doubles or integers")
     place = lines.place(matrix, [number])
-    if matrix.kind != MATRIX or place.kind != VECTOR:
-        raise TypeError("rows are those of matrices of doubles")
     return Value(INTEGER, (lines.set(f"ptrtoint ptr {place.words[0]} to i64"),))
 
 
@@ -340,7 +340,7 @@ def _load(lines: Expressions, address: Value, index: Value) -> Value:
     return lines.load(lines.place(Value(VECTOR, (pointer, "0")), [index]))
 
 
-def _ahead(lines: Expressions, address: Value, index: Value) -> Value:
+def _prefetch(lines: Expressions, address: Value, index: Value) -> Value:
     pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
     place = lines.set(f"getelementptr double, ptr {pointer}, i64 {_word(index, INTEGER)}")
     lines.lines.append(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
@@ -352,7 +352,7 @@ def _lowest(lines: Expressions, bits: Value) -> Value:
 
 
 def _take(lines: Expressions, array: Value, amount: Value) -> Value:
-    added = f"atomicrmw add ptr {_word(array, INTEGERS)}, i64 {_word(amount, INTEGER)} monotonic"
+    added = f"atomicrmw add ptr {_word(array, INT_VECTOR)}, i64 {_word(amount, INTEGER)} monotonic"
     return Value(INTEGER, (lines.set(added),))
 
 
@@ -362,13 +362,14 @@ _BUILT_IN: dict[Any, Callable[..., Value]] = {
     float: lambda lines, value: lines.converted(value, NUMBER),
     math.isfinite: _is_finite,
     math.isnan: _is_nan,
-    math.sqrt: _library("llvm.sqrt.f64"),
-    math.exp: _library("exp"),
-    math.log: _library("log"),
+    code.sqrt: _library("llvm.sqrt.f64"),
+    code.exp: _library("exp"),
+    code.log: _library("log"),
+    code.square: lambda lines, value: lines.combined(ast.Mult(), value, value),
     code.row: _row,
     code.call_code: _call_code,
     code.call_test: _call_test,
-    code.ahead: _ahead,
+    code.prefetch: _prefetch,
     code.element: _load,
     code.flat: _flat,
     code.lowest: _lowest,

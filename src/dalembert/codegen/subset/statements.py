@@ -114,6 +114,8 @@ class _Statements(Expressions):
                     self._assign(part, found)
             case ast.Subscript(value=base, slice=index):
                 self.store(value, self.place(self.value(base), self.index(index)))
+            case ast.Attribute(value=base, attr=name):
+                self.store(value, self.field(self.value(base), name))
             case _:
                 raise TypeError("nothing can be assigned to this")
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import final
 
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Group, Kind, Scalar
+from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 
 __all__ = ["Lines", "Value", "literal", "parts", "rounded", "unified"]
 
@@ -158,6 +158,14 @@ class Lines:
             offset = word if before == "0" else before if word == "0" else self.set(f"add i64 {before}, {word}")
         data = self.set(f"getelementptr {kind.item.stored}, ptr {data}, i64 {offset}")
         return Value(Array(kind.item, len(shape) - len(index)), (data, *shape[len(index) :]))
+
+    def field(self, record: Value, name: str) -> Value:
+        """Return the address of a field of a record, as `place` does that of an element."""
+        if not isinstance(record.kind, Fields) or name not in record.kind.names:
+            raise TypeError(f"there is no {name} that could be read or changed")
+        number = record.kind.names.index(name)
+        address = self.set(f"getelementptr i64, ptr {record.words[0]}, i64 {number}")
+        return Value(Array(record.kind.items[number], 0), (address,))
 
     def load(self, place: Value) -> Value:
         """Return what `place` gave the address of."""

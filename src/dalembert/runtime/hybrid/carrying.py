@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ...codegen.base import CaseRun
 from ...errors import ValueInputError
-from ...integrators import phase_tables as fleet
 from ...integrators.event_code import Event
-from ...integrators.phase_tables import Bench, Fleet, Plan
+from ...integrators.phase_loop import PhaseArguments
+from ...integrators.phase_tables import AttemptTable, Bench, Fleet, Plan, RuleTable, StationTable
 from ...interrupts import STOPPED
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
@@ -95,14 +95,14 @@ class Carrier:
 
     def _place(self, some: NDArray[np.intp]) -> None:
         """Give running cases without a station the one that they need, where there is any."""
-        whole = self.cases.whole
-        mixed = whole[fleet.MODE, some] * len(self.causes) + whole[fleet.CAUSE, some]
+        numbers = self.cases.numbers
+        mixed = numbers.mode[some] * len(self.causes) + numbers.cause[some]
         for number in np.unique(mixed):
             here = some[mixed == number]
-            mode, cause = self.table[whole[fleet.MODE, here[0]]], self.causes[whole[fleet.CAUSE, here[0]]]
+            mode, cause = self.table[numbers.mode[here[0]]], self.causes[numbers.cause[here[0]]]
             if mode not in self.methods:
                 self.methods[mode] = self._method(mode, here)
-            whole[fleet.STATION, here] = self._station(mode, cause)
+            numbers.station[here] = self._station(mode, cause)
 
     def _method(self, mode: Mode, some: NDArray[np.intp]) -> str | None:
         """Return the method that fits the first, the middle and the last of some cases."""
@@ -128,11 +128,11 @@ class Carrier:
 
         Raises KeyboardInterrupt where Ctrl-C stopped it.
         """
-        whole, loop = self.cases.whole, self.modes.engine().phases
+        numbers, loop = self.cases.numbers, self.modes.engine().phases
         if loop is None:
             return False
-        self._place(some[whole[fleet.STATION, some] < 0])
-        order = np.ascontiguousarray(some[whole[fleet.STATION, some] >= 0])
+        self._place(some[numbers.station[some] < 0])
+        order = np.ascontiguousarray(some[numbers.station[some] >= 0])
         if not len(order):
             return False
         plan, outputs, lanes = self._plan()
@@ -144,16 +144,14 @@ class Carrier:
             made = bench(self.stations, self.rows, together, lanes, outputs, len(self.modes.equations.contacts))
             if made is None:
                 self.methods = dict.fromkeys(self.methods)
-                whole[fleet.STATION] = -1
+                numbers.station[:] = -1
                 return False
-            room, count_at, held = made
-            benches.append((room, held))
-            plan = plan._replace(count_at=count_at)
+            benches.append(made)
         turn = np.zeros(1, np.int64)
-        cases, numbers = self.cases._replace(order=order, turn=turn), itertools.count()
+        cases, threads_begun = self.cases._replace(order=order, turn=turn), itertools.count()
 
         def work() -> None:
-            loop(plan, cases, benches[next(numbers)][0])
+            loop(PhaseArguments(plan, cases, benches[next(threads_begun)][0]))
 
         def stop() -> None:
             for room, _ in benches:
@@ -204,7 +202,8 @@ class Carrier:
                     outputs = max(outputs, len(verdict.kernel.outputs))
             number += 1
         terminal = np.array([int(bool(event.terminal)) for event in self.asked], np.int64)
-        return Plan(slips, 0, *lines.tables(), terminal=terminal), outputs, lanes
+        tables = lines.tables(len(self.modes.equations.contacts))
+        return Plan(slips, *tables, terminal=terminal), outputs, lanes
 
     def _cause(self, cause: Cause) -> int:
         if cause not in self.causes:
@@ -248,13 +247,18 @@ class _Lines:
     rules: list[list[int]]
     attempts: list[list[int]]
 
-    def tables(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return the tables, with lines of one length."""
-        return _table(self.stations), _table(self.columns), _table(self.rules), _table(self.attempts)
+    def tables(self, contacts: int) -> tuple[StationTable, NDArray[np.int64], RuleTable, AttemptTable]:
+        """Return the tables, of a scene with so many contacts."""
+        columns = np.zeros((len(self.columns), max((len(line) for line in self.columns), default=1)), np.int64)
+        for line, row in zip(self.columns, columns, strict=True):
+            row[: len(line)] = line
+        stations, rules = StationTable(*_turned(self.stations, 6)), RuleTable(*_turned(self.rules, 8))
+        mode, station, held, apart, *contact = _turned(self.attempts, 4 + 2 * contacts)
+        turned = np.array(contact, np.int64).reshape(2, contacts, len(mode))
+        ways, sides = (np.ascontiguousarray(part.T) for part in turned)
+        return stations, columns, rules, AttemptTable(mode, station, held, apart, ways, sides)
 
 
-def _table(lines: Sequence[Sequence[int]]) -> NDArray[np.int64]:
-    made = np.zeros((len(lines), max((len(line) for line in lines), default=1)), np.int64)
-    for line, row in zip(lines, made, strict=True):
-        row[: len(line)] = line
-    return made
+def _turned(lines: Sequence[Sequence[int]], columns: int) -> NDArray[np.int64]:
+    """Return the columns of a table as rows."""
+    return np.ascontiguousarray(np.array(lines, np.int64).reshape(len(lines), columns).T)

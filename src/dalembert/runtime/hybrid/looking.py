@@ -8,8 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...integrators import phase_tables as fleet
-from ...integrators.phase_tables import NOTHING_FIRED, Fleet
+from ...integrators.phase_tables import NOTHING_FIRED, Fleet, case_numbers
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
@@ -83,7 +82,7 @@ class Lookout:
         self.causes: list[Cause] = [(None, ())]
         k, nothing = len(modes.equations.contacts), np.zeros(0, np.int64)
         self.now = start.part(np.arange(1))
-        self.whole = np.zeros((fleet.WHOLE, 1), np.int64)
+        self.numbers = case_numbers(1)
         self.log = np.empty((_MOST_PHASES, 4 + 3 * k + start.x.shape[1]))
         now, none = self.now, np.empty((0, 0))
         cases = Fleet(
@@ -96,7 +95,7 @@ class Lookout:
             now.directions.reshape(1, 2 * k),
             now.sides,
             now.speeds,
-            self.whole,
+            self.numbers,
             np.empty((1, 0)),
             nothing,
             nothing,
@@ -114,25 +113,26 @@ class Lookout:
         """Return what is seen of a motion from an instant on; None where there is no compiled code for its mode."""
         for name in ("t", "x", "directions", "sides", "speeds", "passed"):
             getattr(self.now, name)[...] = getattr(now, name)
-        whole, begin = self.whole, now.t
+        numbers, begin = self.numbers, now.t
         for known, value in ((self.table, mode), (self.causes, cause)):
             if value not in known:
                 known.append(value)  # type: ignore[arg-type]
-        whole[:] = 0
-        whole[fleet.STATE], whole[fleet.STATION], whole[fleet.FIRED] = RUNNING, -1, NOTHING_FIRED
-        whole[fleet.MODE], whole[fleet.CAUSE] = self.table.index(mode), self.causes.index(cause)
-        whole[fleet.SOON], self.log[:, 0] = soon, np.nan
+        for values in numbers:
+            values[:] = 0
+        numbers.state[:], numbers.station[:], numbers.fired[:] = RUNNING, -1, NOTHING_FIRED
+        numbers.mode[:], numbers.cause[:] = self.table.index(mode), self.causes.index(cause)
+        numbers.soon[:], self.log[:, 0] = soon, np.nan
         if not self.carrier.carry(np.zeros(1, np.intp)):
             return None
         stops = []
         for line in self.log[~np.isnan(self.log[:, 0])]:
             stops.append(self._stop(line, begin))
             begin = stops[-1].now.t
-        last, bits = self.now.part(np.arange(1)), int(whole[fleet.FIRED, 0])
+        last, bits = self.now.part(np.arange(1)), int(numbers.fired[0])
         if bits == NOTHING_FIRED:
-            done = whole[fleet.STATE, 0] == Status.SUCCESS and last.t[0] != begin[0]
+            done = numbers.state[0] == Status.SUCCESS and last.t[0] != begin[0]
             return Seen(stops, bool(done), last, None)
-        here = self.table[whole[fleet.MODE, 0]]
+        here = self.table[numbers.mode[0]]
         fired = [point for i, point in enumerate(self.modes.points(here)) if bits >> i & 1]
         self.carrier.learn(np.zeros(1, np.intp), here, fired)
         return Seen(stops, False, last, fired)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...codegen.base import BlockResult, CaseColumns, LoopCall
@@ -63,8 +64,11 @@ class Station:
         """Components of the state."""
         return len(self.model.layout.state)
 
-    def call(self, rows: Rows, room: _Room) -> LoopCall | None:
-        """Return the call that runs the cases that are gathered in a room, None where the engine has none."""
+    def call(self, rows: Rows, room: _Room, turn: NDArray[np.int64]) -> LoopCall | None:
+        """Return the call that runs the cases that are gathered in a room, None where the engine has none.
+
+        Its next case is `turn` (1,).
+        """
         model, names, gathered, k = self.model, tuple(rows.states), room.gathered, room.gathered.shape[1]
         start = model._start(names)
         columns = CaseColumns(
@@ -81,7 +85,7 @@ class Station:
         y = room.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, room.ends, np.empty((k, 0, self.size)), happened, np.empty((k, 0)))
         run = model._engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
-        return None if run is None or run.call is None else run.call()
+        return None if run is None or run.call is None else run.call(turn)
 
 
 def fitting_method(model: CompiledModel, cases: Cases, settings: Mapping[str, Any], method: str) -> str | None:
@@ -109,8 +113,8 @@ class _Room:
 
 def bench(
     stations: Sequence[Station], rows: Rows, together: int, lanes: int, outputs: int, contacts: int
-) -> tuple[Bench, int, object] | None:
-    """Return room for one thread, the place of the number of cases among words, and what must stay alive.
+) -> tuple[Bench, object] | None:
+    """Return room for one thread, and what must stay alive.
 
     None where a station has no call.
 
@@ -131,25 +135,18 @@ def bench(
         np.zeros((together, 3)),
         np.zeros(together * 3 * events),
     )
-    calls = []
-    for station in stations:
-        call = station.call(rows, room)
+    turns, calls = np.zeros(len(stations), np.int64), []
+    for i, station in enumerate(stations):
+        call = station.call(rows, room, turns[i : i + 1])
         if call is None:
             return None
         calls.append(call)
-    turns = np.zeros(len(stations), np.int64)
-    words = np.zeros((len(stations), max(len(call.words) for call in calls)), np.int64)
-    for i, call in enumerate(calls):
-        words[i, : len(call.words)] = call.words
-        words[i, call.turn_at] = turns.__array_interface__["data"][0] + i * turns.itemsize
-    first = words.__array_interface__["data"][0]
-    addresses = first + words.strides[0] * np.arange(len(stations), dtype=np.int64)
+    packed_args = np.array([call.packed_args for call in calls])
     n_q2, parameters = len(rows.states), rows.count - 2 - len(rows.states) - 3 * contacts
     made = Bench(
         room.gathered,
-        words,
+        packed_args,
         np.array([call.entry for call in calls], np.int64),
-        addresses,
         turns,
         room.y,
         room.ends,
@@ -164,4 +161,4 @@ def bench(
         aligned(max(contacts, 1), lanes),
         aligned(max(outputs, 2), lanes),
     )
-    return made, calls[0].count_at, calls
+    return made, calls

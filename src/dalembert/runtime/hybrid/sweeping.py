@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...integrators.event_code import Event
 from ...integrators.events import SOON, SOON_IN_A_ROW
-from ...integrators.phase_tables import NOTHING_FIRED, WHOLE, Fleet
+from ...integrators.phase_tables import NOTHING_FIRED, Fleet, case_numbers
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Watchpoint
 from ...methods.status import Status
@@ -53,9 +53,10 @@ class _Sweep:
         count, k = len(campaign.t), len(modes.equations.contacts)
         self.names = (*campaign.layout.coordinates, *campaign.layout.rates)
         self.now = Instants.starting(campaign.t.copy(), campaign.x.copy(), campaign.p, k)
-        self.whole = np.zeros((WHOLE, count), np.int64)
-        self.status, self.mode, self.cause, self.station, self.fired, self.phases, self.steps, *others = self.whole
-        self.soon, self.next = others
+        self.numbers = numbers = case_numbers(count)
+        self.status, self.mode, self.cause, self.station = numbers.state, numbers.mode, numbers.cause, numbers.station
+        self.fired, self.phases, self.steps = numbers.fired, numbers.phases, numbers.steps
+        self.soon, self.next = numbers.soon, numbers.next
         self.status[:], self.mode[:], self.station[:], self.fired[:] = campaign.status, -1, -1, NOTHING_FIRED
         self.table: list[Mode] = []
         self.breaks = modes.breaks(campaign.p, campaign.t, campaign.t1)
@@ -88,7 +89,7 @@ class _Sweep:
             now.directions.reshape(count, 2 * k),
             now.sides,
             now.speeds,
-            self.whole,
+            self.numbers,
             self.occurred,
             nothing,
             nothing,

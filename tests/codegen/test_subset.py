@@ -1,0 +1,361 @@
+"""Translation of loops from Python: results are those of Python, and code without translation is named."""
+
+import ctypes
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from dalembert.codegen.llvm.assembly import compile_object, load_object
+from dalembert.codegen.subset import loop_assembly
+from dalembert.integrators import (
+    event_lane_loop,
+    explicit_loop,
+    implicit_loop,
+    kernel_rows,
+    lane_loop,
+    phase_loop,
+    prepared_loop,
+    projected_lane_loop,
+    sample_projection,
+    taylor_loop,
+)
+from dalembert.integrators.arguments import FlagMatrix, IntVector, Matrix, Record, Vector, address_of, pack
+from dalembert.integrators.compiled_subset import (
+    compiled_subset,
+    element,
+    exp,
+    flat,
+    log,
+    lowest,
+    prefetch,
+    row,
+    sqrt,
+    square,
+    take,
+)
+
+LOOPS = (
+    event_lane_loop, explicit_loop, implicit_loop, kernel_rows, lane_loop, phase_loop, prepared_loop,
+    projected_lane_loop, sample_projection, taylor_loop,
+)  # fmt: skip
+TABLE = np.array([[1.5, -2.0], [0.25, 8.0]])
+WANTED = True
+
+
+class Pair(NamedTuple):
+    a: int
+    b: int
+
+
+class Arithmetic(NamedTuple):
+    given: Pair
+    x: Vector
+    out: Vector
+    integers: IntVector
+
+
+class Control(NamedTuple):
+    n: int
+    x: Vector
+    out: Vector
+    integers: IntVector
+
+
+class Arrays(NamedTuple):
+    m: Matrix
+    flags: FlagMatrix
+    out: Vector
+    integers: IntVector
+
+
+class Tally(Record):
+    total: float
+    steps: int
+    last: float
+
+
+class Records(NamedTuple):
+    doubled: bool
+    factor: float
+    limits: Pair
+    tally: Tally
+    x: Vector
+
+
+class Numbers(NamedTuple):
+    x: Vector
+
+
+class Untyped(NamedTuple):
+    x: np.ndarray
+
+
+@compiled_subset
+def split(x: float, k: int) -> tuple[float, int]:
+    if x < 0.0:
+        return -x, k - 1
+    return x, k + 1
+
+
+@compiled_subset
+def fill(out, x: float) -> None:
+    for i in range(out.size):
+        if i == 3:
+            return
+        out[i] += x
+
+
+@compiled_subset
+def arithmetic(arguments: Arithmetic) -> int:
+    x, out, whole = arguments.x, arguments.out, arguments.integers
+    a, b = arguments.given
+    whole[0], whole[1], whole[2], whole[3] = a // b, a % b, a << 2, (a >> 1) & 5
+    whole[4] = -a
+    whole[5] = abs(a) if (a < b and not b == 2) or a == 7 else int(x[2])
+    out[0], out[1] = a / b, square(x[0]) + x[1] * a
+    out[2], out[3] = min(x[0], x[1], 0.5), max(x[1], x[0])
+    out[4] = abs(x[1]) - float(a)
+    out[5] = 1.0 if 0 < a < b <= 3 else math.inf
+    out[6], out[7] = sqrt(2 + a * a), exp(0.1 * a) + log(b)
+    return a * b
+
+
+@compiled_subset
+def control(arguments: Control) -> int:
+    n, x, out, whole = arguments.n, arguments.x, arguments.out, arguments.integers
+    found = last = 0
+    total = 0.0
+    for i in range(n):
+        if i % 2 == 1:
+            continue
+        j = 0
+        while True:
+            j += 1
+            if j > i or (j == 4 and WANTED):
+                break
+            total += TABLE[i % 2, j % 2] * j
+        i = 100  # the count goes on
+        last = j
+    for k in range(n - 1, -1, -2):
+        found = 10 * found + k
+    for weight, shift in ((2.0, 1), (0.5, 3)):
+        if shift == 3 and n > 6:
+            continue
+        total, last = weight * total, last + shift
+    part, found = split(total - 5.0, found)
+    out[0], out[1] = total, part
+    fill(out, x[0])
+    if not WANTED:
+        out[1] = whole.unheard_of
+    whole[0], whole[1] = found, last
+    flag = total > 1.0 and n > 2
+    flag = flag or n == 1
+    return 1 if flag else 0
+
+
+@compiled_subset
+def arrays(arguments: Arrays) -> int:
+    m, flags, out, whole = arguments.m, arguments.flags, arguments.out, arguments.integers
+    first, second = m[0], m[1]
+    for j in range(m.shape[1]):
+        first[j], second[j] = second[j], first[j]
+        flags[1, j] = first[j] > 0.0
+    if flags[1, 0]:
+        out[0] = element(row(m, 1), 1)
+    out[1] = math.nan
+    whole[1] = take(whole, 3)
+    whole[2] = m.size
+    prefetch(row(m, 0), m.size)
+    column = flat(m)
+    column[4, 0] = column[1, 0] + column.shape[0]
+    left, places = 84, 0
+    while left != 0:
+        places = 10 * places + lowest(left)
+        left &= left - 1
+    whole[0] = places
+    whole[3] = 1 if math.isnan(out[1]) and not math.isfinite(out[1]) else 0
+    return m.shape[0]
+
+
+@compiled_subset
+def advanced(tally: Tally, x: float) -> float:
+    tally.steps += 1
+    tally.last, before = x, tally.last
+    return before
+
+
+@compiled_subset
+def records(arguments: Records) -> int:
+    tally, x = arguments.tally, arguments.x
+    while tally.steps < arguments.limits.b:
+        tally.total += advanced(tally, x[tally.steps]) * arguments.factor
+    if arguments.doubled:
+        tally.total = 2.0 * tally.total
+    return tally.steps
+
+
+def copied(argument):
+    if isinstance(argument, np.ndarray):
+        return argument.copy()
+    if isinstance(argument, Record):
+        return type(argument)(argument.words.copy())
+    return argument
+
+
+def written(arguments):
+    arrays = [a for a in arguments if isinstance(a, np.ndarray)]
+    return arrays + [a.words for a in arguments if isinstance(a, Record)]
+
+
+def both(function, arguments):
+    """Return what Python and what the translation make of the same arguments: results, and arrays written to."""
+    found = []
+    code = load_object(compile_object(loop_assembly(function), straight=False))
+    entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.address("entry"))
+
+    def translated(given):
+        packed_args = pack(given)
+        return entry(address_of(packed_args))
+
+    for call in (function, translated):
+        given = type(arguments)(*(copied(argument) for argument in arguments))
+        with np.errstate(all="ignore"):
+            found.append((call(given), written(given)))
+    return found
+
+
+def assert_same(found):
+    (result, arrays), (translated, others) = found
+    assert result == translated
+    for array, other in zip(arrays, others, strict=True):
+        np.testing.assert_array_equal(array, other)
+
+
+@pytest.mark.parametrize("a", [-7, -1, 0, 2, 7])
+@pytest.mark.parametrize("b", [1, 2, 3])
+@pytest.mark.parametrize("x", [(0.25, -3.0, -2.75), (7.5, math.inf, 1e9), (math.nan, 1.0, 0.0), (1.0, math.nan, 3.9)])
+def test_arithmetic_is_that_of_python(a, b, x):
+    assert_same(both(arithmetic, Arithmetic(Pair(a, b), np.array(x), np.zeros(8), np.zeros(6, np.int64))))
+
+
+@pytest.mark.parametrize("n", range(9))
+def test_control_is_that_of_python(n):
+    assert_same(both(control, Control(n, np.array([0.5]), np.zeros(5), np.zeros(2, np.int64))))
+
+
+def test_arrays_are_those_of_python():
+    m, flags = np.array([[1.0, -2.0, 3.0], [4.0, 5.0, -6.0]]), np.zeros((2, 3), np.bool_)
+    assert_same(both(arrays, Arrays(m, flags, np.zeros(2), np.arange(4))))
+
+
+@pytest.mark.parametrize("doubled", [False, True])
+def test_records_are_those_of_python(doubled):
+    tally = Tally()
+    tally.total, tally.steps, tally.last = 0.5, 1, -3.0
+    found = both(records, Records(doubled, 0.25, Pair(0, 4), tally, np.array([1.0, 2.0, 4.0, 8.0])))
+    assert_same(found)
+    assert found[0][0] == 4
+    changed = Tally(found[1][1][1])
+    assert (changed.total, changed.steps, changed.last) == ((2.0 if doubled else 1.0) * 1.25, 4, 8.0)
+
+
+@pytest.mark.parametrize("module", LOOPS, ids=lambda module: module.__name__.rsplit(".", 1)[1])
+def test_the_same_loop_gives_the_same_text(module):
+    assert loop_assembly(module.LOOP) == loop_assembly(module.LOOP)
+
+
+@compiled_subset
+def negative(arguments: Numbers) -> int:
+    x = arguments.x
+    x[-1] = 0.0
+    return 0
+
+
+@compiled_subset
+def two_kinds(arguments: Numbers) -> int:
+    x = arguments.x
+    total = 0
+    total += x[0]
+    return total
+
+
+@compiled_subset
+def unknown_call(arguments: Numbers) -> int:
+    x = arguments.x
+    return sorted(x)
+
+
+@compiled_subset
+def unmarked_call(arguments: Numbers) -> int:
+    x = arguments.x
+    assert_same(x)
+    return 0
+
+
+@compiled_subset
+def too_early(arguments: Numbers) -> int:
+    x = arguments.x
+    x[0] = later  # noqa: F821
+    later = 1.0  # noqa: F841
+    return 0
+
+
+@compiled_subset
+def power(arguments: Numbers) -> int:
+    arguments.x[0] = arguments.x[0] ** 2
+    return 0
+
+
+@compiled_subset
+def unsaid(arguments: Numbers):
+    return 0
+
+
+@compiled_subset
+def no_field(arguments: Records) -> int:
+    arguments.tally.unheard_of = 1
+    return 0
+
+
+@compiled_subset
+def not_a_record(arguments: Records) -> int:
+    arguments.factor = 1.0
+    return 0
+
+
+@compiled_subset
+def untyped(arguments: Untyped) -> int:
+    return 0
+
+
+@compiled_subset
+def several(x: Vector, y: Vector) -> int:
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (negative, "never a negative one"),
+        (two_kinds, "total: .* does not fit"),
+        (unknown_call, "sorted.* has no translation"),
+        (unmarked_call, "assert_same.* has no translation"),
+        (too_early, "later has no value yet"),
+        (power, "no powers, and `square`"),
+        (unsaid, "says so"),
+        (no_field, "no unheard_of that could be read or changed"),
+        (not_a_record, "no factor that could be read or changed"),
+        (untyped, "is not a type of arguments of compiled loops"),
+        (several, "a loop takes one NamedTuple"),
+    ],
+)
+def test_what_has_no_translation_is_refused(function, message):
+    with pytest.raises(TypeError, match=message):
+        loop_assembly(function)
+
+
+def test_a_fault_names_the_line():
+    with pytest.raises(TypeError, match=rf"test_subset.py, line {power.__code__.co_firstlineno + 2}"):
+        loop_assembly(power)
