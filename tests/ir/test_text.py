@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from textwrap import dedent
 
 import pytest
@@ -77,6 +78,11 @@ def pulsed():
     jump = A * sp.Heaviside(t**2 * sp.floor(t / on) - 2.5)
     scene.add_loads((P, (jump + sp.exp(-(((t - on) / w) ** 2))) * N.x))
     return scene
+
+
+@cache
+def pulsed_text():
+    return str(lowered(pulsed(), "minimal"))
 
 
 def test_a_program_with_conditions():
@@ -316,3 +322,23 @@ def test_text_tells_programs_apart():
     other = replace(kernel, body=(Assignment("z", "mul", ("x", -2.0)),))
     zero, minus = (replace(kernel, outputs=(value,)) for value in (0.0, -0.0))
     assert len({str(k) for k in (kernel, other, zero, minus)}) == 4
+
+
+PIECES = st.sampled_from(
+    ('"', "\\", "(", ")", "[", "]", ",", ":", "=", "-", "**", "<", "#", "\n", "inf", "nan", "kernel")
+)
+
+
+@settings(max_examples=200)
+@given(st.data())
+def test_damaged_text_is_read_or_refused(data):
+    text = data.draw(st.one_of(st.sampled_from((GOOD, pulsed_text())), KERNELS.map(str)))
+    place = data.draw(st.integers(0, len(text)))
+    damaged = text[:place] + data.draw(PIECES) + text[place + data.draw(st.integers(0, 5)) :]
+    for parse in (Program.parse, Kernel.parse):
+        try:
+            read_back = parse(damaged)
+        except ProgramTextError as error:
+            assert 1 <= error.line <= damaged.count("\n") + 1
+        else:
+            assert repr(parse(str(read_back))) == repr(read_back)
