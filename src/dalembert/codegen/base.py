@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import FormulationError, OptionError
+from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..ir.interpret import interpret_rows
@@ -22,14 +23,10 @@ from ..methods.status import Status
 from ..once import once_property
 
 if TYPE_CHECKING:
-    from ..integrators.event_code import EventCode
     from ..reduction.starting import Start
 
 __all__ = [
     "Backend",
-    "BlockResult",
-    "CaseBlock",
-    "CaseColumns",
     "CaseRun",
     "Engine",
     "LoopCall",
@@ -105,68 +102,6 @@ class RenderedModule:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class CaseBlock:
-    """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
-
-    ``watch`` are events and reductions, or None.
-    """
-
-    y: FloatArray
-    c: FloatArray
-    spans: FloatArray
-    t_eval: FloatArray
-    rtol: float
-    atol: float
-    max_step: float
-    max_steps: int
-    watch: EventCode | None = None
-
-    def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
-        """Return a case alone."""
-        return IntegrationProblem(
-            t0=float(self.spans[number, 0]),
-            t1=float(self.spans[number, 1]),
-            y0=self.y[number],
-            constants=self.c[number],
-            rtol=self.rtol,
-            atol=self.atol,
-            t_eval=t_eval,
-            max_step=self.max_step,
-            max_steps=self.max_steps,
-            dense=dense,
-        )
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class CaseColumns:
-    """Cases as they are given, and common settings: columns of one value for all cases, or one each.
-
-    Attributes
-    ----------
-    count : int
-        Number of cases, k.
-    spans, parameters, given : tuple of ndarray (1,) or (k,)
-        Start and end; parameters in the order of the layout; initial values in the order of ``start.given``.
-    start : Start
-        From given values to states.
-    """
-
-    count: int
-    spans: tuple[FloatArray, FloatArray]
-    parameters: tuple[FloatArray, ...]
-    given: tuple[FloatArray, ...]
-    start: Start
-    t_eval: FloatArray
-    rtol: float
-    atol: float
-    max_step: float
-    max_steps: int
-    watch: EventCode | None = None
-
-
-@final
 @dataclass(frozen=True)
 class CaseRun:
     """Cases about to run.
@@ -212,50 +147,6 @@ class LoopCall:
     entry: int
     packed_args: NDArray[np.int64]
     held: object
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class BlockResult:
-    """Arrays to write to: final states (k, n_y), ends (k, 3) = final time, status, steps, samples (k, n_t, n_y).
-
-    ``happened`` (k, 3 n_events) are the number of each event and the times of its first and last occurrence,
-    ``totals`` (k, n_running) minima, maxima and integrals.
-    """
-
-    y: FloatArray
-    ends: FloatArray
-    samples: FloatArray
-    happened: FloatArray
-    totals: FloatArray
-
-    @classmethod
-    def empty(cls, count: int, size: int, wanted: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
-        """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
-        y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan)
-        return cls(y, ends, samples, *cls.nothing_yet(count, events, kinds))
-
-    @staticmethod
-    def nothing_yet(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Return what happened, and minima, maxima and integrals, before anything is known of the motions."""
-        happened = np.full((count, 3 * events), np.nan)
-        happened[:, ::3] = 0.0
-        start = [{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds]
-        return happened, np.tile(np.array(start, dtype=float), (count, 1))
-
-    def __getitem__(self, cases: slice | NDArray[np.bool_]) -> BlockResult:
-        """Return the results of some cases: views for a slice, copies for a mask."""
-        return BlockResult(*(getattr(self, name)[cases] for name in self.__dataclass_fields__))
-
-    def refuse(self, cases: NDArray[np.bool_], status: Status) -> None:
-        """Leave nothing of some cases but a status."""
-        refused = self.empty(int(np.sum(cases)), self.y.shape[1], self.samples.shape[1], self.happened.shape[1] // 3)
-        refused.y[...], refused.ends[...] = np.nan, (np.nan, status, 0)
-        self[cases] = replace(refused, totals=np.full_like(self.totals[cases], np.nan))
-
-    def __setitem__(self, cases: NDArray[np.bool_], other: BlockResult) -> None:
-        for name in self.__dataclass_fields__:
-            getattr(self, name)[cases] = getattr(other, name)
 
 
 class Engine(ABC):

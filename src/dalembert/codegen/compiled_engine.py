@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..integrators.cases import BlockResult, CaseColumns
 from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
@@ -24,7 +25,7 @@ from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
 from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
 from ..transforms.taylor import clipped_tolerance, order_for
-from .base import BlockResult, CaseColumns, CaseRun, Engine, Prepared, growing_stretches
+from .base import CaseRun, Engine, Prepared, growing_stretches
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.advance_lanes import pace
 from .llvm.check_inputs import sound

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.base import BlockResult, CaseBlock, CaseColumns
 from ..errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ..integrators.breakpoints import CaseBreaks
+from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.event_code import EventCode
 from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows

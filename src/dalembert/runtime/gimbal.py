@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import BlockResult, CaseBlock
 from ..errors import OptionError, list_names
+from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.problem import Solution
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.base import BlockResult, CaseBlock, CaseColumns, Engine, Final, Prepared, PreparedStates
+from ..codegen.base import Engine, Final, Prepared, PreparedStates
 from ..integrators.breakpoints import break_times, break_times_of_cases
+from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.problem import (
     DenseOutput,
     IntegrationProblem,

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.base import BlockResult, CaseBlock, Engine
+from ..codegen.base import Engine
 from ..errors import list_names
+from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.event_code import SUSPECT
 from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution

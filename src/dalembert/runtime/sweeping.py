@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..codegen.base import BlockResult, CaseRun, Engine
+from ..codegen.base import CaseRun, Engine
 from ..errors import MissingExtraError
+from ..integrators.cases import BlockResult
 from ..interrupts import STOPPED, check, stopped_by
 from ..methods.status import Status
 from ..once import once

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import BlockResult, CaseBlock
 from ..errors import InitialStateError, OptionError, UnknownNameError, ValueInputError, nesting_named, unknown_name
+from ..integrators.cases import BlockResult, CaseBlock
 from ..ir.program import Layout
 from ..methods.status import Status
 from ..results.estimate import TIGHTER

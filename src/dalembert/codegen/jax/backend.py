@@ -10,13 +10,14 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import MissingExtraError
+from ...integrators.cases import BlockResult, CaseBlock
 from ...integrators.problem import IntegrationProblem, Solution
 from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import order_for, step_kernel
-from ..base import Backend, BlockResult, CaseBlock, Engine, Prepared, RenderedModule, growing_stretches
+from ..base import Backend, Engine, Prepared, RenderedModule, growing_stretches
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start

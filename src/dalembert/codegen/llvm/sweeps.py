@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of, pack
 from ...integrators.case_loading import CaseShape, Columns, SweepKernels
+from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.lane_loop import SweepArguments
 from ...integrators.sample_projection import SampleArguments
 from ...integrators.workspace import EventKernels, LaneState, aligned, event_workspace, lane_state, no_event_workspace
 from ...interrupts import STOPPED, check
-from ..base import BlockResult, CaseColumns, CaseRun, LoopCall
+from ..base import CaseRun, LoopCall
 from .loops import loop_named
 
 __all__ = ["SweepShape", "case_run"]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...codegen.base import BlockResult, CaseColumns, LoopCall
+from ...codegen.base import LoopCall
+from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
 from ...integrators.phase_tables import Bench
 from ...integrators.workspace import aligned
