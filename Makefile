@@ -18,11 +18,12 @@ NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/run
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-targets lint bench bench-quick fuzz corpus clean
+.PHONY: help demo test test-all test-targets lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
 	@echo "make test         ruff, mypy and the tests"
+	@echo "make test-all     make test, and every ready scene in every formulation by every method on the numba backend"
 	@echo "make test-targets the numerical tests for every instruction set that the processor has"
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
@@ -50,6 +51,10 @@ test: lint
 	    echo "==> pytest: numerical tests for $$target"; \
 	    DALEMBERT_TARGET=$$target $(BIN)/python -m pytest -q -n 2 $(SUBSET) || exit 1; \
 	done
+
+test-all: test
+	@echo "==> pytest: the whole matrix of scenes"
+	@$(BIN)/python -m pytest -q -n 2 --dist=load -m matrix
 
 test-targets: $(VENV)/.installed-dev
 	@for target in $$($(BIN)/python tests/targets.py all); do \

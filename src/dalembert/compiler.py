@@ -48,7 +48,9 @@ def compile_model(
         The scene; it is copied, so that later changes to it do not reach the model. For what SymPy's systems become,
         see `Scene.from_sympy`.
     backend : str
-        "llvm" (default), "jax" or "numpy".
+        "llvm" (default): kernels as LLVM assembly, compiled in a fraction of a second; "numba": a generated module that
+        numba compiles in seconds, whose functions can be called in other compiled code (`CompiledModel.kernels`);
+        "jax"; "numpy": plain Python.
     formulation : str
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".

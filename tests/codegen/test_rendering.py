@@ -16,29 +16,25 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from codegen.programs import PROGRAMS
 from dalembert.codegen import BACKENDS
-from dalembert.codegen.printers import JAX, NUMPY, PYTHON
+from dalembert.codegen.numba.texts import module as numba_module
+from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import digest_of, program_variables, render
 from dalembert.errors import MissingExtraError
 from dalembert.naming import Namer
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 MODULES = {
-    "numba": ("numba/module.py.j2", PYTHON, {"options": 'nogil=True, error_model="numpy"'}),
-    "numpy": ("numpy/module.py.j2", NUMPY, {}),
-    "jax": ("jax/module.py.j2", JAX, {}),
+    "numba": numba_module,
+    "numpy": lambda program: render("numpy/module.py.j2", program_variables(program, NUMPY)),
+    "jax": lambda program: render("jax/module.py.j2", program_variables(program, JAX)),
 }
-"""Modules of Python: template, printer, and what the template is given beside the program."""
+"""Modules of Python: their text of a program."""
 modules = pytest.mark.parametrize("backend", MODULES)
 programs = pytest.mark.parametrize("program", PROGRAMS)
 
 
-def variables_of(program, backend):
-    _, printer, further = MODULES[backend]
-    return program_variables(PROGRAMS[program](), printer) | further
-
-
 def rendered(program, backend):
-    return render(MODULES[backend][0], variables_of(program, backend))
+    return MODULES[backend](PROGRAMS[program]())
 
 
 # -- golden files -------------------------------------------------------------------------
@@ -66,16 +62,19 @@ def test_undefined_names_in_a_template_are_errors(tmp_path, monkeypatch):
     (tmp_path / "bad.py.j2").write_text("{{ nothing }}")
     monkeypatch.setattr("dalembert.codegen.rendering.template_directory", lambda: tmp_path)
     with pytest.raises(jinja2.UndefinedError, match="nothing"):
-        render("bad.py.j2", program_variables(PROGRAMS["oscillator"](), PYTHON))
+        render("bad.py.j2", program_variables(PROGRAMS["oscillator"](), NUMPY))
 
 
 @modules
 @programs
 def test_rendered_text_is_python(program, backend):
     tree = ast.parse(rendered(program, backend))
-    functions = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
-    assert functions == [kernel.name for kernel in PROGRAMS[program]()]
-    assert all(ast.get_docstring(node) for node in tree.body if isinstance(node, ast.FunctionDef))
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    kernels = [kernel.name for kernel in PROGRAMS[program]()]
+    further = [f"{name}_entry" for name in kernels] if backend == "numba" else []
+    assert [name for name in functions if name in kernels] == kernels
+    assert [name for name in functions if not name.startswith("_") and name not in kernels] == further
+    assert all(ast.get_docstring(node) for name, node in functions.items() if name not in further)
     assert rendered(program, backend).endswith("\n")
 
 

@@ -11,24 +11,35 @@ import pytest
 
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
-from dalembert.codegen.printers import JAX, NUMPY, PYTHON
+from dalembert.codegen.numba import texts
+from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.methods.tableaus import TABLEAUS
+from dalembert.transforms.recurrences import recurrences
 
 FOLDER = template_directory()
 ALL = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
-MODULES = {
-    "numba/module.py.j2": (PYTHON, {"options": "nogil=True"}),
-    "numpy/module.py.j2": (NUMPY, {}),
-    "jax/module.py.j2": (JAX, {}),
-}
+MODULES = {"numpy/module.py.j2": NUMPY, "jax/module.py.j2": JAX}
 
 
 def render_everything():
     """Render every template, with what the library gives it."""
     for program in (make() for make in PROGRAMS.values()):
-        for template, (printer, further) in MODULES.items():
-            render(template, program_variables(program, printer) | further)
+        for template, printer in MODULES.items():
+            render(template, program_variables(program, printer))
+        texts.module(program)
         render_jax(program)
+    render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
+
+
+def render_numba(rhs):
+    """Render the functions for loops: kernels of several cases, steps and attempts with loops and calls."""
+    texts.kernel("kernel", rhs, 8)
+    texts.entries([("kernel", "compiled")])
+    with mock.patch.multiple(texts, _LARGEST_STRAIGHT=0, _LARGEST_INLINED=0):
+        for dense in (True, False):
+            texts.taylor_step("step", recurrences(rhs), 8, dense=dense)
+            texts.attempt(rhs, TABLEAUS[0], dense=dense, carried=True)
 
 
 def render_jax(program):

@@ -9,13 +9,169 @@ import math
 
 import numba
 
-CACHE = "__file__" in globals()
+NUMBER, INTEGER = numba.types.float64, numba.types.int64
+NUMBERS = numba.types.CPointer(NUMBER)
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
-def prepare(p, out):
+# Functions that people call, with arrays, from their own compiled code.
+KERNEL = {"nogil": True, "error_model": "numpy"}
+# Functions that compiled integrator loops call, with the addresses of five arrays: they need no wrapper for Python.
+ENTRY = {**KERNEL, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+SIGNATURE = numba.types.void(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+
+# What the kernels use beside arithmetic and math. Each of the intrinsics becomes one or two instructions. Written as
+# conditional expressions of Python, selections would take numba a time that grows with the square of their number.
+
+_allocate = numba.types.ExternalFunction("malloc", NUMBERS(INTEGER))
+_release = numba.types.ExternalFunction("free", numba.types.void(NUMBERS))
+
+
+@numba.extending.intrinsic
+def _fma(typing, a, b, c):
+    """a * b + c, rounded once where the processor can."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.fma(*arguments)
+
+    return NUMBER(NUMBER, NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _select(typing, condition, a, b):
+    """a where the condition is not 0, else b."""
+
+    def emit(context, builder, signature, arguments):
+        condition, a, b = arguments
+        return builder.select(builder.fcmp_unordered("!=", condition, condition.type(0.0)), a, b)
+
+    return NUMBER(NUMBER, NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _less(typing, a, b):
+    """1 where a < b, else 0."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<", a, b), a.type(1.0), a.type(0.0))
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _less_equal(typing, a, b):
+    """1 where a <= b, else 0."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<=", a, b), a.type(1.0), a.type(0.0))
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _minimum(typing, a, b):
+    """The smaller of two numbers; b where one is NaN."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _maximum(typing, a, b):
+    """The larger of two numbers; b where one is NaN."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _bits(typing, a):
+    """The bits of a number, as an integer."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(INTEGER))
+
+    return INTEGER(NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _number(typing, bits):
+    """The number that has these bits."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(NUMBER))
+
+    return NUMBER(INTEGER), emit
+
+
+@numba.extending.intrinsic
+def _from(typing, numbers, first):
+    """The numbers of an array from an index on."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return NUMBERS(NUMBERS, INTEGER), emit
+
+
+@numba.njit(**ENTRY)
+def _sign(a):
+    """-1, 0 or 1."""
+    return _less(0.0, a) - _less(a, 0.0)
+
+
+@numba.njit(**ENTRY)
+def _floor(a):
+    """The largest whole number that is not above a."""
+    return float(math.floor(a)) if abs(a) < 4503599627370496.0 else a
+
+
+@numba.njit(**ENTRY)
+def _rough_log2(a):
+    """The logarithm of a positive number, good to 0.005: its bits, read as an integer, and a parabola."""
+    i = _bits(a)
+    exponent = _number(((i >> 12) & 0x000FFFFFFFFFFFFF) | 0x4330000000000000)
+    mantissa = _number((i & 0x000FFFFFFFFFFFFF) | 0x3FF0000000000000)
+    line = _fma(exponent, 9.094947017729282e-13, -5119.67487762)
+    return _fma(_fma(-0.34484829, mantissa, 1.02466557), mantissa, line)
+
+
+@numba.njit(**ENTRY)
+def _rough_exp2(a):
+    """2**a, good to a share of 1e-4, for a held within +-1000."""
+    held = _minimum(_maximum(a, -1000.0), 1000.0)
+    shifted = held + 6755399441055744.0
+    rest = held - (shifted - 6755399441055744.0)
+    power = _fma(_fma(_fma(0.05517167, rest, 0.24261114), rest, 0.69326099), rest, 0.99992807)
+    return _number(_bits(power) + (_bits(shifted) << 52))
+
+
+@numba.njit(**ENTRY)
+def _convolve(w, a, b, count):
+    """The sum of w[a + j] * w[b - j] for j below count."""
+    total = 0.0
+    for j in range(count):
+        total = _fma(w[a + j], w[b - j], total)
+    return total
+
+
+@numba.njit(**KERNEL)
+def prepare(p, c):
     """Constants c from parameters p: 0 values, 0 flops."""
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
+
+@numba.njit(**ENTRY)
+def prepare_entry(p, y, c, s, out):
+    prepare(p, out)
+
+
+@numba.njit(**KERNEL)
 def outputs(t, y, c, out):
     """Requested outputs from the state: 33 values, 10 flops, 1 pow, 1 sin, 1 cos, 1 tan, 1 asin, 1 acos, 1 atan, 1 atan2, 1 exp, 1 log, 1 sinh, 1 cosh, 1 tanh, 1 abs, 1 sign, 1 floor, 1 less, 1 less_equal, 1 select."""
     t_2 = t
@@ -41,13 +197,13 @@ def outputs(t, y, c, out):
     z_cosh = math.cosh(a)
     z_tanh = math.tanh(a)
     z_abs = abs(a)
-    z_sign = (1.0 if a > 0.0 else (-1.0 if a < 0.0 else 0.0))
-    z_floor = float(math.floor(a))
-    z_min = min(a, b)
-    z_max = max(a, b)
-    z_less = (1.0 if a < b else 0.0)
-    z_less_equal = (1.0 if a <= b else 0.0)
-    z_select = (b if a != 0.0 else t_2)
+    z_sign = _sign(a)
+    z_floor = _floor(a)
+    z_min = _minimum(a, b)
+    z_max = _maximum(a, b)
+    z_less = _less(a, b)
+    z_less_equal = _less_equal(a, b)
+    z_select = _select(a, b, t_2)
     small = 1e-300 * a
     third = b + 0.3333333333333333
     negative = a - (-2.5)
@@ -84,3 +240,8 @@ def outputs(t, y, c, out):
     out[30] = (-0.125)
     out[31] = 3.0
     out[32] = t_2
+
+
+@numba.njit(**ENTRY)
+def outputs_entry(t, y, c, s, out):
+    outputs(t[0], y, c, out)

@@ -9,19 +9,175 @@ import math
 
 import numba
 
-CACHE = "__file__" in globals()
+NUMBER, INTEGER = numba.types.float64, numba.types.int64
+NUMBERS = numba.types.CPointer(NUMBER)
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
-def prepare(p, out):
+# Functions that people call, with arrays, from their own compiled code.
+KERNEL = {"nogil": True, "error_model": "numpy"}
+# Functions that compiled integrator loops call, with the addresses of five arrays: they need no wrapper for Python.
+ENTRY = {**KERNEL, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+SIGNATURE = numba.types.void(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+
+# What the kernels use beside arithmetic and math. Each of the intrinsics becomes one or two instructions. Written as
+# conditional expressions of Python, selections would take numba a time that grows with the square of their number.
+
+_allocate = numba.types.ExternalFunction("malloc", NUMBERS(INTEGER))
+_release = numba.types.ExternalFunction("free", numba.types.void(NUMBERS))
+
+
+@numba.extending.intrinsic
+def _fma(typing, a, b, c):
+    """a * b + c, rounded once where the processor can."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.fma(*arguments)
+
+    return NUMBER(NUMBER, NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _select(typing, condition, a, b):
+    """a where the condition is not 0, else b."""
+
+    def emit(context, builder, signature, arguments):
+        condition, a, b = arguments
+        return builder.select(builder.fcmp_unordered("!=", condition, condition.type(0.0)), a, b)
+
+    return NUMBER(NUMBER, NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _less(typing, a, b):
+    """1 where a < b, else 0."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<", a, b), a.type(1.0), a.type(0.0))
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _less_equal(typing, a, b):
+    """1 where a <= b, else 0."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<=", a, b), a.type(1.0), a.type(0.0))
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _minimum(typing, a, b):
+    """The smaller of two numbers; b where one is NaN."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _maximum(typing, a, b):
+    """The larger of two numbers; b where one is NaN."""
+
+    def emit(context, builder, signature, arguments):
+        a, b = arguments
+        return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+    return NUMBER(NUMBER, NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _bits(typing, a):
+    """The bits of a number, as an integer."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(INTEGER))
+
+    return INTEGER(NUMBER), emit
+
+
+@numba.extending.intrinsic
+def _number(typing, bits):
+    """The number that has these bits."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(NUMBER))
+
+    return NUMBER(INTEGER), emit
+
+
+@numba.extending.intrinsic
+def _from(typing, numbers, first):
+    """The numbers of an array from an index on."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return NUMBERS(NUMBERS, INTEGER), emit
+
+
+@numba.njit(**ENTRY)
+def _sign(a):
+    """-1, 0 or 1."""
+    return _less(0.0, a) - _less(a, 0.0)
+
+
+@numba.njit(**ENTRY)
+def _floor(a):
+    """The largest whole number that is not above a."""
+    return float(math.floor(a)) if abs(a) < 4503599627370496.0 else a
+
+
+@numba.njit(**ENTRY)
+def _rough_log2(a):
+    """The logarithm of a positive number, good to 0.005: its bits, read as an integer, and a parabola."""
+    i = _bits(a)
+    exponent = _number(((i >> 12) & 0x000FFFFFFFFFFFFF) | 0x4330000000000000)
+    mantissa = _number((i & 0x000FFFFFFFFFFFFF) | 0x3FF0000000000000)
+    line = _fma(exponent, 9.094947017729282e-13, -5119.67487762)
+    return _fma(_fma(-0.34484829, mantissa, 1.02466557), mantissa, line)
+
+
+@numba.njit(**ENTRY)
+def _rough_exp2(a):
+    """2**a, good to a share of 1e-4, for a held within +-1000."""
+    held = _minimum(_maximum(a, -1000.0), 1000.0)
+    shifted = held + 6755399441055744.0
+    rest = held - (shifted - 6755399441055744.0)
+    power = _fma(_fma(_fma(0.05517167, rest, 0.24261114), rest, 0.69326099), rest, 0.99992807)
+    return _number(_bits(power) + (_bits(shifted) << 52))
+
+
+@numba.njit(**ENTRY)
+def _convolve(w, a, b, count):
+    """The sum of w[a + j] * w[b - j] for j below count."""
+    total = 0.0
+    for j in range(count):
+        total = _fma(w[a + j], w[b - j], total)
+    return total
+
+
+@numba.njit(**KERNEL)
+def prepare(p, c):
     """Constants c from parameters p: 3 values, 1 flops."""
     f = p[0]
     w = p[1]
     square = w * w
-    out[0] = f
-    out[1] = w
-    out[2] = square
+    c[0] = f
+    c[1] = w
+    c[2] = square
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
+
+@numba.njit(**ENTRY)
+def prepare_entry(p, y, c, s, out):
+    prepare(p, out)
+
+
+@numba.njit(**KERNEL)
 def rhs(t, y, c, out):
     """Rate of the state: 2 values, 3 flops, 1 sin."""
     f = c[0]
@@ -36,7 +192,13 @@ def rhs(t, y, c, out):
     out[0] = x_dot
     out[1] = pull
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
+
+@numba.njit(**ENTRY)
+def rhs_entry(t, y, c, s, out):
+    rhs(t[0], y, c, out)
+
+
+@numba.njit(**KERNEL)
 def expand(t, y, c, out):
     """q and q_dot from the state: 2 values, 0 flops."""
     x = y[0]
@@ -44,7 +206,13 @@ def expand(t, y, c, out):
     out[0] = x
     out[1] = x_dot
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
+
+@numba.njit(**ENTRY)
+def expand_entry(t, y, c, s, out):
+    expand(t[0], y, c, out)
+
+
+@numba.njit(**KERNEL)
 def energy(t, y, c, out):
     """Kinetic and potential energy at y = (q, q_dot): 2 values, 5 flops."""
     square = c[2]
@@ -58,7 +226,18 @@ def energy(t, y, c, out):
     out[0] = kinetic
     out[1] = potential
 
-@numba.njit(cache=CACHE, nogil=True, error_model="numpy")
+
+@numba.njit(**ENTRY)
+def energy_entry(t, y, c, s, out):
+    energy(t[0], y, c, out)
+
+
+@numba.njit(**KERNEL)
 def mass_matrix(t, y, c, out):
     """Mass matrix, row by row, at y = (q, q_dot): 1 values, 0 flops."""
     out[0] = 1.0
+
+
+@numba.njit(**ENTRY)
+def mass_matrix_entry(t, y, c, s, out):
+    mass_matrix(t[0], y, c, out)

@@ -225,7 +225,7 @@ def test_unknown_backend_lists_the_known_ones(wrong, meant):
     with pytest.raises(OptionError) as caught:
         da.compile_model(da.scenes.chaplygin_sleigh(), backend=wrong)
     text = str(caught.value)
-    assert repr(wrong) in text and "Known: llvm, jax, numpy" in text
+    assert repr(wrong) in text and "Known: llvm, numba, jax, numpy" in text
     assert (f"Did you mean {meant!r}" in text) if meant else ("Did you mean" not in text)
 
 

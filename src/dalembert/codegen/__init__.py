@@ -16,6 +16,12 @@ def _llvm() -> Backend:
     return LLVMBackend()
 
 
+def _numba() -> Backend:
+    from .numba.backend import NumbaBackend
+
+    return NumbaBackend()
+
+
 def _numpy() -> Backend:
     from .numpy.backend import NumpyBackend
 
@@ -28,7 +34,7 @@ def _jax() -> Backend:
     return JaxBackend()
 
 
-BACKENDS: dict[str, Callable[[], Backend]] = {"llvm": _llvm, "jax": _jax, "numpy": _numpy}
+BACKENDS: dict[str, Callable[[], Backend]] = {"llvm": _llvm, "numba": _numba, "jax": _jax, "numpy": _numpy}
 """Every backend by name; each is imported when first asked for."""
 
 

@@ -219,6 +219,11 @@ class Engine(ABC):
 
         return PreparedStates(run)
 
+    @property
+    def functions(self) -> Any:
+        """The kernels as functions that people's own compiled code can call, where the backend has such."""
+        raise OptionError('model.kernels are functions of numba: compile with backend="numba"')
+
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """Return the rate of the state as a traced function, where the backend traces."""
         raise OptionError('vector_field is for programs in JAX: compile with backend="jax"')

@@ -15,7 +15,6 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -26,13 +25,10 @@ from .trust import descriptor_refusal, folder_refusal, make_folder
 __all__ = [
     "ENVIRONMENT_VARIABLE",
     "directory",
-    "keep",
-    "kept_text",
     "load_in_memory",
     "module_folder",
     "read_kept",
     "refused",
-    "store",
     "write_kept",
 ]
 
@@ -61,23 +57,6 @@ def directory() -> Path:
 def _home(name: str, digest: str) -> Path:
     """Return the folder of a module."""
     return directory() / f"{Namer()(name)[:40]}_{digest}"
-
-
-def store(name: str, digest: str, source: str) -> Path:
-    """Return the path of the file that shows `source`, writing it where it is missing or damaged; it is never run."""
-    path = _home(name, digest) / "kernels.py"
-    try:
-        held = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        held = None
-    except UnicodeDecodeError:
-        held = ""
-    if held == source:
-        return path
-    if held is not None:
-        warnings.warn(f"the cached module {path} was damaged and is rebuilt", CacheWarning, stacklevel=2)
-    _write(path, source.encode())
-    return path
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -151,20 +130,6 @@ def _checksum(path: Path, data: bytes) -> bytes:
     return hashlib.sha256(b"\0".join((path.parent.name.encode(), path.name.encode(), data))).digest()
 
 
-def kept_text(digest: str, make: Callable[[], str]) -> str:
-    """Return the text that `make` gives and `digest` determines: from the cache, or made and kept.
-
-    A damaged text is made anew with a warning; where the cache cannot be used, nothing is kept.
-    """
-    path = directory() / "texts" / f"{digest}.txt"
-    data = read_kept(path)
-    if data is not None:
-        return data.decode("utf-8")
-    text = make()
-    write_kept(path, text.encode("utf-8"))
-    return text
-
-
 def module_folder(name: str, digest: str) -> Path | None:
     """Return the folder of a module; None, with a warning, if the cache cannot be used."""
     folder = _home(name, digest)
@@ -181,17 +146,6 @@ def module_folder(name: str, digest: str) -> Path | None:
 def _warn_unusable(failure: OSError) -> None:
     text = f"the module cache {directory()} cannot be used ({failure}); nothing is kept. Set {ENVIRONMENT_VARIABLE}"
     warnings.warn(f"{text} to a folder that can be written", CacheWarning, stacklevel=3)
-
-
-def keep(name: str, digest: str, source: str) -> Path | None:
-    """Return the path of `store`; None, with a warning, if the cache cannot be used."""
-    if refused(_home(name, digest)):
-        return None
-    try:
-        return store(name, digest, source)
-    except OSError as failure:
-        _warn_unusable(failure)
-        return None
 
 
 def load_in_memory(digest: str, source: str, *, named: bool = False) -> ModuleType:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,12 @@ class CompiledEngine(Engine):
         self._further: dict[int, tuple[Kernel, int]] = {}
         self._marches: dict[int, StepCode] = {}
         self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+
+    @property
+    def functions(self) -> Any:
+        """See `Engine.functions`."""
+        functions = self.steps.functions
+        return super().functions if functions is None else functions
 
     @property
     def _rhs(self) -> Kernel:

@@ -6,7 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -75,8 +75,13 @@ class KernelLibrary(ABC):
         """Return the text of the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
 
     @abstractmethod
-    def _load(self, name: str, lanes: int, text: Callable[[], str]) -> Code:
-        """Return the code of a text, from the cache on disk under a name where it is there."""
+    def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
+        """Return the code of these functions of a text, from the cache on disk under a name where it is there."""
+
+    @property
+    def functions(self) -> Any:
+        """The kernels of the program as functions that people's own code calls, None where the backend has none."""
+        return None
 
     # -- addresses --------------------------------------------------------------------------
 
@@ -110,7 +115,9 @@ class KernelLibrary(ABC):
             return self.attempt_text(tableau, lanes, dense=dense)
 
         name = f"{tableau.name}{'_dense' if dense else ''}"
-        return self._entry(name, lanes, text, "attempt"), self._entry(name, lanes, text, "start")
+        both = ("attempt", "start")
+        attempt, start = (self._entry(name, lanes, text, function, both) for function in both)
+        return attempt, start
 
     def beginning(self, tableau: Tableau, lanes: int) -> int:
         """Return the address of what precedes the first attempt."""
@@ -214,9 +221,15 @@ class KernelLibrary(ABC):
         made, kernel = self._derivative_kernel(name)
         return self.kernel_text(made, kernel, 1)
 
-    def _entry(self, name: str, lanes: int, text: Callable[[], str], function: str) -> int:
-        """Return the address of a function of the module `text`, compiled when first asked for."""
-        loaded = computed_once(self._loaded, (name, lanes), lambda: self._load(name, lanes, text))
+    def _entry(
+        self, name: str, lanes: int, text: Callable[[], str], function: str, functions: tuple[str, ...] = ()
+    ) -> int:
+        """Return the address of a function of the module `text`, compiled when first asked for.
+
+        `functions` are all that are called by address, if it is not the only one.
+        """
+        every = functions or (function,)
+        loaded = computed_once(self._loaded, (name, lanes), lambda: self._load(name, lanes, text, every))
         return loaded.address(function)
 
 

@@ -13,7 +13,7 @@ from typing import final
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..transforms.nonsmooth import only_in_branches
 
-__all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
+__all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMBA", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
 
 
 _UNGUARDED = ("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor")
@@ -121,7 +121,25 @@ PYTHON = Printer(
         "select": "({1} if {0} != 0.0 else {2})",
     },
 )
-"""Scalar Python with the ``math`` module, as numba compiles it."""
+"""Scalar Python with the ``math`` module."""
+
+NUMBA = Printer(
+    "numba",
+    {
+        **PYTHON.formats,
+        "floor": "_floor({})",
+        "sign": "_sign({})",
+        "min": "_minimum({}, {})",
+        "max": "_maximum({}, {})",
+        "less": "_less({}, {})",
+        "less_equal": "_less_equal({}, {})",
+        "select": "_select({}, {}, {})",
+        "fma": "_fma({}, {}, {})",
+        "rough_log2": "_rough_log2({})",
+        "rough_exp2": "_rough_exp2({})",
+    },
+)
+"""What numba compiles, on the functions that ``numba/prelude.py.j2`` defines; no `Namer` gives their names away."""
 
 NUMPY = Printer("numpy", {**PYTHON.formats, "div": "math.divide({}, {})", "floor": "math.floor({})"})
 """Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""

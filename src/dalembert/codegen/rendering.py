@@ -15,7 +15,6 @@ from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import Layout, Program
 from ..once import computed_once
 from ..version import __version__
-from .cache import kept_text
 from .printers import Printer
 
 __all__ = ["digest_of", "program_variables", "render", "template_directory"]
@@ -47,8 +46,8 @@ def program_variables(program: Program, printer: Printer) -> dict[str, Any]:
     }
 
 
-def render(template: str, variables: Mapping[str, Any], *, cache: bool = False) -> str:
-    """Return the text that a template makes of variables; with `cache`, it is kept on disk.
+def render(template: str, variables: Mapping[str, Any]) -> str:
+    """Return the text that a template makes of variables.
 
     Parameters
     ----------
@@ -62,12 +61,7 @@ def render(template: str, variables: Mapping[str, Any], *, cache: bool = False) 
     jinja2.UndefinedError
         If the template uses a name that `variables` lacks.
     """
-    if not cache:
-        return _rendered(template, variables)
-    beside = sorted((template_directory() / template).parent.glob("*.j2"))
-    texts = (path.read_text(encoding="utf-8") for path in beside)
-    digest = digest_of("text", __version__, template, *texts, repr(variables))
-    return kept_text(digest, lambda: _rendered(template, variables))
+    return _rendered(template, variables)
 
 
 def _rendered(template: str, variables: Mapping[str, Any]) -> str:

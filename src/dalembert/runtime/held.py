@@ -105,6 +105,20 @@ class Held(Evaluated):
         rtol, atol = tolerances(rtol, atol)
         return self._engine.source_of(self._method(method, rtol, atol), rtol, atol) or self.source
 
+    @property
+    def kernels(self) -> Any:
+        """The generated kernels as functions of numba, by name, for people's own compiled code (backend "numba").
+
+        ``prepare(p, c)`` computes constants c (``layout.constants``,) from parameters p (n_p,), ``rhs(t, y, c, out)``
+        the rate of the state, and so on: see `source`. numba compiles each when it is first called.
+
+        Raises
+        ------
+        OptionError
+            For another backend, and for scenes whose functions of time a run takes piece by piece.
+        """
+        return self._engine.functions
+
     def explain(self, *, passes: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
 

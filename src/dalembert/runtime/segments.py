@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..codegen.base import Engine, Final, Prepared, PreparedStates
+from ..errors import OptionError
 from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.problem import (
@@ -130,6 +131,17 @@ class SegmentedEngine(Engine):
     def accept_as_static(self, kind: type) -> None:
         """See `Engine.accept_as_static`."""
         self.inner.accept_as_static(kind)
+
+    @property
+    def functions(self) -> Any:
+        """See `Engine.functions`."""
+        functions = self.inner.functions  # refused where the backend has none
+        if not self._conditions.decides:
+            return functions
+        raise OptionError(
+            f"{self._program.name!r} has no model.kernels: its functions of time have kinks or jumps, and a run decides"
+            " from piece to piece which branch holds. Use simulate, sweep or prepare"
+        )
 
     def source_of(self, method: str, rtol: float, atol: float) -> str:
         """See `Engine.source_of`."""

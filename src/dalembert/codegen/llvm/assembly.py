@@ -266,10 +266,11 @@ class Compiled:
             return int(self._engine.get_function_address(name))
 
 
-def load_object(code: bytes) -> Compiled:
-    """Return object code made by `compile_object`, ready to be called."""
+def load_object(*codes: bytes) -> Compiled:
+    """Return object code made by `compile_object`, ready to be called; several objects may call each other."""
     with _ENTERED:
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
-        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        for code in codes:
+            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
         return Compiled(engine)

@@ -79,6 +79,6 @@ class StepLibrary(KernelLibrary):
         """See `KernelLibrary.attempt_text`."""
         return attempt_assembly(self._program.kernel("rhs"), tableau, lanes, dense=dense, carried=self.carried)
 
-    def _load(self, name: str, lanes: int, text: Callable[[], str]) -> Code:
+    def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""
         return load_object(object_code(self._folder, f"{name}_{lanes}", text))

@@ -13,7 +13,7 @@ import llvmlite.binding as llvm
 from ...errors import OptionError, list_names, unknown_name
 from ...once import once
 
-__all__ = ["ENVIRONMENT_VARIABLE", "Target", "available_targets", "target", "tell_numba"]
+__all__ = ["ENVIRONMENT_VARIABLE", "Target", "available_targets", "target"]
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_TARGET"
 
@@ -108,14 +108,3 @@ def _first_target() -> Target:
             )
         raise OptionError(f"{ENVIRONMENT_VARIABLE}: {unknown_name('target', name, known)} {_NATIVE!r} is the default.")
     return known[name]
-
-
-def tell_numba() -> None:
-    """Have numba compile for the target too, where it has compiled nothing yet and is not told otherwise."""
-    chosen = target()
-    if chosen.name == _NATIVE:
-        return
-    from numba import config
-
-    if config.CPU_NAME is None:
-        config.CPU_NAME, config.CPU_FEATURES = chosen.cpu, chosen.features

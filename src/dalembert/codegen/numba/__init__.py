@@ -1,1 +1,1 @@
-"""The numba backend."""
+"""The numba backend: generated modules of Python that numba compiles."""

@@ -162,6 +162,17 @@ class HybridModel(Evaluated):
         titled = (f"# mode {self._modes.named(mode)}\n\n{model.source}" for mode, model in self._models.items())
         return "\n\n".join(titled)
 
+    @property
+    def kernels(self) -> Any:
+        """None: each mode has kernels of its own.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
+
     def explain(self, *, passes: bool = False) -> str:
         """Return what the contacts may do, and what was chosen for the modes compiled so far.
 

@@ -1,0 +1,95 @@
+"""Kernels and steps of one program as modules of Python that numba compiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import final
+
+from ...ir.kernel import Kernel
+from ...ir.program import Program
+from ...methods.tableau import Tableau
+from ...once import once_property
+from ...transforms.recurrences import Recurrences
+from ..cache import load_in_memory
+from ..library import Code, KernelLibrary
+from ..rendering import digest_of
+from . import texts
+from .objects import load_functions
+
+__all__ = ["NumbaLibrary"]
+
+
+@final
+class NumbaLibrary(KernelLibrary):
+    """Kernels and steps of one program, printed as Python and compiled by numba, one case at a time.
+
+    Parameters
+    ----------
+    program : Program
+        Whose right-hand side is integrated.
+    folder : Path or None
+        Where compiled code is kept; None keeps nothing.
+    """
+
+    def __init__(self, program: Program, folder: Path | None) -> None:
+        super().__init__(program)
+        self._folder = folder
+
+    @property
+    def lanes(self) -> int:
+        """See `KernelLibrary.lanes`."""
+        return 1
+
+    def source(self, method: str, order: int) -> str:
+        """See `KernelLibrary.source`: the module of all kernels of the program, and what the method needs besides."""
+        return texts.joined(self._module, *self._method_texts(method, order))
+
+    def _method_texts(self, method: str, order: int) -> list[str]:
+        if method == "taylor":
+            return [self._taylor_text(order, 1, True)]
+        if method == "radau":
+            return [self._derivative_text("stages" if "stages" in self._program else "rhs")]
+        return []
+
+    @once_property
+    def _module(self) -> str:
+        return texts.module(self._program)
+
+    @once_property
+    def functions(self) -> SimpleNamespace:
+        """See `KernelLibrary.functions`."""
+        from .kept_kernels import keep_compiled
+        from .target import configure_numba
+
+        configure_numba()
+        module = load_in_memory(digest_of("numba", self._module), self._module, named=True)
+        kernels = {kernel.name: getattr(module, kernel.name) for kernel in self._program}
+        if self._folder is not None:
+            for kernel in kernels.values():
+                keep_compiled(kernel, self._folder)
+        return SimpleNamespace(**kernels)
+
+    def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
+        """See `KernelLibrary.kernel_text`; sines and cosines are always those of the C library."""
+        return texts.kernel(name, kernel, lanes)
+
+    def step_text(self, name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
+        """See `KernelLibrary.step_text`."""
+        assert lanes == 1
+        return texts.taylor_step(name, known, order, dense=dense)
+
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+        """See `KernelLibrary.attempt_text`."""
+        assert lanes == 1
+        return texts.attempt(self._program.kernel("rhs"), tableau, dense=dense, carried=self.carried)
+
+    def _program_text(self, name: str, lanes: int) -> str:
+        """See `KernelLibrary._program_text`."""
+        assert lanes == 1
+        return texts.program_kernel(self._program, name)
+
+    def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
+        """See `KernelLibrary._load`."""
+        return load_functions(self._folder, f"{name}_{lanes}", text, functions)

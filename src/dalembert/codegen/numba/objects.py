@@ -1,0 +1,122 @@
+"""[text] -> object code: functions of generated modules compiled by numba, kept in the checked cache.
+
+What numba compiles of a function is taken as object code, which is loaded without numba, now as in later processes:
+those that find all of it in the cache do not import numba. A second object has an entry of the C signature
+``void(double *, double *, double *, double *, double *)`` for each function.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import linecache
+import re
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from ...once import once
+from ..cache import read_kept, write_kept
+from ..llvm.assembly import Compiled, compile_object, load_object
+from ..llvm.target import target
+from . import texts
+
+__all__ = ["load_functions", "numba_version"]
+
+_LIBRARY = frozenset(
+    (
+        "sin cos tan asin acos atan atan2 exp exp2 ldexp log log2 sinh cosh tanh pow sqrt cbrt floor fma fabs"
+        " malloc free calloc memset memcpy"
+    ).split()
+)
+"""Functions of the C library that kernels call, and that LLVM makes of such calls; every process has them."""
+
+
+@once
+def numba_version() -> str:
+    """Return the version of numba, without importing it."""
+    return version("numba")
+
+
+def load_functions(folder: Path | None, name: str, text: Callable[[], str], functions: Sequence[str]) -> Compiled:
+    """Return functions of a module of Python as machine code: from `folder` where it is there, else compiled and kept.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Where code is kept; None keeps nothing.
+    name : str
+        Of the file, with the target.
+    text : function without arguments
+        Prints the functions, without the prelude of their module.
+    functions : sequence of str
+        Which of them are called through addresses: those of the signature of the prelude.
+    """
+    if folder is None:
+        return load_object(*_compiled(text(), functions)[0])
+    key = hashlib.sha256(f"{numba_version()} {target().key}".encode()).hexdigest()[:16]
+    path = folder / f"{name}_{key}.nbo"
+    kept = read_kept(path)
+    if kept is not None:
+        return load_object(*_unpacked(kept))
+    objects, trusted = _compiled(text(), functions)
+    if trusted:
+        write_kept(path, _packed(objects))
+    return load_object(*objects)
+
+
+def _packed(objects: Sequence[bytes]) -> bytes:
+    return b"\n".join([json.dumps([len(code) for code in objects]).encode(), b"".join(objects)])
+
+
+def _unpacked(data: bytes) -> list[bytes]:
+    sizes, rest = data.split(b"\n", 1)
+    objects, place = [], 0
+    for size in json.loads(sizes):
+        objects.append(rest[place : place + size])
+        place += size
+    return objects
+
+
+@once
+def _prelude() -> dict[str, Any]:
+    """Return what the prelude of modules defines, once a process, so that numba compiles its functions once."""
+    from .target import configure_numba
+
+    configure_numba()
+    return _executed(texts.prelude(None), {})
+
+
+def _executed(text: str, names: dict[str, Any]) -> dict[str, Any]:
+    """Return what a text defines, beside what is defined; errors of numba show its lines."""
+    filename = f"<dalembert numba {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
+    linecache.cache[filename] = (len(text), None, text.splitlines(keepends=True), filename)
+    names = dict(names)
+    exec(compile(text, filename, "exec"), names)
+    return names
+
+
+def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
+    """Return the objects of functions and of their entries, and whether they are made for the target."""
+    names = _executed(text, _prelude())
+    from .target import serves_target
+
+    objects, entries = [], []
+    for function in functions:
+        found = f"{function}_entry" if f"{function}_entry" in names else function
+        kernel = names[found]
+        kernel.compile(names["SIGNATURE"])
+        (compiled,) = kernel.overloads.values()
+        _refuse_other_symbols(function, compiled.library.get_llvm_str())
+        objects.append(compiled.library.serialize_using_object_code()[2][0])
+        entries.append((function, compiled.fndesc.llvm_func_name))
+    objects.append(compile_object(texts.entries(entries)))
+    return objects, serves_target()
+
+
+def _refuse_other_symbols(function: str, assembly: str) -> None:
+    """Refuse code that calls what another process may not have: LLVM would end that process."""
+    called = set(re.findall(r'^declare[^@]*@"?([^"(]+)', assembly, re.MULTILINE))
+    unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith("llvm."))
+    assert not unknown, f"numba's code of {function} calls {', '.join(unknown)}"

@@ -1,0 +1,122 @@
+"""[Kernel, Recurrences, Tableau] -> text: functions of a numba module, printed through ``codegen_templates/numba``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ...ir.kernel import Kernel, describe_counts
+from ...ir.program import Program
+from ...methods.tableau import Tableau
+from ...transforms.recurrences import Recurrences
+from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
+from ...transforms.taylor import step_kernel
+from ..llvm.target import target
+from ..printers import NUMBA
+from ..rendering import program_variables, render
+from .taylor_loops import taylor_loop
+
+__all__ = ["attempt", "entries", "joined", "kernel", "module", "prelude", "program_kernel", "taylor_step"]
+
+_LARGEST_STRAIGHT = 3000
+"""Lines up to which a Taylor step is written out. numba takes 1.3 ms a line of straight arithmetic (2.2 ms on a busy
+machine), up to 6,000 lines in proportion to their number. Loops over the orders take a second, and 3 ms a line, of
+which there are two for each value: they are compiled as quickly at 1,800 lines written out and several times as quickly
+beyond, and run at two thirds of the speed (measured on the ready scenes at order 14)."""
+
+_LARGEST_INLINED = 1000
+"""Operations of all evaluations of the right-hand side together, above which an attempt calls it."""
+
+_ENTRY = ("t", "y", "c", "s", "out")
+
+
+def joined(*texts: str) -> str:
+    """Return functions as they stand in one module."""
+    return "\n\n".join(text.rstrip("\n") + "\n" for text in texts)
+
+
+def prelude(program: Program | None) -> str:
+    """Return the beginning of a module: what it is, imports, and what kernels use beside arithmetic."""
+    banner = [] if program is None else program_variables(program, NUMBA)["banner"]
+    return render("numba/prelude.py.j2", {"banner": banner, "fused": target().fused})
+
+
+def module(program: Program) -> str:
+    """Return the module of all kernels of a program."""
+    return joined(prelude(program), *(program_kernel(program, kernel.name) for kernel in program))
+
+
+def program_kernel(program: Program, name: str) -> str:
+    """Return a kernel of a program, as people call it, and ``NAME_entry``, as loops do."""
+    (printed,) = program_variables(replace(program, kernels=(program.kernel(name),)), NUMBA)["kernels"]
+    first = "p" if name == "prepare" else "t"
+    ways = {"result": "c", "given": "p, out"} if name == "prepare" else {"result": "out", "given": "t[0], y, c, out"}
+    return render("numba/kernel.py.j2", {**printed, **ways, "addresses": ", ".join((first, *_ENTRY[1:]))})
+
+
+def kernel(name: str, made: Kernel, lanes: int = 1, arguments: Sequence[str] = _ENTRY) -> str:
+    """Return a kernel as loops call it, of as many cases together as there are lanes."""
+    return render("numba/function.py.j2", _function(name, made, lanes, arguments))
+
+
+def _function(name: str, made: Kernel, lanes: int, arguments: Sequence[str]) -> dict[str, Any]:
+    def place(array: str, index: int | None) -> str:
+        first = (index or 0) * lanes
+        return f"{array}[{first}]" if lanes == 1 else f"{array}[{first} + _lane]"
+
+    return {
+        "name": name,
+        "arguments": ", ".join(arguments),
+        "doc": f"{len(made.outputs)} values, {describe_counts(made)}.",
+        "packed": lanes > 1 and bool(made.outputs),
+        "lanes": lanes,
+        "lines": [
+            *(f"{load.target} = {place(load.array, load.index)}" for load in made.loads),
+            *map(NUMBA.assignment, made.body),
+        ],
+        "stores": [{"place": place("out", i), "value": value} for i, value in enumerate(NUMBA.outputs(made))],
+    }
+
+
+def taylor_step(name: str, known: Recurrences, order: int, *, dense: bool) -> str:
+    """Return a Taylor step: written out where it is short, else with loops over the orders."""
+    if known.unrolled_lines(order) <= _LARGEST_STRAIGHT:
+        return kernel(name, step_kernel(known, order, dense=dense))
+    return render("numba/taylor.py.j2", taylor_loop(name, known, order, dense=dense))
+
+
+def attempt(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> str:
+    """Return the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
+    if len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
+        made = attempt_kernel(rhs, tableau, dense=dense, carried=carried)
+        return joined(kernel("attempt", made), kernel("start", start_kernel(rhs, tableau, carried=carried)))
+    tries = attempt_pieces(rhs, tableau, dense=dense, carried=carried)
+    starts = start_pieces(rhs, tableau, carried=carried)
+    texts = [kernel(tries.rhs.name, tries.rhs, 1, ("t", "y", "c", "out"))]
+    for pieces in (tries, starts):
+        parts = [made for _, made in pieces.stages]
+        texts += [kernel(made.name, made, 1, (*made.arguments, "out")) for made in (*parts, pieces.finish)]
+        texts.append(render("numba/attempt.py.j2", _chain(pieces, len(rhs.outputs))))
+    return joined(*texts)
+
+
+def entries(functions: Sequence[tuple[str, str]]) -> str:
+    """Return LLVM assembly of functions of the C signature, which call compiled ones: pairs of their names."""
+    named = [{"name": name, "code": code} for name, code in functions]
+    return render("numba/entries.ll.j2", {"entries": named})
+
+
+def _chain(pieces: Pieces, n: int) -> dict[str, Any]:
+    """Return what the function that calls the pieces in turn is made of."""
+    slopes = (pieces.stages[-1][0] + 1) * n
+    return {
+        "name": pieces.name,
+        "doc": f"{len(pieces.finish.outputs)} values, {len(pieces.stages)} evaluations of the right-hand side.",
+        "rhs": pieces.rhs.name,
+        "size": 8 * (slopes + len(pieces.moved) + 1),
+        "slopes": slopes,
+        "moved": len(pieces.moved),
+        "stages": [{"piece": made.name, "slope": stage * n} for stage, made in pieces.stages],
+        "finish": pieces.finish.name,
+    }
