@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cases import END, PROBLEMS, UNEQUAL, Problem, sleigh_to_scene, unequal_parameters, unequal_rhs
+from cases import END, PROBLEMS, UNEQUAL, Problem, sleigh_to_scene, sphere_rhs, unequal_parameters, unequal_rhs
 from exact import spatial_angular_velocity
 from extended import FILE
 from numpy.typing import NDArray
 
 from oracles.sleigh_exact import sleigh_state
+from oracles.sphere_exact import sphere_state
 
 __all__ = ["BATCHES", "SAMPLE", "Batch", "references", "sample_states"]
 
@@ -46,7 +47,7 @@ class Batch:
         """Return (q, q_dot) of case i from its state in the equations reduced by hand."""
         if self.problem.name == "sleigh":
             return np.concatenate(sleigh_to_scene(y))
-        return np.concatenate([y, unequal_rhs(y.tolist(), self.p[i].tolist(), (math.sin, math.cos))])
+        return np.concatenate([y, self.problem.reduced.rhs(y.tolist(), self.p[i].tolist(), (math.sin, math.cos))])
 
 
 def _sleighs(count: int) -> Batch:
@@ -60,6 +61,19 @@ def _sleighs(count: int) -> Batch:
 
 
 def _spheres(count: int) -> Batch:
+    """Return spheres of radii and spins by chance, about one axis, so that theta keeps its distance from zero."""
+    random, problem = np.random.default_rng(1), PROBLEMS["sphere"]
+    radius, factor = random.uniform((0.4, 0.8), (0.6, 1.2), (count, 2)).T
+    omega = factor[:, None] * np.array(problem.reduced.parameters[1:])
+    y, p = np.tile(problem.reduced.start, (count, 1)), np.column_stack([radius, omega])
+    rates = sphere_rhs(y.T, p.T, (np.sin, np.cos))
+    names = ("x", "y", "psi", "theta", "phi")
+    initial = {name: problem.initial[name] for name in names}
+    initial |= {f"{name}_dot": rate for name, rate in zip(names, rates, strict=True)}
+    return Batch(problem, initial, {**problem.parameters, "r": radius}, y, p)
+
+
+def _unequal_spheres(count: int) -> Batch:
     random, problem = np.random.default_rng(1), PROBLEMS["unequal sphere"]
     factors = random.uniform(0.8, 1.2, (count, 3)).T  # drawn case by case, so that the first ones are always the same
     moments = {name: UNEQUAL[name] * factor for name, factor in zip("ABC", factors, strict=True)}
@@ -73,7 +87,11 @@ def _spheres(count: int) -> Batch:
     return Batch(problem, problem.initial, {**UNEQUAL, **moments}, np.tile(q, (count, 1)), np.array(p))
 
 
-BATCHES: dict[str, Callable[[int], Batch]] = {"sleigh": _sleighs, "unequal sphere": _spheres}
+BATCHES: dict[str, Callable[[int], Batch]] = {
+    "sleigh": _sleighs,
+    "sphere": _spheres,
+    "unequal sphere": _unequal_spheres,
+}
 
 
 def sample_states(batch: Batch, count: int = SAMPLE) -> FloatArray:
@@ -85,6 +103,10 @@ def sample_states(batch: Batch, count: int = SAMPLE) -> FloatArray:
             p = {name: float(np.broadcast_to(value, len(batch.y))[i]) for name, value in batch.parameters.items()}
             exact = sleigh_state(END, **p, x=x, y=y, theta=theta, v=v, omega=omega)
             rows.append(np.concatenate([exact.q, exact.qdot]))
+        elif batch.problem.name == "sphere":
+            r, *omega = batch.p[i].tolist()
+            exact = sphere_state(END, r, *batch.y[i].tolist(), omega)
+            rows.append(np.concatenate([exact.q, exact.qdot]))
         else:
             known = json.loads(FILE.read_text(encoding="utf-8"))[f"{batch.problem.name} {i}"]
             rows.append(batch.scene_state(i, np.array([float(value) for value in known])))
@@ -93,5 +115,5 @@ def sample_states(batch: Batch, count: int = SAMPLE) -> FloatArray:
 
 def references(count: int = SAMPLE) -> dict[str, tuple[Any, Any, Any]]:
     """Return what `extended` has to solve for the samples that have no closed form."""
-    batch = _spheres(count)
+    batch = _unequal_spheres(count)
     return {f"{batch.problem.name} {i}": (unequal_rhs, batch.p[i].tolist(), batch.y[i].tolist()) for i in range(count)}

@@ -132,7 +132,7 @@ def code_of(text: str) -> dict[str, int]:
 
 def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     """Return two rows: what a step consists of, and how long it takes."""
-    batch = BATCHES[name](CASES)
+    batch = BATCHES[name](CASES[0])
     model = da.compile_model(PROBLEMS[name].build())
     program, steps = model.stages.program, model._engine.steps
     order = order_for(clipped_tolerance(rtol, absolute(rtol)))

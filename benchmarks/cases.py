@@ -77,8 +77,10 @@ def sleigh_rhs(state: Any, p: Any, functions: Functions) -> Sequence[Any]:
 
 def spring_rhs(state: Any, p: Any, functions: Functions) -> Sequence[Any]:
     """Rates of the sleigh with a torque -k theta; p = (b, m b / I_C, k / I_C)."""
-    *rates, omega_dot = sleigh_rhs(state, p, functions)
-    return *rates, omega_dot - p[2] * state[2]
+    _, _, theta, v, omega = state
+    sin, cos = functions
+    omega_dot = -p[1] * (v * omega) - p[2] * theta
+    return v * cos(theta), v * sin(theta), omega, p[0] * (omega * omega), omega_dot
 
 
 def sleigh_to_scene(y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,10 @@ from dalembert.errors import ConstraintError, FormulationError, OptionError, Pre
 
 warnings.simplefilter("ignore", PrecisionWarning)  # the tables go down to the floors, on purpose
 
-__all__ = ["Contender", "Prepared", "absolute", "available_backends", "own"]
+__all__ = ["BACKEND_ORDER", "Contender", "Prepared", "absolute", "available_backends", "own"]
+
+BACKEND_ORDER = ("llvm", "numba", "jax", "numpy")
+"""The order of tables; backends of the registry that are not named here follow."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +46,28 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Contender:
-    """A solver of one case; `prepare` takes rtol and runs it once, so that everything is compiled."""
+    """A solver of one case.
+
+    Attributes
+    ----------
+    solver, formulation, method : str
+    prepare : callable
+        Takes rtol and runs the solver once, so that everything is compiled.
+    setting : str
+        Options that are not the solver's own default, in a word or two.
+    """
 
     solver: str
     formulation: str
     method: str
     prepare: Callable[[float], Prepared]
+    setting: str = ""
 
     @property
     def label(self) -> str:
         """How figures and tables call it."""
-        return " ".join(part for part in (self.solver, self.formulation, self.method) if part)
+        name = " ".join(part for part in (self.solver, self.formulation, self.method) if part)
+        return f"{name}, {self.setting}" if self.setting else name
 
 
 def absolute(rtol: float) -> float:
@@ -61,12 +75,13 @@ def absolute(rtol: float) -> float:
     return rtol / 100
 
 
-def available_backends(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the backends that can be had, and a line for each that cannot."""
-    from dalembert.codegen import backend_named
+def available_backends() -> tuple[list[str], list[str]]:
+    """Return the backends of the registry that can be had, in `BACKEND_ORDER`, and a line for each that cannot."""
+    from dalembert.codegen import BACKENDS, backend_named
 
+    ordered = [name for name in BACKEND_ORDER if name in BACKENDS]
     found, missing = [], []
-    for name in names:
+    for name in dict.fromkeys([*ordered, *BACKENDS]):
         try:
             backend_named(name)
             found.append(name)

@@ -6,7 +6,6 @@ Run by `make demo`; takes no arguments.
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -15,13 +14,13 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 import figures
 import numpy as np
-import report
 from contenders import available_backends
 from exact import END, ROOT, SLEIGH, SPHERE, Case, final_error, spatial_angular_velocity
 from measure import machine
 from pendulum import DRIFT_STEPS, STEP, drift
 from precision import work_precision
 from startup import first_trajectory, import_seconds
+from tables import describe_machine, precision_text, startup_text
 
 import dalembert as da
 from dalembert.ir.kernel import describe_counts
@@ -34,8 +33,8 @@ FORMULATIONS = ("minimal", "projected")
 def main() -> None:
     """Run the demo."""
     begin = time.perf_counter()
-    say(f"dalembert {da.__version__}: {report.describe_machine(machine())}")
-    backends, missing = available_backends(("llvm", "jax", "numpy"))
+    say(f"dalembert {da.__version__}: {describe_machine(machine())}")
+    backends, missing = available_backends()
     for line in missing:
         say(line)
     show_scene("The Chaplygin sleigh (example 13.4.6)", SLEIGH, ("X", "Y"))
@@ -67,9 +66,9 @@ def show_scene(title: str, case: Case, reactions: Sequence[str]) -> None:
     model = da.compile_model(scene, backend="llvm", outputs=reactions)
     say(model.explain())
     rhs = model.stages.program.kernel("rhs")
-    say(f"\nequations found, {describe_counts(rhs)}; generated code of the right-hand side:")
-    text = re.split(r"^(?:def |@)", model.source.split("def rhs(", 1)[1], maxsplit=1, flags=re.MULTILINE)[0]
-    say("\n".join(f"  {line.strip()}" for line in text.splitlines() if " = " in line))
+    say(f"\nequations found, {describe_counts(rhs)}; the right-hand side, one line an operation:")
+    say("\n".join(f"  {line}" for line in str(rhs).splitlines()))
+    say(f"model.source is what runs: {len(model.source.splitlines()):,} lines of LLVM assembly")
     motion = model.simulate((0, END), case.initial, case.parameters, rtol=1e-12, atol=1e-14)
     say(f"\n{END:g} s at rtol 1e-12: {motion.stats.steps} steps of {motion.stats.method}. {motion.message}")
     error, violation = final_error(case, motion.q[-1], motion.qdot[-1]), np.abs(motion.constraint_violation).max()
@@ -143,7 +142,7 @@ def show_precision(backends: Sequence[str]) -> None:
         backends,
         TOLERANCES,
         formulations=FORMULATIONS,
-        methods={"numpy": 1, "jax": 1},
+        methods={"numba": 2, "numpy": 1, "jax": 1},
         rounds=5,
         seconds_each=0.1,
         slowest=0.05,
@@ -154,7 +153,7 @@ def show_precision(backends: Sequence[str]) -> None:
         "run: the integration alone, by model.prepare(); call: simulate() as called, with its checks and its Trajectory"
     )
     say("error: the largest of all coordinates and rates at the end, against the exact solution\n")
-    say(report.precision_text(records))
+    say(precision_text(records))
     figures.work_precision(records, PICTURES / "work_precision.png")
 
 
@@ -162,7 +161,7 @@ def show_startup(backends: Sequence[str]) -> None:
     """Measure the first trajectory in new processes, with empty caches and with what that left."""
     heading("Start-up: the sleigh's first trajectory in a new process, seconds")
     say("first process: empty caches, the library's own integrator loop included; second: what that left behind\n")
-    say(report.startup_text({backend: first_trajectory(backend) for backend in backends}))
+    say(startup_text({backend: first_trajectory(backend) for backend in backends}))
     seconds = import_seconds(3)
     say("\nimports alone: " + ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items()))
 

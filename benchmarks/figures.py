@@ -22,6 +22,7 @@ __all__ = [
 
 COLOURS = {
     "dalembert llvm": "#0072B2",
+    "dalembert numba": "#000000",
     "dalembert jax": "#D55E00",
     "dalembert numpy": "#009E73",
     "SciPy": "#999999",
@@ -64,7 +65,7 @@ def work_precision(records: Sequence[Mapping[str, Any]], path: Path) -> Path:
                 time,
                 yerr=np.maximum(spread, 0.0),
                 label=label,
-                color=COLOURS.get(line[0]["solver"], "black"),
+                color=COLOURS.get(line[0]["solver"], "brown"),
                 linestyle=_LINES.get(line[0]["formulation"], "-."),
                 marker=_MARKERS[known.index(line[0]["method"]) % len(_MARKERS)],
                 markersize=4.5,
@@ -94,7 +95,7 @@ def sweep_picture(records: Sequence[Mapping[str, Any]], path: Path) -> Path:
                 [r["error"] for r in line],
                 [r["us"]["median"] for r in line],
                 label=label,
-                color=COLOURS.get(solver, "black"),
+                color=COLOURS.get(solver, "brown"),
                 linestyle=":" if "1 thread" in label else "-",
                 marker=_MARKERS[i % len(_MARKERS)],
                 markersize=4.5,
@@ -121,7 +122,8 @@ def scaling_picture(records: Sequence[Mapping[str, Any]], kane: Sequence[Mapping
         seconds.plot(n, equations, "s--", color=colour, markersize=4, label=f"{chain}: scene to reduced equations")
         for kernel, style in (("rhs", "o-"), ("mass_matrix", "s--")):
             flops = [r[kernel]["flops"] for r in line]
-            slope = growth_exponent(*zip(*[(k, f) for k, f in zip(n, flops, strict=True) if k >= 5], strict=True))
+            larger = [(k, f) for k, f in zip(n, flops, strict=True) if k >= 5]
+            slope = growth_exponent([k for k, _ in larger], [f for _, f in larger])
             label = f"{chain}: {kernel.replace('_', ' ')}" + (f" ~ n^{slope:.1f}" if slope else "")
             operations.plot(n, flops, style, color=colour, markersize=4, label=label)
     if kane:

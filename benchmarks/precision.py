@@ -34,7 +34,7 @@ def work_precision(
     Parameters
     ----------
     backends, formulations : sequence of str
-        What to compare; a formulation that cannot serve on a backend is left out. Backends other than numba take the
+        What to compare; a formulation that cannot serve on a backend is left out. Backends other than llvm take the
         first one only.
     tolerances : sequence of float
         rtol, loosest first.

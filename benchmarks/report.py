@@ -1,7 +1,7 @@
-"""Tables from results: Markdown for files, plain text for terminals, and the figures in the README.
+"""Pages from results: bench.md, and the tables in README.md and docs/speed.md.
 
-``python benchmarks/report.py`` writes the tables of the committed result into README.md, between its
-markers; with ``--check`` it only says, by its exit status, whether they are up to date.
+``python benchmarks/report.py`` writes the tables of the committed result into README.md and docs/speed.md, between
+their markers; with ``--check`` it only says, by its exit status, whether they are up to date.
 """
 
 from __future__ import annotations
@@ -14,90 +14,28 @@ from pathlib import Path
 from typing import Any
 
 from equal_error import TARGETS, ratios
+from peer_sweeps import SWEEP_SETTINGS
+from peers import SETTINGS
+from tables import (
+    EQUAL,
+    STAGES,
+    describe_machine,
+    fewer_cases,
+    markdown_table,
+    marked,
+    precision_rows,
+    ratio_rows,
+    startup_rows,
+)
 
-__all__ = ["RESULT", "describe_machine", "fill", "markdown", "precision_text", "selected", "startup_text"]
+__all__ = ["RESULT", "fill", "markdown", "selected"]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "bench.json"
 BEGIN, END = "<!-- benchmarks: begin (written by benchmarks/report.py) -->", "<!-- benchmarks: end -->"
 
-_QUIET = 0.25
-"""Load a core, at the start, up to which a machine counts as quiet."""
-
 Record = Mapping[str, Any]
 Rows = Sequence[Sequence[str]]
-
-
-def describe_machine(machine: Record) -> str:
-    """Return where something was measured, in one line."""
-    versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items() if name != "dalembert")
-    text = f"{machine['cores']} cores, {machine['cpu']}, Python {machine['python']}; {versions}"
-    load = machine["load"]
-    if load is not None and load > _QUIET * machine["cores"]:
-        text += f"; other processes were busy (load {load:g} at the start), so that times are too long and uneven"
-    return text
-
-
-def _markdown_table(head: Sequence[str], rows: Rows) -> str:
-    rule = ["---", *["---:"] * (len(head) - 1)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in (head, rule, *rows))
-
-
-def _text_table(head: Sequence[str], rows: Rows) -> str:
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-    lines = []
-    for row in (head, *rows):
-        others = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))
-        lines.append("  ".join([row[0].ljust(widths[0]), *others]).rstrip())
-    return "\n".join(lines)
-
-
-def _microseconds(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.1f}"
-
-
-def _precision_rows(records: Sequence[Record], spread: bool) -> list[tuple[str, list[str], list[list[str]]]]:
-    """Return name, head and rows of one table a scene: a row a contender, a column a tolerance."""
-    tables = []
-    for scene in dict.fromkeys(r["scene"] for r in records):
-        own = [r for r in records if r["scene"] == scene]
-        tolerances = sorted({r["rtol"] for r in own}, reverse=True)
-        rows = []
-        for label in dict.fromkeys(r["label"] for r in own):
-            cells = {r["rtol"]: _precision_cell(r, spread) for r in own if r["label"] == label}
-            rows.append([label, *(cells.get(rtol, "-") for rtol in tolerances)])
-        tables.append((scene, [f"{scene}, rtol", *(f"{rtol:.0e}" for rtol in tolerances)], rows))
-    return tables
-
-
-def _precision_cell(record: Record, spread: bool) -> str:
-    run, call = record["run_us"], record["call_us"]
-    text = _microseconds(run["median"])
-    if spread:
-        text += f" [{_microseconds(run['low'])}, {_microseconds(run['high'])}]"
-    return text + (f" / {_microseconds(call['median'])}" if call else "") + f" ({record['error']:.0e})"
-
-
-def precision_text(records: Sequence[Record]) -> str:
-    """Return speed against error as text: run / call in microseconds, and the error."""
-    note = "run us / call us (error)\n"
-    return note + "\n\n".join(_text_table(head, rows) for _, head, rows in _precision_rows(records, False))
-
-
-_STAGES = ("import", "scene", "compile_model", "first call", "second call", "process")
-
-
-def _startup_rows(startup: Mapping[str, Mapping[str, Record]]) -> list[list[str]]:
-    return [
-        [f"{backend}, {process}", *(f"{seconds[stage]:.3f}" for stage in _STAGES)]
-        for backend, processes in startup.items()
-        for process, seconds in processes.items()
-    ]
-
-
-def startup_text(startup: Mapping[str, Mapping[str, Record]]) -> str:
-    """Return start-up seconds as text."""
-    return _text_table(["", *_STAGES], _startup_rows(startup))
 
 
 def _scaling_rows(records: Sequence[Record]) -> list[list[str]]:
@@ -129,15 +67,15 @@ def _derivation(result: Record) -> list[str]:
         for r in derivation["kane"]
     ]
     return [
-        _markdown_table(head, _scaling_rows(derivation["chains"])),
-        _markdown_table(kane_head, kane),
+        markdown_table(head, _scaling_rows(derivation["chains"])),
+        markdown_table(kane_head, kane),
         "Growth fitted from 5 links on (KanesMethod: all sizes):\n\n" + _exponents(derivation["exponents"]),
     ]
 
 
 def markdown(result: Record) -> str:
     """Return every table of a result."""
-    precision = [_markdown_table(head, rows) for _, head, rows in _precision_rows(result["precision"], True)]
+    precision = [markdown_table(head, rows) for _, head, rows in precision_rows(result["precision"], True)]
     imports = ", ".join(f"{name} {value:.2f} s" for name, value in result["imports"].items())
     return "\n\n".join(
         [
@@ -148,8 +86,9 @@ def markdown(result: Record) -> str:
             " Peers solve equations that a person reduced by hand.",
             *precision,
             "At equal error, microseconds of a run (times that of dalembert's Taylor method):",
-            _markdown_table(_EQUAL, _ratio_rows(result["precision"], "trajectory", _OWN_RUN, (_OWN_RUN, *_PEERS))),
-            f"## Sweeps of {result['sweeps'][0]['cases']:,} cases of 10 s",
+            markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
+            _settings(SETTINGS, result["precision"]),
+            f"## Sweeps of {_cases(result):,} cases of 10 s",
             "Microseconds of a case, median [quartiles] of the whole call (peers: of their loop), and (largest error of"
             " a sample at the end).",
             *_sweeps(result),
@@ -158,68 +97,67 @@ def markdown(result: Record) -> str:
             *_derivation(result),
             *_jax(result),
             "## Start-up: the sleigh's first trajectory, or first sweep, in a new process, seconds",
-            _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
+            markdown_table(["", *STAGES], startup_rows(result["startup"])),
             f"Imports in a new process: {imports}.",
             "",
         ]
     )
 
 
-def _fewer_cases(records: Sequence[Record]) -> list[str]:
-    """Return a line that says who ran fewer cases than the others, if anyone did."""
-    most = max(r["cases"] for r in records)
-    few = [r for r in records if r["cases"] < most]
-    if not few:
-        return []
-    names = ", ".join(dict.fromkeys(r["label"] for r in few))
-    return [f"{names}: with {few[0]['cases']:,} cases, and fewer tolerances, where {most:,} take longer than a limit."]
-
-
-def _ratio_rows(records: Sequence[Record], kind: str, reference: str, labels: Sequence[str] = ()) -> list[list[str]]:
-    """Return rows of time and ratio at equal errors, a row a scene and contender."""
-    rows = []
-    for r in ratios(records, kind, reference):
-        if labels and r["label"] not in labels:
-            continue
-        cells = [
-            "-" if time is None else f"{_microseconds(time)}" + ("" if share is None else f" ({share:.2g}x)")
-            for time, share in zip(r["times"], r["ratios"], strict=True)
-        ]
-        rows.append([f"{r['scene']}: {r['label']}", *cells])
-    return rows
-
-
-_EQUAL = ["", *(f"error {target:.0e}" for target in TARGETS)]
 _OWN_RUN, _OWN_SWEEP = "dalembert llvm minimal taylor", "dalembert llvm taylor, 2 threads"
-_PEERS = ("heyoka by hand taylor", "diffrax by hand Tsit5", "diffrax by hand Dopri8", "SciPy by hand DOP853")
 
 
-def _sweep_cell(r: Record) -> str:
+def _for_equal_error(records: Sequence[Record]) -> list[Record]:
+    """Return what a table at equal error shows: the first contender of each backend, and all peers."""
+    first: dict[tuple[str, str], str] = {}
+    for r in records:
+        first.setdefault((r["scene"], r["solver"]), r["label"])
+    return [
+        r for r in records if not r["solver"].startswith("dalembert") or r["label"] == first[r["scene"], r["solver"]]
+    ]
+
+
+def _settings(settings: Mapping[str, str], records: Sequence[Record]) -> str:
+    """Return the settings of the peers that records are of, as a sentence."""
+    measured = {r["label"].split()[0] for r in records}
+    return "Peers: " + "; ".join(f"{name}: {text}" for name, text in settings.items() if name in measured) + "."
+
+
+def _cases(result: Record) -> int:
+    """Return the number of cases of sweeps."""
+    return int(max(r["cases"] for r in result["sweeps"]))
+
+
+def _sweep_cell(r: Record, most: int) -> str:
     share = r["peak_share"]
     text = f"{r['us']['median']:.3g} [{r['us']['low']:.3g}, {r['us']['high']:.3g}] ({r['error']:.0e})"
+    text += f" {r['cases']:,} cases" if r["cases"] < most else ""
     return text + ("" if share is None else f" {100 * share:.0f}% of peak")
 
 
 def _sweeps(result: Record) -> list[str]:
     """Return the tables of sweeps."""
     records, parts = result["sweeps"], []
+    most = max(r["cases"] for r in records)
     for scene in dict.fromkeys(r["scene"] for r in records):
         own = [r for r in records if r["scene"] == scene]
         tolerances = sorted({r["rtol"] for r in own}, reverse=True)
         rows = []
         for label in dict.fromkeys(r["label"] for r in own):
-            cells = {r["rtol"]: _sweep_cell(r) for r in own if r["label"] == label}
-            rows.append([label, *(cells.get(rtol, "-") for rtol in tolerances)])
-        parts.append(_markdown_table([f"{scene}, rtol", *(f"{rtol:.0e}" for rtol in tolerances)], rows))
+            cells = {r["rtol"]: _sweep_cell(r, most) for r in own if r["label"] == label}
+            rows.append([marked(own, label), *(cells.get(rtol, "-") for rtol in tolerances)])
+        parts.append(markdown_table([f"{scene}, rtol", *(f"{rtol:.0e}" for rtol in tolerances)], rows))
     unequal = [[r["kind"], f"{1e3 * r['us_per_step']:.1f}", f"{100 * r['throughput']:.0f}%"] for r in result["unequal"]]
     estimates = "; ".join(f"rtol {r['rtol']:.0e}: {100 * r['within']:.1f}%" for r in result["coverage"])
     return [
         *parts,
+        *fewer_cases(records),
+        _settings(SWEEP_SETTINGS, records),
         "At equal error, microseconds of a case (times those of dalembert on two threads):",
-        _markdown_table(_EQUAL, _ratio_rows(records, "sweep", _OWN_SWEEP)),
-        _markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
+        markdown_table(EQUAL, ratio_rows(records, "sweep", _OWN_SWEEP)),
+        markdown_table(["sleighs at rtol 1e-9", "ns of a step", "throughput of steps"], unequal),
         f"Cases whose estimated error is within a factor 10 of the true one: {estimates}.",
-        _markdown_table(
+        markdown_table(
             ["memory of a sweep, MB", "output", "growth of the process", "growth / output"],
             [
                 [name, f"{r['output']:.1f}", f"{r['growth']:.1f}", f"{r['growth'] / r['output']:.2f}"]
@@ -237,7 +175,7 @@ def _contacts(result: Record) -> list[str]:
 
     return [
         "## Friction and contacts: modes against the same scene without",
-        _markdown_table(HEAD, contacts_rows(result["contacts"])),
+        markdown_table(HEAD, contacts_rows(result["contacts"])),
     ]
 
 
@@ -249,7 +187,7 @@ def _singles(result: Record) -> list[str]:
     return [
         "One trajectory in a JAX program, a jitted `solve_fn` against diffrax on equations reduced by hand, at equal"
         " error: microseconds of a run (times that of `taylor`):",
-        _markdown_table(_EQUAL, _ratio_rows(records, "trajectory", "dalembert jax solve_fn taylor")),
+        markdown_table(EQUAL, ratio_rows(records, "trajectory", "dalembert jax solve_fn taylor")),
     ]
 
 
@@ -264,7 +202,7 @@ def _jax(result: Record) -> list[str]:
 
 
 def selected(records: Sequence[Record]) -> list[Record]:
-    """Return what a short table shows: numba but for `augmented`, of every other solver its first contender."""
+    """Return what a short table shows: llvm but for `augmented`, of every other solver its first contender."""
     first: dict[tuple[str, str], str] = {}
     for r in records:
         first.setdefault((r["scene"], r["solver"]), r["label"])
@@ -297,44 +235,92 @@ def _chains_in_short(derivation: Record) -> str:
 def readme_section(result: Record) -> str:
     """Return what the README shows of a result."""
     shown = [r for r in selected(result["precision"]) if r["rtol"] in (1e-6, 1e-9, 1e-12)]
-    precision = [_markdown_table(head, rows) for _, head, rows in _precision_rows(shown, False)]
+    precision = [markdown_table(head, rows) for _, head, rows in precision_rows(shown, False)]
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
             "Microseconds of a run of 10 s / of `simulate()` as called, and (largest error at the end):",
             *precision,
             "One trajectory at equal error, by `model.prepare()`: microseconds of a run (times dalembert's):",
-            _markdown_table(_EQUAL, _ratio_rows(result["precision"], "trajectory", _OWN_RUN, (_OWN_RUN, *_PEERS))),
+            markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
+            _settings(SETTINGS, result["precision"]),
             *_singles(result),
-            f"`model.sweep()` of {result['sweeps'][0]['cases']:,} cases, the whole call, at equal error: microseconds"
+            f"`model.sweep()` of {_cases(result):,} cases, the whole call, at equal error: microseconds"
             " of a case (times those of dalembert's Taylor method on two threads):",
-            _markdown_table(_EQUAL, _ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
-            *_fewer_cases(result["sweeps"]),
+            markdown_table(EQUAL, ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
+            *fewer_cases(result["sweeps"]),
+            _settings(SWEEP_SETTINGS, result["sweeps"]),
             _chains_in_short(result["derivation"]),
             "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (loops of"
             " the library are compiled too) and with what that left behind:",
-            _markdown_table(["", *_STAGES], _startup_rows(result["startup"])),
+            markdown_table(["", *STAGES], startup_rows(result["startup"])),
+        ]
+    )
+
+
+def _spread(values: Sequence[float]) -> str:
+    """Return the smallest and the largest value to two digits, or the only one."""
+    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
+    low, high = (f"{float(text):g}" for text in (low, high))
+    return low if low == high else f"{low} to {high}"
+
+
+def comparison_rows(result: Record) -> list[list[str]]:
+    """Return the time of a peer's fastest contender over that of `taylor` on llvm, by kind of work and scene."""
+    works = (("one trajectory", "precision", "trajectory", _OWN_RUN), ("sweep", "sweeps", "sweep", _OWN_SWEEP))
+    rows = []
+    for title, key, kind, reference in works:
+        found = ratios(result[key], kind, reference)
+        for scene in dict.fromkeys(r["scene"] for r in found):
+            cells = []
+            for peer in SETTINGS:
+                own = [r["ratios"] for r in found if r["scene"] == scene and r["label"].startswith(f"{peer} ")]
+                best = [min((v for v in values if v is not None), default=None) for values in zip(*own, strict=True)]
+                known = [value for value in best if value is not None]
+                cells.append(_spread(known) if known else "-")
+            rows.append([f"{title}, {scene}", *cells])
+    return rows
+
+
+def docs_section(result: Record) -> str:
+    """Return what docs/speed.md shows of a result."""
+    errors = ", ".join(f"{target:.0e}" for target in TARGETS)
+    return "\n\n".join(
+        [
+            f"Measured on {describe_machine(result['machine'])}.",
+            f"Times of the fastest contender of a peer over those of `taylor` on `llvm`, at equal errors of {errors}"
+            " (smallest to largest):",
+            markdown_table(["", *SETTINGS], comparison_rows(result)),
         ]
     )
 
 
 def fill(*, check: bool = False) -> bool:
-    """Write the committed result's tables into README.md, unless `check`; return whether it was up to date."""
-    path = ROOT / "README.md"
+    """Write the committed result's tables into README.md and docs/speed.md; return whether they were up to date.
+
+    With `check`, nothing is written.
+    """
+    result = json.loads(RESULT.read_text(encoding="utf-8"))
+    pages = {"README.md": readme_section(result), "docs/speed.md": docs_section(result)}
+    return all([fill_page(ROOT / name, (BEGIN, END), section, check=check) for name, section in pages.items()])
+
+
+def fill_page(path: Path, markers: tuple[str, str], section: str, *, check: bool = False) -> bool:
+    """Write a section between its markers in a page, unless `check`; return whether it was up to date."""
+    begin, end = markers
     held = path.read_text(encoding="utf-8")
-    before, rest = held.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    section = readme_section(json.loads(RESULT.read_text(encoding="utf-8")))
-    filled = f"{before}{BEGIN}\n\n{section}\n\n{END}{after}"
+    before, rest = held.split(begin, 1)
+    _, after = rest.split(end, 1)
+    filled = f"{before}{begin}\n\n{section}\n\n{end}{after}"
     if not check:
         path.write_text(filled, encoding="utf-8")
     return filled == held
 
 
 def main() -> int:
-    """Fill, or check, the README."""
-    parser = argparse.ArgumentParser(description="Write the committed result's tables into README.md.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where README.md is stale")
+    """Fill, or check, the pages."""
+    parser = argparse.ArgumentParser(description="Write the committed result's tables into its pages.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where a page is stale")
     check = parser.parse_args().check
     current = fill(check=check)
     return int(check and not current)

@@ -31,7 +31,8 @@ from measure import growth_exponent, machine
 from memory import SWEEPS, sweep_memory
 from precision import work_precision
 from startup import first_trajectory, import_seconds
-from sweeps import CASES, FEWER, coverage, measure_sweeps, unequal_cases
+from sweeps import CASES, coverage, measure_sweeps, unequal_cases
+from tables import describe_machine
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,14 @@ class Extent:
     derivation_limit: float
     kane_sizes: tuple[int, ...]
     startups: int
-    startup_backends: tuple[str, ...]
+    startup_backends: tuple[str, ...] | None
     names: tuple[str, ...]
-    sweep_cases: int
+    sweep_cases: tuple[int, ...]
     contact_cases: int
     memory_cases: int
     sweep_tolerances: tuple[float, ...]
     sweep_rounds: int
     sweep_slowest: float
-    sweep_fewer: int | None
     coverage_cases: int
     imports: int
     jax_scenes: int
@@ -66,7 +66,7 @@ class Extent:
 QUICK = Extent(
     tolerances=(1e-6, 1e-9),
     formulations=("minimal",),
-    methods={"llvm": 3, "numpy": 1, "jax": 1},
+    methods={"llvm": 3, "numba": 2, "numpy": 1, "jax": 1},
     rounds=5,
     seconds_each=0.1,
     slowest=0.05,
@@ -75,23 +75,24 @@ QUICK = Extent(
     kane_sizes=(2, 4),
     startups=1,
     startup_backends=("llvm",),
-    names=("sleigh", "unequal sphere"),
-    sweep_cases=2048,
+    names=("sleigh", "sphere", "unequal sphere"),
+    sweep_cases=CASES[1:],
     contact_cases=2000,
     memory_cases=100_000,
-    sweep_tolerances=(1e-6,),
+    sweep_tolerances=(1e-6, 1e-9),
     sweep_rounds=5,
     sweep_slowest=0.2,
-    sweep_fewer=None,
     coverage_cases=40,
     imports=2,
     jax_scenes=1,
     jax_tolerances=1,
 )
+FULL_TOLERANCES = (1e-5, 1e-6, 1e-7, 1e-9, 1e-10, 1e-12, 1e-13)
+"""Enough to read every curve at the errors of `equal_error.TARGETS`."""
 FULL = Extent(
-    tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
+    tolerances=FULL_TOLERANCES,
     formulations=("minimal", "projected"),
-    methods={"numpy": 1, "jax": 1},
+    methods={"numba": 2, "numpy": 1, "jax": 1},
     rounds=15,
     seconds_each=0.3,
     slowest=0.2,
@@ -99,15 +100,14 @@ FULL = Extent(
     derivation_limit=120.0,
     kane_sizes=(2, 4, 6, 8),
     startups=3,
-    startup_backends=("llvm", "jax", "numpy"),
+    startup_backends=None,
     names=tuple(PROBLEMS),
     sweep_cases=CASES,
     contact_cases=10_000,
     memory_cases=1_000_000,
-    sweep_tolerances=(1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14),
+    sweep_tolerances=FULL_TOLERANCES,
     sweep_rounds=9,
     sweep_slowest=0.6,
-    sweep_fewer=FEWER,
     coverage_cases=200,
     imports=5,
     jax_scenes=2,
@@ -138,9 +138,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     """Return the result of all benchmarks, ready for JSON."""
     extent, begin = MODES[mode], time.perf_counter()
-    backends, missing = available_backends(("llvm", "jax", "numpy"))
+    backends, missing = available_backends()
     where = machine()
-    print(report.describe_machine(where))
+    print(describe_machine(where))
     for line in missing:
         print(line)
     say("speed against error")
@@ -157,12 +157,12 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     )
     say("sweeps")
     sweeps = measure_sweeps(
+        backends,
         extent.sweep_tolerances,
         rounds=extent.sweep_rounds,
         slowest=extent.sweep_slowest,
         say=say,
-        count=extent.sweep_cases,
-        fewer=extent.sweep_fewer,
+        counts=extent.sweep_cases,
     )
     say("friction and contacts")
     contacts = measure_contacts(extent.contact_cases, extent.sweep_rounds)
@@ -186,10 +186,11 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     say("start-up")
     startup = {
         backend: first_trajectory(backend, extent.startups)
-        for backend in extent.startup_backends
-        if backend in backends
+        for backend in backends
+        if extent.startup_backends is None or backend in extent.startup_backends
     }
-    startup["llvm, sweep"] = first_trajectory("llvm", extent.startups, "sweep")
+    for backend in (name for name in ("llvm", "numba") if name in startup):
+        startup[f"{backend}, sweep"] = first_trajectory(backend, extent.startups, "sweep")
     return {
         "mode": mode,
         "machine": where,
@@ -197,7 +198,7 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         "precision": precision,
         "sweeps": sweeps,
         "contacts": contacts,
-        "unequal": unequal_cases(extent.sweep_cases),
+        "unequal": unequal_cases(extent.sweep_cases[0]),
         "coverage": coverage(extent.coverage_cases),
         "derivation": {"chains": chains, "kane": kane, "exponents": exponents(chains, kane)},
         "singles": singles,

@@ -1,10 +1,10 @@
-"""Sweeps: time of a case against error, heyoka's batches and diffrax's vmap beside; unequal cases; share of peak."""
+"""Sweeps: time of a case against error for every backend and peer; unequal cases; share of peak."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,25 +12,46 @@ from batches import BATCHES, SAMPLE, Batch, sample_states
 from cases import END
 from contenders import absolute
 from measure import interleaved
-from numpy.typing import NDArray
 from peak import flops_of_step, peak_flops
-from peers import heyoka_system, installed
+from peer_sweeps import HEYOKA_LANES, Solver, casadi_sweep, diffrax_sweep, heyoka_sweep, scipy_sweep
+from peers import installed
 
 import dalembert as da
 
-__all__ = ["CASES", "FEWER", "THREADS", "coverage", "heyoka_sweep", "measure_sweeps", "own_sweep", "unequal_cases"]
+__all__ = ["CASES", "THREADS", "coverage", "measure_sweeps", "own_sweep", "unequal_cases"]
 
-FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
-CASES, FEWER, THREADS = 16_384, 512, 2
-"""Cases of a sweep; those of a peer that is too slow for so many; threads."""
-_PATIENCE = 5
+CASES = (16_384, 2048, 256)
+"""Cases of a sweep, and those of a contender that is too slow for so many, or for the next number too."""
+THREADS = 2
+_PATIENCE = 3
 
 
 # -- contenders ---------------------------------------------------------------------------------
 
-Solver = tuple[Callable[[], Any], Callable[[], FloatArray], int | None]
-"""What is timed, what gives (q, q_dot) of the sample at the end, and the number of steps."""
+
+@dataclass(frozen=True)
+class SweepContender:
+    """A solver of many cases.
+
+    Attributes
+    ----------
+    label : str
+    prepare : callable
+        (batch, rtol) -> what is timed, after one run.
+    limit : float
+        What one call may take [s]. A slower one is run with fewer cases, at this tolerance and tighter ones.
+    few : bool
+        Whether it is so slow that it begins with the smallest number of cases.
+    every : int
+        At every how many tolerances it is run.
+    """
+
+    label: str
+    prepare: Callable[[Batch, float], Solver]
+    limit: float
+    few: bool = False
+    every: int = 1
 
 
 def own_sweep(batch: Batch, method: str, threads: int, rtol: float, backend: str = "llvm") -> Solver:
@@ -48,84 +69,47 @@ def own_sweep(batch: Batch, method: str, threads: int, rtol: float, backend: str
     return run, lambda: np.stack([done.final[name][:SAMPLE] for name in names], axis=1), int(done.steps.sum())
 
 
-def heyoka_sweep(heyoka: Any, batch: Batch, threads: int, rtol: float, lanes: int | None = None) -> Solver:
-    """Return heyoka's sweep in batches of `lanes` cases; without it, of its recommended size."""
-    lanes = lanes or heyoka.recommended_simd_size()
-    start, p = batch.y.T.copy(), batch.p.T.copy()
-    count, out = len(batch.y), np.empty_like(start)
-    integrators = [
-        heyoka.taylor_adaptive_batch(
-            heyoka_system(heyoka, batch.problem), start[:, :lanes].copy(), pars=p[:, :lanes].copy(), tol=rtol
-        )
-        for _ in range(threads)
-    ]
-
-    def part(number: int) -> None:
-        integrator, each = integrators[number], count // lanes // threads * lanes
-        for i in range(number * each, (number + 1) * each, lanes):
-            integrator.set_time(0.0)
-            integrator.state[:], integrator.pars[:] = start[:, i : i + lanes], p[:, i : i + lanes]
-            integrator.propagate_until(END)
-            out[:, i : i + lanes] = integrator.state
-
-    def run() -> None:
-        workers = [threading.Thread(target=part, args=(number,)) for number in range(threads)]
-        for worker in workers:
-            worker.start()
-        for worker in workers:
-            worker.join()
-
-    run()
-    return run, lambda: np.array([batch.scene_state(i, out[:, i]) for i in range(SAMPLE)]), None
+_OWN_METHODS = {"llvm": ("taylor", "dop853", "tsit5"), "numba": ("taylor", "dop853"), "jax": ("auto",)}
+"""Methods of a backend; of others its default, with few cases."""
 
 
-def _diffrax(diffrax: Any, batch: Batch, method: str, rtol: float) -> Solver:
-    import jax
-    import jax.numpy as jnp
-
-    reduced = batch.problem.reduced
-
-    def solve(y: Any, p: Any) -> Any:
-        return diffrax.diffeqsolve(
-            diffrax.ODETerm(lambda t, y, p: jnp.stack(reduced.rhs(y, p, (jnp.sin, jnp.cos)))),
-            getattr(diffrax, method)(),
-            t0=0.0,
-            t1=END,
-            dt0=None,
-            y0=y,
-            args=p,
-            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=absolute(rtol)),
-            saveat=diffrax.SaveAt(t1=True),
-            max_steps=1_000_000,
-        ).ys[0]
-
-    with jax.enable_x64(True):
-        compiled = jax.jit(jax.vmap(solve))
-        y, p = jnp.asarray(batch.y), jnp.asarray(batch.p)
-        end = np.asarray(compiled(y, p))
-
-    def run() -> Any:
-        with jax.enable_x64(True):
-            return compiled(y, p).block_until_ready()
-
-    return run, lambda: np.array([batch.scene_state(i, end[i]) for i in range(SAMPLE)]), None
+def _own(backends: Sequence[str], slowest: float) -> Iterator[SweepContender]:
+    for backend in backends:
+        slow = backend not in _OWN_METHODS
+        for method in _OWN_METHODS.get(backend, ("auto",)):
+            for threads in (THREADS, 1) if (backend, method) == ("llvm", "taylor") else (1,) if slow else (THREADS,):
+                yield SweepContender(
+                    f"dalembert {backend} {method}, {_threads(threads)}",
+                    lambda batch, rtol, m=method, n=threads, b=backend: own_sweep(batch, m, n, rtol, b),
+                    _PATIENCE * slowest if backend == "jax" else slowest,
+                    few=slow,
+                    every=3 if backend == "jax" else 1,
+                )
 
 
-def _contenders(batch: Batch) -> dict[str, Callable[[float], Solver]]:
-    found: dict[str, Callable[[float], Solver]] = {}
-    for threads in (THREADS, 1):
-        for method in ("taylor", "dop853", "tsit5")[: 3 if threads == THREADS else 1]:
-            label = f"dalembert llvm {method}, {_threads(threads)}"
-            found[label] = lambda rtol, m=method, n=threads: own_sweep(batch, m, n, rtol)
-    if installed("jax") is not None and installed("diffrax") is not None:
-        found["dalembert jax auto"] = lambda rtol: own_sweep(batch, "auto", 1, rtol, "jax")
+def _peers(slowest: float) -> Iterator[SweepContender]:
     if (heyoka := installed("heyoka")) is not None:
-        for threads in (THREADS, 1):
-            found[f"heyoka batch, {_threads(threads)}"] = lambda rtol, n=threads: heyoka_sweep(heyoka, batch, n, rtol)
-    if (diffrax := installed("diffrax")) is not None:
+        for lanes, threads in (*((lanes, THREADS) for lanes in HEYOKA_LANES), (HEYOKA_LANES[0], 1)):
+            yield SweepContender(
+                f"heyoka taylor, fast_math, batches of {lanes}, {_threads(threads)}",
+                lambda batch, rtol, k=lanes, n=threads: heyoka_sweep(heyoka, batch, n, rtol, k),
+                slowest,
+            )
+    if installed("diffrax") is not None:
         for method in ("Tsit5", "Dopri8"):
-            found[f"diffrax vmap {method}"] = lambda rtol, m=method: _diffrax(diffrax, batch, m, rtol)
-    return found
+            yield SweepContender(
+                f"diffrax {method}, tuples, lax.map of 1,024, {_threads(THREADS)}",
+                lambda batch, rtol, m=method: diffrax_sweep(batch, m, rtol),
+                _PATIENCE * slowest,
+            )
+    yield SweepContender("SciPy dop853, numba rhs, 1 thread", scipy_sweep, slowest, few=True)
+    if (casadi := installed("casadi")) is not None:
+        yield SweepContender(
+            f"CasADi cvodes, Adams, map, {_threads(THREADS)}",
+            lambda batch, rtol: casadi_sweep(casadi, batch, THREADS, rtol),
+            slowest,
+            few=True,
+        )
 
 
 def _threads(count: int) -> str:
@@ -136,50 +120,74 @@ def _threads(count: int) -> str:
 
 
 def measure_sweeps(
+    backends: Sequence[str],
     tolerances: Sequence[float],
     *,
     rounds: int,
     slowest: float,
     say: Callable[[str], None] = print,
-    count: int = CASES,
-    fewer: int | None = None,
+    counts: Sequence[int] = CASES,
 ) -> list[Record]:
-    """Return one record a scene, contender and tolerance; one slower than `slowest` [s] is not run tighter.
+    """Return one record a scene, contender and tolerance.
 
-    The jax backend may take `_PATIENCE` times as long, at every third tolerance: it is compared at equal error too.
-    But diffrax, whose time of a case hardly depends on their number, is: with `fewer` cases, at every other tolerance.
+    Parameters
+    ----------
+    backends : sequence of str
+    tolerances : sequence of float
+        rtol, loosest first.
+    rounds : int
+        See `measure.interleaved`.
+    slowest : float
+        What one call may take [s]; backends and peers on JAX may take `_PATIENCE` times as long.
+    say : callable
+        Takes progress as text.
+    counts : sequence of int
+        Numbers of cases, largest first. A contender that is too slow for one of them takes the next; with the smallest
+        one, it is not run at tighter tolerances.
     """
     records = []
     for name, build in BATCHES.items():
-        batch = build(count)
-        exact = sample_states(batch)
-        tasks: dict[tuple[str, float], Solver] = {}
-        for label, prepare in _contenders(batch).items():
-            on_jax = label.startswith("dalembert jax")
-            for rtol in tolerances[::3] if on_jax else tolerances:
-                tasks[label, rtol] = solver = prepare(rtol)
-                if _seconds(solver) > (_PATIENCE * slowest if on_jax else slowest):
-                    break
-        counts = dict.fromkeys(tasks, count)
-        for (label, rtol), solver in _of_fewer(build, fewer, tasks, tolerances, slowest).items():
-            tasks[label, rtol], counts[label, rtol] = solver, fewer or count
-        timings = interleaved({key: task[0] for key, task in tasks.items()}, rounds=rounds, seconds_each=4 * slowest)
-        for (label, rtol), (_, sample, steps) in tasks.items():
+        batches = {count: build(count) for count in counts}
+        exact = sample_states(batches[counts[0]])
+        tasks: dict[tuple[str, float], tuple[int, Solver]] = {}
+        for contender in (*_own(backends, slowest), *_peers(slowest)):
+            for rtol, count, solver in _within_limit(contender, tolerances[:: contender.every], batches):
+                tasks[contender.label, rtol] = count, solver
+        timings = interleaved(
+            {key: solver[0] for key, (_, solver) in tasks.items()}, rounds=rounds, seconds_each=4 * slowest
+        )
+        for (label, rtol), (count, (_, sample, steps)) in tasks.items():
             timing = timings[label, rtol]
             records.append(
                 {
                     "scene": name,
                     "label": label,
                     "rtol": rtol,
-                    "cases": counts[label, rtol],
-                    "us": {k: round(v / counts[label, rtol], 4) for k, v in timing.microseconds().items()},
+                    "cases": count,
+                    "us": {k: round(v / count, 4) for k, v in timing.microseconds().items()},
                     "error": float(np.abs(sample() - exact).max()),
                     "steps": steps,
-                    "peak_share": _share(batch, label, rtol, steps, timing.median),
+                    "peak_share": _share(batches[count], label, rtol, steps, timing.median),
                 }
             )
         say(f"  {name}: {len(tasks)} contenders and tolerances")
     return records
+
+
+def _within_limit(
+    contender: SweepContender, tolerances: Sequence[float], batches: Mapping[int, Batch]
+) -> Iterator[tuple[float, int, Solver]]:
+    """Yield tolerance, number of cases and solver, with as many cases as the contender's limit allows."""
+    counts = list(batches)
+    left = counts[-1:] if contender.few else counts
+    for rtol in tolerances:
+        solver = contender.prepare(batches[left[0]], rtol)
+        while (slow := _seconds(solver) > contender.limit) and len(left) > 1:
+            left = left[1:]
+            solver = contender.prepare(batches[left[0]], rtol)
+        yield rtol, left[0], solver
+        if slow:
+            return
 
 
 def _seconds(solver: Solver) -> float:
@@ -188,35 +196,15 @@ def _seconds(solver: Solver) -> float:
     return time.perf_counter() - begin
 
 
-def _of_fewer(
-    build: Callable[[int], Batch],
-    fewer: int | None,
-    done: Mapping[tuple[str, float], Solver],
-    tolerances: Sequence[float],
-    slowest: float,
-) -> dict[tuple[str, float], Solver]:
-    """Return diffrax's solvers of fewer cases for every other tolerance that it was too slow for."""
-    found: dict[tuple[str, float], Solver] = {}
-    if fewer is None:
-        return found
-    for label, prepare in _contenders(build(fewer)).items():
-        left = [rtol for rtol in tolerances if (label, rtol) not in done]
-        for rtol in left[::2] if label.startswith("diffrax") else []:
-            found[label, rtol] = solver = prepare(rtol)
-            if _seconds(solver) > 4 * slowest:
-                break
-    return found
-
-
 def _share(batch: Batch, label: str, rtol: float, steps: int | None, seconds: float) -> float | None:
     """Return what part of the machine's multiply-add peak a Taylor sweep reaches."""
-    if steps is None or "taylor" not in label:
+    if steps is None or not label.startswith("dalembert llvm taylor"):
         return None
     flops = flops_of_step(da.compile_model(batch.problem.build()), rtol)
     return round(steps * flops / seconds / peak_flops(THREADS if str(THREADS) in label else 1), 3)
 
 
-def unequal_cases(count: int = CASES, rtol: float = 1e-9) -> list[Record]:
+def unequal_cases(count: int = CASES[0], rtol: float = 1e-9) -> list[Record]:
     """Return microseconds of a step where cases differ much, and the ratio of throughput to that of equal ones."""
     batch = BATCHES["sleigh"](count)
     random = np.random.default_rng(2)
