@@ -34,7 +34,8 @@ def array_of(value: Any) -> FloatArray:
         given = np.asanyarray(value)
     except (TypeError, ValueError):
         raise ValueError("is not an array of numbers") from None
-    if isinstance(given, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(given)):
+    # numpy.ma takes long to import, and no plain array is masked
+    if type(given) is not np.ndarray and isinstance(given, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(given)):
         raise ValueError("has masked values; give numbers, or NaN")
     kind = given.dtype.kind
     if kind == "O" and not any(isinstance(x, str | bytes | complex | np.generic) for x in given.flat):
