@@ -24,7 +24,8 @@ from peak import flops_of_step, multiply_adds
 from sweeps import CASES
 
 import dalembert as da
-from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object, native_lanes
+from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object
+from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.subset import loop_assembly
 from dalembert.integrators.arguments import Address, Matrix, address_of, pack
 from dalembert.integrators.compiled_subset import call_code, compiled_subset, row

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from dalembert.codegen.llvm.assembly import Compiled, compile_object, fma_name, load_object, native_lanes
+from dalembert.codegen.llvm.assembly import Compiled, compile_object, load_object
+from dalembert.codegen.llvm.lane_types import fma_name, native_lanes
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import clipped_tolerance, order_for, step_kernel
 

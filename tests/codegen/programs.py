@@ -75,4 +75,18 @@ def every_operation():
     return Program("quotes \" ' and\nlines", "augmented", layout, (prepare, rhs), ())
 
 
+def pendulum():
+    """The right-hand side of a pendulum with drag, x'' = -w**2 sin(x) - d x'**2."""
+    loads = (Load("square", "c", 0), Load("drag", "c", 1), Load("x", "y", 0), Load("x_dot", "y", 1))
+    body = (
+        Assignment("sine", "sin", ("x",)),
+        Assignment("weight", "mul", ("square", "sine")),
+        Assignment("speed", "mul", ("x_dot", "x_dot")),
+        Assignment("resistance", "mul", ("drag", "speed")),
+        Assignment("pull", "add", ("weight", "resistance")),
+        Assignment("rate", "neg", ("pull",)),
+    )
+    return Kernel("rhs", ("t", "y", "c"), loads, body, ("x_dot", "rate"))
+
+
 PROGRAMS = {"oscillator": oscillator, "every_operation": every_operation}

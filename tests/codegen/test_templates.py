@@ -1,6 +1,9 @@
 """Templates: each uses exactly what Python gives it, and the structure of the text stands in the template."""
 
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Mapping
 from unittest import mock
 
@@ -9,8 +12,11 @@ import jinja2.meta
 import jinja2.nodes
 import pytest
 
+from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.llvm import order_loops
 from dalembert.codegen.numba import texts
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
@@ -30,6 +36,10 @@ def render_everything():
         texts.module(program)
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
+    for write in (*TEXTS.values(), *FURTHER_TEXTS):
+        write()
+    with mock.patch.object(order_loops, "_LARGEST_FRAME", 0):
+        TEXTS["pendulum_order_loop"]()
 
 
 def render_numba(rhs):
@@ -77,19 +87,32 @@ def syntax_of(template):
     return jinja2.Environment().parse(source_of(template))
 
 
+def imported(template):
+    """Return the templates whose macros a template uses, directly or not."""
+    direct = set(jinja2.meta.find_referenced_templates(syntax_of(template)))
+    return direct.union(*map(imported, direct))
+
+
 def test_every_template_is_rendered_or_imported_by_one_that_is():
-    imported = {name for template in GIVEN for name in jinja2.meta.find_referenced_templates(syntax_of(template))}
-    assert set(GIVEN) | imported == set(ALL)
-    assert not set(GIVEN) & imported
+    macros = set().union(*map(imported, GIVEN))
+    assert set(GIVEN) | macros == set(ALL)
+    assert not set(GIVEN) & macros
 
 
 @templates
-def test_template_uses_exactly_what_it_is_given(template):
+def test_template_uses_exactly_the_variables_it_is_given(template):
     used = jinja2.meta.find_undeclared_variables(syntax_of(template))
-    calls = GIVEN.get(template, [{}])  # one with macros alone uses nothing but their arguments
+    calls = GIVEN.get(template, [{}])  # a template of macros uses nothing but their arguments
     assert [set(variables) for variables in calls] == [used] * len(calls)
-    given = set().union(*(fields_of(value) for variables in calls for value in variables.values()))
-    assert {node.attr for node in syntax_of(template).find_all(jinja2.nodes.Getattr)} - {"index0"} == given
+
+
+@pytest.mark.parametrize("template", GIVEN)
+def test_template_uses_exactly_the_fields_of_its_variables(template):
+    syntax = [syntax_of(name) for name in (template, *imported(template))]
+    fields = [node for tree in syntax for node in tree.find_all(jinja2.nodes.Getattr)]
+    used = {node.attr for node in fields if getattr(node.node, "name", "") != "loop"}  # what Jinja knows of its loops
+    given = [set().union(*map(fields_of, variables.values())) for variables in GIVEN[template]]
+    assert given == [used] * len(given)
 
 
 def fields_of(value):
@@ -137,3 +160,32 @@ def test_a_missing_variable_is_an_error_that_names_it(template):
         rest = {other: value for other, value in GIVEN[template][0].items() if other != name}
         with pytest.raises(jinja2.UndefinedError, match=f"'{name}' is undefined"):
             render(template, rest)
+
+
+RENDER = """
+import sys
+from codegen.llvm_texts import TEXTS
+import jinja2
+compiled, original = [], jinja2.Environment.compile
+jinja2.Environment.compile = lambda self, *args, **kwargs: compiled.append(args) or original(self, *args, **kwargs)
+print(TEXTS["check_inputs"]())
+print(len(compiled), file=sys.stderr)
+"""
+
+
+def test_compiled_templates_are_kept_and_believed_only_whole(tmp_path):
+    def run():
+        environment = {**os.environ, ENVIRONMENT_VARIABLE: str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+        code = [sys.executable, "-c", RENDER]
+        done = subprocess.run(code, capture_output=True, text=True, check=True, env=environment)
+        return done.stdout, done.stderr
+
+    text, errors = run()
+    assert errors == "1\n"
+    assert run() == (text, "0\n")
+    (kept,) = (tmp_path / "templates").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1])
+    spoilt, errors = run()
+    assert spoilt == text
+    assert "was damaged and is rebuilt" in errors and errors.endswith("1\n")
+    assert run() == (text, "0\n")

@@ -15,9 +15,9 @@ import numpy as np
 
 import dalembert as da
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm.advance_lanes import _code as pace_code
+from dalembert.codegen.llvm.advance_lanes import _code as advance_code
 from dalembert.codegen.llvm.backend import LLVMBackend
-from dalembert.codegen.llvm.check_inputs import _code as soundness_code
+from dalembert.codegen.llvm.check_inputs import _code as check_code
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.runtime.model import CompiledModel
 
@@ -44,7 +44,7 @@ def prepared_models() -> dict[str, CompiledModel]:
 
 def _everything(model: CompiledModel, cache: bool) -> bytes:
     """Do with a model, loaded anew, what uses files of every kind; return what came out."""
-    for kept in (loop_named, pace_code, soundness_code):
+    for kept in (loop_named, advance_code, check_code):
         kept.cache_clear()
     backend, stages = LLVMBackend(), model.stages
     rendered = backend.render(stages.program, cache=cache)

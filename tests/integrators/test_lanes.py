@@ -10,8 +10,9 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.attempts import attempt_assembly
+from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.methods.status import Status
 from dalembert.methods.tableaus import TABLEAUS

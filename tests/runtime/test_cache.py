@@ -65,8 +65,8 @@ def stamps(folder):
 
 
 def homes(folder):
-    """Return the folders of generated modules, without those of the library's own loops."""
-    return [path for path in sorted(folder.iterdir()) if not path.name.startswith("loops_")]
+    """Return the folders of generated modules, without those of the library's own loops and templates."""
+    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(("loops_", "templates"))]
 
 
 def test_environment_variable_says_where_the_cache_is(folder, monkeypatch):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dalembert.codegen.llvm import order_loops
-from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
+from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
 from dalembert.codegen.llvm.series_loops import loop_assembly
 from dalembert.ir.graph import Graph

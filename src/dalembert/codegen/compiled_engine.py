@@ -27,8 +27,8 @@ from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, r
 from ..transforms.taylor import clipped_tolerance, order_for
 from .base import CaseRun, Engine, Prepared, growing_stretches
 from .library import LARGEST_UNROLLED, KernelLibrary
-from .llvm.advance_lanes import pace
-from .llvm.check_inputs import sound
+from .llvm.advance_lanes import advance_lanes
+from .llvm.check_inputs import check_inputs
 from .llvm.loops import loop_named
 from .llvm.prepared import prepared_run
 from .llvm.sweeps import SweepShape, case_run
@@ -225,11 +225,11 @@ class CompiledEngine(Engine):
             method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
         )
         calm = watched is None or (followed > 0 and not wanted and not watched.kinds)
-        paced = pace(lanes) if calm and not (position or velocity) else 0
+        paced = advance_lanes(lanes) if calm and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(
-            (*codes, position, velocity, prepare, start, paced, sound(lanes)),
+            (*codes, position, velocity, prepare, start, paced, check_inputs(lanes)),
             shape,
             settings,
             cases,

@@ -75,17 +75,9 @@ _ENVIRONMENTS: dict[Path, Any] = {}
 
 
 def _environment(folder: Path) -> Any:
-    import jinja2  # importing it takes time that importing the library, or a scene in the cache, need not spend
+    from .jinja import environment  # what is in the cache needs no template
 
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-        auto_reload=False,
-    )
+    return environment(folder)
 
 
 def digest_of(*parts: str) -> str:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ...ir.kernel import Kernel
 from ...methods.tableau import Tableau
 from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
-from .assembly import assembly
-from .vector_functions import vector
+from ..rendering import render
+from .assembly import assembly, kernel_variables, stack_alignment
+from .lane_types import vector
+from .vector_functions import prelude_variables
 
 __all__ = ["LARGEST_INLINED", "attempt_assembly"]
 
@@ -34,26 +38,25 @@ def attempt_assembly(
     )
     kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
     kernels += [pieces.finish for pieces in parts]
-    chains = [_chain(pieces, len(rhs.outputs), lanes) for pieces in parts]
-    return "\n\n".join([assembly([(kernel.name, kernel) for kernel in kernels], lanes), *chains])
+    variables = {
+        "prelude": prelude_variables(lanes),
+        "vector": vector(lanes),
+        "kernels": [kernel_variables(kernel.name, kernel, lanes) for kernel in kernels],
+        "stack_alignment": stack_alignment(lanes),
+        "chains": [_chain_variables(pieces, len(rhs.outputs)) for pieces in parts],
+    }
+    return render("llvm/attempt_calls.ll.j2", variables)
 
 
-def _chain(pieces: Pieces, n: int, lanes: int) -> str:
-    """Return the function that calls the pieces in turn; slopes and points lie on its stack."""
-    v = vector(lanes)
+def _chain_variables(pieces: Pieces, n: int) -> dict[str, Any]:
+    """Return names and sizes of the function that calls the pieces in turn; `n` is the length of the state."""
     clock = len(pieces.moved)
-    lines = [
-        f"%k = alloca [{(pieces.stages[-1][0] + 1) * n} x {v}], align 64",
-        f"%point = alloca [{clock + 1} x {v}], align 64",
-        f"%clock = getelementptr {v}, ptr %point, i64 {clock}",
-    ]
-    for stage, kernel in pieces.stages:
-        lines += [
-            f"call void @{kernel.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %point)",
-            f"%slope.{stage} = getelementptr {v}, ptr %k, i64 {stage * n}",
-            f"call void @{pieces.rhs.name}(ptr %clock, ptr %point, ptr %c, ptr %slope.{stage})",
-        ]
-    lines.append(f"call void @{pieces.finish.name}(ptr %t, ptr %y, ptr %s, ptr %k, ptr %out)")
-    arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in ("t", "y", "c", "s", "out"))
-    body = "\n".join(f"  {line}" for line in lines)
-    return f"define void @{pieces.name}({arguments}) nounwind {{\n{body}\n  ret void\n}}"
+    return {
+        "name": pieces.name,
+        "rhs": pieces.rhs.name,
+        "finish": pieces.finish.name,
+        "slopes": (pieces.stages[-1][0] + 1) * n,
+        "point": clock + 1,
+        "clock": clock,
+        "stages": [{"name": kernel.name, "number": stage, "place": stage * n} for stage, kernel in pieces.stages],
+    }

@@ -10,17 +10,19 @@ Every sum is taken in the same order as in unrolled code, and gives the same bit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import final
+from typing import Any, final
 
 from ...ir.kernel import Operand
-from ...transforms.expansion import Ahead, Expansion, Series, Sum
-from ...transforms.recurrences import Integrated, Recurrences
-from ...transforms.taylor import LOW_TERMS, STEP_ARGUMENTS, closing, closing_loads
-from . import vector_functions as functions
-from .assembly import LanePrinter, fma_name, prelude
+from ...transforms.expansion import Ahead, Expansion, Series
+from ...transforms.recurrences import Recurrences
+from ...transforms.taylor import LOW_TERMS, closing, closing_loads
+from ..rendering import render
+from .lane_printer import LanePrinter
+from .lane_types import constant, fma_name, vector
+from .order_loop_sums import Pack, Row, planned_sums
+from .vector_functions import prelude_variables
 
 __all__ = ["LEAST_ORDER", "order_loop_assembly"]
 
@@ -53,45 +55,17 @@ def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: 
         Whether the series of the state are written too.
     """
     step = _Step(recurrences, order, lanes, width if lanes == 1 else 1, dense)
-    memory = ["declare ptr @malloc(i64)", "declare void @free(ptr)"]
-    return "\n\n".join([prelude(lanes), *memory, _tables(order), step.text(name)])
+    return render("llvm/order_loop.ll.j2", {"name": name, **_tables(order), **step.variables()})
 
 
-def _tables(order: int) -> str:
+def _tables(order: int) -> dict[str, Any]:
     """Return tables of 1 / k as rounded and of what rounding took from it."""
     shares = [Fraction(1, max(k, 1)) for k in range(order + 2)]
-    tables = {"share": [float(x) for x in shares], "rest": [float(x - Fraction(float(x))) for x in shares]}
-    parts = []
-    for name, values in tables.items():
-        items = ", ".join(f"double {functions.constant(x, 1)}" for x in values)
-        parts.append(f"@table.{name} = internal constant [{len(values)} x double] [{items}]")
-    return "\n".join(parts)
-
-
-@final
-@dataclass(frozen=True)
-class _Row:
-    """The factors of a pack, order by order: `series` in its slots. A row of slopes is complete one order later."""
-
-    series: tuple[Series, ...]
-    late: int
-    place: int
-
-
-@final
-@dataclass(frozen=True)
-class _Pack:
-    """Sums that are taken together, of orders that lie `offset` behind the present one."""
-
-    number: int
-    sums: tuple[Sum, ...]
-    offset: int
-    a: _Row
-    b: _Row
-
-    @property
-    def half(self) -> bool:
-        return self.sums[0].half
+    return {
+        "table_size": len(shares),
+        "shares": [constant(float(share), 1) for share in shares],
+        "rests": [constant(float(share - Fraction(float(share))), 1) for share in shares],
+    }
 
 
 @final
@@ -101,17 +75,15 @@ class _Step:
     def __init__(self, recurrences: Recurrences, order: int, lanes: int, width: int, dense: bool) -> None:
         self.recurrences, self.order, self.lanes, self.width, self.dense = recurrences, order, lanes, width, dense
         self.printer = LanePrinter(lanes)
-        self.lines = self.printer.lines
-        self.v, self.one = functions.vector(lanes), 8 * lanes
-        self.kind, self.stride = functions.vector(lanes * width), 8 * lanes * width
-        self.zero = functions.constant(0.0, lanes * width)
-        self.rows: dict[tuple[int, ...], _Row] = {}
+        self.v, self.one = vector(lanes), 8 * lanes
+        self.kind, self.stride = vector(lanes * width), 8 * lanes * width
+        self.zero = constant(0.0, lanes * width)
         self.fresh = 0
         self.entry = Expansion(recurrences, order)
         self.entry.extend(_FIRST)
         opened = len(self.entry.lines.body)
         self.ahead = Ahead(self.entry)
-        self.packs = self._planned()
+        self.packs, self.rows = planned_sums(self.ahead, self.width)
         self.ahead.extend()
         body = self.entry.lines.body
         self.first_orders, self.later_orders = body[:opened], body[opened:]
@@ -119,59 +91,29 @@ class _Step:
             r for r in dict.fromkeys(recurrences.rates) if isinstance(r, str) and len(self.entry.series[r]) > 1
         ]
 
-    # -- plan -----------------------------------------------------------------------------
+    # -- lines ----------------------------------------------------------------------------
 
-    def _planned(self) -> list[_Pack]:
-        """Return what is summed in packs, and tell `ahead` the names of the sums."""
-        ahead = self.ahead
-        slopes = {id(series) for series in ahead.slopes.values()}
-        rank = {id(s): place for place, s in enumerate([*ahead.series.values(), *ahead.slopes.values()])}
-        kinds: dict[tuple[int, bool, bool], list[Sum]] = {}
-        for item, line in ahead.moving:
-            for s in ahead.sums[line.target]:
-                if id(s.a) in ahead.still or id(s.b) in ahead.still:
-                    ahead.known[s] = 0.0
-                    if s.half:
-                        ahead.middles[id(s.a)] = 0.0
-                    continue
-                late = id(s.a) in slopes or id(s.b) in slopes
-                kinds.setdefault((int(isinstance(item, Integrated)), s.half, late), []).append(s)
-        packs: list[_Pack] = []
-        for (offset, half, late), sums in sorted(kinds.items()):
-            sums.sort(key=lambda s: (rank[id(s.a)], rank[id(s.b)]))
-            for first in range(0, len(sums), self.width):
-                some = tuple(sums[first : first + self.width])
-                a = self._row(tuple(s.a for s in some), late)
-                b = a if half else self._row(tuple(s.b for s in some), late)
-                packs.append(_Pack(len(packs), some, offset, a, b))
-        for pack in packs:
-            for slot, s in enumerate(pack.sums):
-                ahead.known[s] = f"inner.{pack.number}.{slot}"
-                if s.half:
-                    ahead.middles[id(s.a)] = f"middle.{pack.number}.{slot}"
-        return packs
-
-    def _row(self, series: tuple[Series, ...], late: bool) -> _Row:
-        key = (int(late), *(id(s) for s in series))
-        return self.rows.setdefault(key, _Row(series, int(late), len(self.rows)))
-
-    # -- text -----------------------------------------------------------------------------
+    def _lines(self, write: Callable[[], None]) -> list[str]:
+        """Return the lines that a function writes."""
+        self.printer.lines = []
+        write()
+        return self.printer.lines
 
     def _set(self, expression: str, name: str = "") -> str:
         if not name:
             self.fresh += 1
             name = f"x.{self.fresh}"
-        self.lines.append(f"%{name} = {expression}")
+        self.printer.lines.append(f"%{name} = {expression}")
         return f"%{name}"
 
     def _at(self, base: str, offset: int | str) -> str:
         return self._set(f"getelementptr i8, ptr {base}, i64 {offset}")
 
-    def _load(self, base: str, row: _Row) -> str:
+    def _load(self, base: str, row: Row) -> str:
         """Load a row of an order, whose address in the first row is `base`."""
         return self._set(f"load {self.kind}, ptr {self._at(base, self._place(row))}, align {self.stride}")
 
-    def _place(self, row: _Row) -> int:
+    def _place(self, row: Row) -> int:
         return row.place * (self.order + 1) * self.stride
 
     def _fma(self, a: str, b: str, c: str, name: str = "") -> str:
@@ -197,39 +139,40 @@ class _Step:
         )
         self._set(taken, name)
 
-    def _keep(self, base: str, row: _Row, values: Sequence[Operand]) -> None:
+    def _keep(self, base: str, row: Row, values: Sequence[Operand]) -> None:
         at = self._at(base, self._place(row))
-        self.lines.append(f"store {self.kind} {self._filled(values)}, ptr {at}, align {self.stride}")
+        self.printer.lines.append(f"store {self.kind} {self._filled(values)}, ptr {at}, align {self.stride}")
 
     def _write(self, base: str, offset: int, value: Operand) -> None:
         """Store one value, in the rates or in the outputs."""
-        self.lines.append(f"store {self.v} {self.printer.operand(value)}, ptr {self._at(base, offset)}, align 8")
+        self.printer.lines.append(
+            f"store {self.v} {self.printer.operand(value)}, ptr {self._at(base, offset)}, align 8"
+        )
 
-    def _splat(self, value: str, name: str) -> None:
-        """Name a number, in all lanes."""
-        if self.lanes == 1:
-            self._set(f"bitcast double {value} to double", name)
-            return
-        one = self._set(f"insertelement {self.v} undef, double {value}, i32 0")
-        self._set(f"shufflevector {self.v} {one}, {self.v} undef, <{self.lanes} x i32> zeroinitializer", name)
+    # -- what the template gets -----------------------------------------------------------
 
-    # -- code -----------------------------------------------------------------------------
-
-    def text(self, name: str) -> str:
-        """Return the function."""
-        self.lines.append("entry:")
-        self._open()
-        self.lines += ["br label %orders", "orders:"]
-        self._carry()
-        self._sum()
-        self._one_order()
-        closed = "%n.closed"
-        self._set(f"icmp eq i64 %n.next, {self.order}", closed[1:])
-        self.lines += ["br label %turn", "turn:", f"br i1 {closed}, label %close, label %orders", "close:"]
-        self._close()
-        body = "\n".join(line if line.endswith(":") else f"  {line}" for line in self.lines)
-        arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*STEP_ARGUMENTS, "out"))
-        return f"define void @{name}({arguments}) nounwind {{\n{body}\n}}"
+    def variables(self) -> dict[str, Any]:
+        """Return names, numbers and lines of the step."""
+        on_heap = self._size > _LARGEST_FRAME
+        return {
+            "prelude": prelude_variables(self.lanes),
+            "lanes": self.lanes,
+            "vector": self.v,
+            "row_type": self.kind,
+            "row_of_zeros": self.zero,
+            "order": self.order,
+            "first_order": _FIRST,
+            "on_heap": on_heap,
+            "bytes": self._size + (64 if on_heap else 0),
+            "stride": self.stride,
+            "stride_back": -self.stride,
+            "two_strides_back": -2 * self.stride,
+            "first_orders": self._lines(self._open),
+            "carried": self._carried(),
+            "sums": self._sums(),
+            "one_order": self._lines(self._one_order),
+            "closing": self._lines(self._close),
+        }
 
     @property
     def _rates_at(self) -> dict[str, int]:
@@ -243,12 +186,6 @@ class _Step:
 
     def _open(self) -> None:
         """Write the first orders: their coefficients, and what later orders need of them."""
-        if self._size <= _LARGEST_FRAME:
-            self._set(f"alloca [{self._size} x i8], align 64", "n.work")
-        else:
-            self._set(f"call ptr @malloc(i64 {self._size + 64})", "n.memory")
-            up = self._set(f"ptrtoint ptr {self._at('%n.memory', 63)} to i64")
-            self._set(f"inttoptr i64 {self._set(f'and i64 {up}, -64')} to ptr", "n.work")
         for i, state in enumerate(self.recurrences.states):
             self.printer.load(state, "y", i)
         for load in self.recurrences.kernel.loads:
@@ -258,7 +195,7 @@ class _Step:
             self.printer.load(load.target, load.array, load.index or 0)
         self.printer.body(self.first_orders)
         before = self.ahead.before
-        for row in self.rows.values():
+        for row in self.rows:
             for k in range(1, _FIRST - row.late):
                 self._keep(self._at("%n.work", k * self.stride), row, [before[id(s)][k] for s in row.series])
         for rate, begin in self._rates_at.items():
@@ -273,66 +210,44 @@ class _Step:
         """Return where the series of a component of the state begins in the outputs."""
         return (len(self.recurrences.states) + 2 + i * (self.order + 1)) * self.one
 
-    def _carry(self) -> None:
-        """Write what goes from one pass to the next, and where the rows of the present order are."""
-        self._set(f"phi i64 [{_FIRST}, %entry], [%n.next, %turn]", "n.k")
-        for carried in self.ahead.carried:
-            first, later = (self.printer.operand(x) for x in (carried.known, carried.series[carried.place]))
-            self._set(f"phi {self.v} [{first}, %entry], [{later}, %turn]", carried.name)
-        self._set("add i64 %n.k, 1", "n.next")
-        self._set(f"mul i64 %n.k, {self.stride}", "n.bytes")
-        self._set("getelementptr i8, ptr %n.work, i64 %n.bytes", "n.here")
+    def _carried(self) -> list[dict[str, str]]:
+        """Return what goes from one pass to the next."""
+        return [
+            {
+                "name": carried.name,
+                "known": self.printer.operand(carried.known),
+                "later": self.printer.operand(carried.series[carried.place]),
+            }
+            for carried in self.ahead.carried
+        ]
 
-    def _sum(self) -> None:
-        """Write the sums without index 0, those with equally many terms in one loop."""
-        kinds: dict[tuple[int, bool], list[_Pack]] = {}
+    def _sums(self) -> list[dict[str, Any]]:
+        """Return the sums without index 0, those with equally many terms in one loop."""
+        kinds: dict[tuple[int, bool], list[Pack]] = {}
         for pack in self.packs:
             kinds.setdefault((pack.offset, pack.half), []).append(pack)
+        groups = []
         for (offset, half), packs in kinds.items():
+            assert not (half and offset), "only products and roots have half sums"
             for first in range(0, len(packs), _TOGETHER):
-                some = packs[first : first + _TOGETHER]
-                name = f"sum.{some[0].number}"
-                (self._half_sums if half else self._full_sums)(name, some, offset)
+                groups.append(self._group(packs[first : first + _TOGETHER], half, offset * self.stride))
+        return groups
 
-    def _full_sums(self, name: str, packs: list[_Pack], offset: int) -> None:
-        """Write sums of a_i b_(m-i), m = k - offset: i from 2 to m - 2, which may be none, then 1 and m - 1."""
-        m_bytes = self._set(f"sub i64 %n.bytes, {offset * self.stride}")
-        one = self._at("%n.work", self.stride)
-        low, high = self._at(one, self.stride), self._at(self._at("%n.work", m_bytes), -2 * self.stride)
-        self._loop(name, packs, (low, self.stride), (high, -self.stride), one)
-        newest = self._at(self._at("%n.work", m_bytes), -self.stride)
-        for pack in packs:
-            total = self._fma(self._load(one, pack.a), self._load(newest, pack.b), f"%{name}.total.{pack.number}")
-            total = self._fma(self._load(newest, pack.a), self._load(one, pack.b), total)
-            for slot in range(len(pack.sums)):
-                self._taken(total, slot, f"inner.{pack.number}.{slot}")
+    def _group(self, packs: list[Pack], half: bool, behind: int) -> dict[str, Any]:
+        """Return a loop that adds products of rows of packs."""
+        name = f"sum.{packs[0].number}"
+        write_totals = self._half_totals if half else self._full_totals
+        return {
+            "name": name,
+            "half": half,
+            "behind": behind,
+            "numbers": [pack.number for pack in packs],
+            "products": self._lines(lambda: self._products(name, packs)),
+            "totals": self._lines(lambda: write_totals(name, packs)),
+        }
 
-    def _half_sums(self, name: str, packs: list[_Pack], offset: int) -> None:
-        """Write sums of a_i a_(k-i) for i from (k - 1) / 2 down to 1, and what is in the middle of an even k."""
-        assert offset == 0, "only products and roots have half sums"
-        below = self._set("sub i64 %n.k, 1")
-        last, middle = (self._set(f"mul i64 {self._set(f'lshr i64 {i}, 1')}, {self.stride}") for i in (below, "%n.k"))
-        high = self._at("%n.here", self._set(f"sub i64 0, {last}"))
-        low, end = self._at("%n.work", last), self._at("%n.here", 0)
-        self._loop(name, packs, (low, -self.stride), (high, self.stride), end)
-        odd, here = self._set("trunc i64 %n.k to i1"), self._at("%n.work", middle)
-        for pack in packs:
-            chosen = self._set(f"select i1 {odd}, {self.kind} {self.zero}, {self.kind} {self._load(here, pack.a)}")
-            for slot in range(len(pack.sums)):
-                self._taken(chosen, slot, f"middle.{pack.number}.{slot}")
-                self._taken(f"%{name}.total.{pack.number}", slot, f"inner.{pack.number}.{slot}")
-
-    def _loop(self, name: str, packs: list[_Pack], low: tuple[str, int], high: tuple[str, int], end: str) -> None:
-        """Write a loop that adds products of rows, from two addresses in steps, until the second has come to `end`."""
-        lines = self.lines
-        lines += [f"br label %{name}.begin", f"{name}.begin:"]
-        none = self._set(f"icmp eq ptr {high[0]}, {end}")
-        lines += [f"br i1 {none}, label %{name}.end, label %{name}", f"{name}:"]
-        for side, (start, _) in (("low", low), ("high", high)):
-            self._set(f"phi ptr [{start}, %{name}.begin], [%{name}.{side}.next, %{name}]", f"{name}.{side}")
-        for pack in packs:
-            start = f"[{self.zero}, %{name}.begin], [%{name}.more.{pack.number}, %{name}]"
-            self._set(f"phi {self.kind} {start}", f"{name}.sum.{pack.number}")
+    def _products(self, name: str, packs: list[Pack]) -> None:
+        """Write one pass of the loop: rows loaded from two addresses, and their products added."""
         loaded: dict[tuple[str, int], str] = {}
         for pack in packs:
             for side, row in (("low", pack.a), ("high", pack.b)):
@@ -340,23 +255,29 @@ class _Step:
                     loaded[side, row.place] = self._load(f"%{name}.{side}", row)
             a, b = loaded["low", pack.a.place], loaded["high", pack.b.place]
             self._fma(a, b, f"%{name}.sum.{pack.number}", f"{name}.more.{pack.number}")
-        for side, (_, step) in (("low", low), ("high", high)):
-            self._set(f"getelementptr i8, ptr %{name}.{side}, i64 {step}", f"{name}.{side}.next")
-        done = self._set(f"icmp eq ptr %{name}.high.next, {end}")
-        lines += [f"br i1 {done}, label %{name}.end, label %{name}", f"{name}.end:"]
+
+    def _full_totals(self, name: str, packs: list[Pack]) -> None:
+        """Write the terms of orders 1 and m - 1, and what the slots hold."""
+        one, newest = f"%{name}.last", f"%{name}.newest"
         for pack in packs:
-            sums = f"[{self.zero}, %{name}.begin], [%{name}.more.{pack.number}, %{name}]"
-            self._set(f"phi {self.kind} {sums}", f"{name}.total.{pack.number}")
+            total = self._fma(self._load(one, pack.a), self._load(newest, pack.b), f"%{name}.total.{pack.number}")
+            total = self._fma(self._load(newest, pack.a), self._load(one, pack.b), total)
+            for slot in range(len(pack.sums)):
+                self._taken(total, slot, f"inner.{pack.number}.{slot}")
+
+    def _half_totals(self, name: str, packs: list[Pack]) -> None:
+        """Write what is in the middle of an even k, and what the slots hold."""
+        for pack in packs:
+            middle = self._load(f"%{name}.middle", pack.a)
+            chosen = self._set(f"select i1 %{name}.odd, {self.kind} {self.zero}, {self.kind} {middle}")
+            for slot in range(len(pack.sums)):
+                self._taken(chosen, slot, f"middle.{pack.number}.{slot}")
+                self._taken(f"%{name}.total.{pack.number}", slot, f"inner.{pack.number}.{slot}")
 
     def _one_order(self) -> None:
         """Write coefficient k of every value, and keep what later orders need."""
-        for when, index in (("now", "%n.k"), ("next", "%n.next")):
-            for table in ("share", "rest"):
-                at = self._set(f"getelementptr double, ptr @table.{table}, i64 {index}")
-                self._splat(self._set(f"load double, ptr {at}, align 8"), f"{when}.{table}")
-        self._splat(self._set("uitofp i64 %n.k to double"), Ahead.ORDER)
         self.printer.body(self.later_orders)
-        for row in self.rows.values():
+        for row in self.rows:
             base = self._at("%n.here", -row.late * self.stride)
             self._keep(base, row, [s[2 - row.late] if len(s) > 2 - row.late else 0.0 for s in row.series])
         offset = self._set(f"mul i64 %n.k, {self.one}")
@@ -388,6 +309,3 @@ class _Step:
         self.printer.body(lines.body[done:])
         for index, operand in enumerate(outputs):
             self.printer.store(operand, index)
-        if self._size > _LARGEST_FRAME:
-            self.lines.append("call void @free(ptr %n.memory)")
-        self.lines.append("ret void")

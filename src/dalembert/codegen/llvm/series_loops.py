@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import final
+from typing import Any, final
 
 from ...ir.kernel import Assignment, Operand
 from ...transforms.recurrences import Integrated, Recurrences
-from ...transforms.taylor import STEP_ARGUMENTS, closing_loads, ending
-from . import vector_functions as functions
-from .assembly import LanePrinter, fma_name, prelude
+from ...transforms.taylor import closing_loads, ending
+from ..rendering import render
+from .lane_printer import LanePrinter
+from .lane_types import constant, fma_name, vector
+from .vector_functions import prelude_variables
 
 __all__ = ["loop_assembly"]
 
@@ -24,41 +26,8 @@ _PIECE = 100
 
 def loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
     """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`."""
-    return "\n\n".join(
-        [
-            prelude(lanes),
-            "declare ptr @malloc(i64)",
-            "declare void @free(ptr)",
-            _convolution(lanes),
-            _Step(recurrences, order, lanes, dense).text(name),
-        ]
-    )
-
-
-def _convolution(lanes: int) -> str:
-    """Return ``@convolve(a, b, count)``: the sum of a[j] b[-j] for j = 0 .. count - 1, newest terms last."""
-    v = functions.vector(lanes)
-    zero = functions.constant(0.0, lanes)
-    return f"""define internal {v} @convolve(ptr %a, ptr %b, i64 %count) nounwind noinline {{
-entry:
-  %none = icmp eq i64 %count, 0
-  br i1 %none, label %done, label %loop
-loop:
-  %j = phi i64 [0, %entry], [%next, %loop]
-  %sum = phi {v} [{zero}, %entry], [%more, %loop]
-  %back = sub i64 0, %j
-  %a.at = getelementptr {v}, ptr %a, i64 %j
-  %b.at = getelementptr {v}, ptr %b, i64 %back
-  %x = load {v}, ptr %a.at, align 8
-  %z = load {v}, ptr %b.at, align 8
-  %more = call {v} @{fma_name(lanes)}({v} %x, {v} %z, {v} %sum)
-  %next = add i64 %j, 1
-  %last = icmp eq i64 %next, %count
-  br i1 %last, label %done, label %loop
-done:
-  %result = phi {v} [{zero}, %entry], [%more, %loop]
-  ret {v} %result
-}}"""
+    step = _Step(recurrences, order, lanes, dense)
+    return render("llvm/series_loop.ll.j2", {"name": name, **step.variables()})
 
 
 @final
@@ -67,9 +36,8 @@ class _Step:
 
     def __init__(self, recurrences: Recurrences, order: int, lanes: int, dense: bool) -> None:
         self.recurrences, self.order, self.lanes, self.dense = recurrences, order, lanes, dense
-        self.v = functions.vector(lanes)
+        self.v = vector(lanes)
         self.printer = LanePrinter(lanes)
-        self.lines = self.printer.lines
         self.rate = dict(zip(recurrences.states, recurrences.rates, strict=True))
         self.slots: dict[str, int] = {}
         self.slopes: dict[str, int] = {}
@@ -77,27 +45,43 @@ class _Step:
         self.near: dict[str, str] = {}
         self.count = self.fresh = 0
 
-    def text(self, name: str) -> str:
-        """Return the functions of the step: pieces of the recurrences, and the step that calls them."""
+    def variables(self) -> dict[str, Any]:
+        """Return names, numbers and lines of the step, and of the pieces of the recurrences that it calls."""
         self._assign_slots()
         items = self.recurrences.items
         pieces = [items[first : first + _PIECE] for first in range(0, len(items), _PIECE)]
-        parts = []
-        for place, piece in enumerate(pieces):
-            parts.append(self._function(f"first.{place}", "ptr %n.work", partial(self._start, piece)))
-            parts.append(self._function(f"next.{place}", "ptr %n.work, i64 %n.k", partial(self._extend, piece)))
-        arguments = ", ".join(f"ptr noalias nocapture %{a}" for a in (*STEP_ARGUMENTS, "out"))
-        parts.append(self._function(name, arguments, lambda: self._step(len(pieces)), "define"))
-        return "\n\n".join(parts)
+        return {
+            "prelude": prelude_variables(self.lanes),
+            "lanes": self.lanes,
+            "vector": self.v,
+            "fma": fma_name(self.lanes),
+            "zero": constant(0.0, self.lanes),
+            "order": self.order,
+            "bytes": (self.count * (self.order + 1) + len(self.fixed)) * 8 * self.lanes,
+            "pieces": [
+                {
+                    "number": number,
+                    "beginning": self._function(partial(self._start, piece)),
+                    "continuation": self._function(partial(self._extend, piece)),
+                }
+                for number, piece in enumerate(pieces)
+            ],
+            "start": self._function(self._open),
+            "first_rates": self._lines(self._first_rates),
+            "states": self._lines(self._next_states),
+            "closing": self._lines(self._close),
+        }
 
-    def _function(self, name: str, arguments: str, write: Callable[[], None], kind: str = "define internal") -> str:
+    def _function(self, write: Callable[[], None]) -> list[str]:
+        """Return the lines of a function that `write` writes, or of its first block."""
         self.printer = LanePrinter(self.lanes)
-        self.lines, self.near = self.printer.lines, {}
-        self.lines.append("entry:")
+        return self._lines(write)
+
+    def _lines(self, write: Callable[[], None]) -> list[str]:
+        """Return the lines of a block."""
+        self.printer.lines, self.near = [], {}
         write()
-        self.lines.append("ret void")
-        body = "\n".join(line if line.endswith(":") else f"  {line}" for line in self.lines)
-        return f"{kind} void @{name}({arguments}) nounwind noinline {{\n{body}\n}}"
+        return self.printer.lines
 
     # -- memory ---------------------------------------------------------------------------
 
@@ -118,7 +102,7 @@ class _Step:
         self.fixed = {name: self.count * (self.order + 1) + place for place, name in enumerate(fixed)}
 
     def _set(self, target: str, expression: str) -> str:
-        self.lines.append(f"%{target} = {expression}")
+        self.printer.lines.append(f"%{target} = {expression}")
         return f"%{target}"
 
     def _fresh(self) -> str:
@@ -135,13 +119,13 @@ class _Step:
         return self._set(self._fresh(), f"load {self.v}, ptr {self._at(slot, index, shift)}, align 8")
 
     def _store(self, value: str, slot: int, index: str, shift: int = 0) -> None:
-        self.lines.append(f"store {self.v} {value}, ptr {self._at(slot, index, shift)}, align 8")
+        self.printer.lines.append(f"store {self.v} {value}, ptr {self._at(slot, index, shift)}, align 8")
 
     def _value(self, operand: Operand, index: str) -> str:
         """Return coefficient `index` of an operand, above order 0: zero for what does not vary."""
         if isinstance(operand, str) and operand in self.slots:
             return self._load(self.slots[operand], index)
-        return functions.constant(0.0, self.lanes)
+        return constant(0.0, self.lanes)
 
     def _first(self, operand: Operand) -> str:
         """Return coefficient 0 of an operand, from memory once a block: long-lived values are hard on the compiler."""
@@ -162,46 +146,38 @@ class _Step:
             self._store(value, self.slots[name], "0")
         else:
             pointer = self._set(self._fresh(), f"getelementptr {self.v}, ptr %n.work, i64 {self.fixed[name]}")
-            self.lines.append(f"store {self.v} {value}, ptr {pointer}, align 8")
+            self.printer.lines.append(f"store {self.v} {value}, ptr {pointer}, align 8")
 
     # -- code -----------------------------------------------------------------------------
 
-    def _step(self, pieces: int) -> None:
-        """Write the step: coefficients 0 of everything, then the orders one after the other, then the end."""
-        lines, kernel = self.lines, self.recurrences.kernel
-        size = (self.count * (self.order + 1) + len(self.fixed)) * 8 * self.lanes
-        lines.append(f"%n.work = call ptr @malloc(i64 {size})")
+    def _open(self) -> None:
+        """Write coefficients 0 of what is given."""
         for i, state in enumerate(self.recurrences.states):
             self.printer.load(state, "y", i)
             self._keep(state, f"%{state}")
-        for load in kernel.loads:
+        for load in self.recurrences.kernel.loads:
             if load.array != "y":
                 self.printer.load(load.target, load.array, load.index or 0)
                 self._keep(load.target, f"%{load.target}")
             if load.array == "t":
                 self._clock(load.target)
         for slot in self.slopes.values():
-            self._store(functions.constant(0.0, self.lanes), slot, "0")
-        lines += [f"call void @first.{place}(ptr %n.work)" for place in range(pieces)]
-        self.near = {}
+            self._store(constant(0.0, self.lanes), slot, "0")
+
+    def _first_rates(self) -> None:
+        """Write coefficients 1 of the state."""
         for state, rate in self.rate.items():
             self._store(self._first(rate), self.slots[state], "1")
-        lines += ["br label %orders", "orders:", "%n.k = phi i64 [1, %entry], [%n.next, %orders]"]
-        self._set("n.next", "add i64 %n.k, 1")
-        self._set("n.up", "uitofp i64 %n.next to double")
-        self._splat("n.up")
-        lines += [f"call void @next.{place}(ptr %n.work, i64 %n.k)" for place in range(pieces)]
+
+    def _next_states(self) -> None:
+        """Write coefficients k + 1 of the state."""
         for state, rate in self.rate.items():
-            moved = self._set(self._fresh(), f"fdiv {self.v} {self._value(rate, '%n.k')}, %n.up.pack")
+            moved = self._set(self._fresh(), f"fdiv {self.v} {self._value(rate, '%n.k')}, %n.up")
             self._store(moved, self.slots[state], "%n.k", 1)
-        self._set("n.finished", f"icmp eq i64 %n.next, {self.order}")
-        lines += ["br i1 %n.finished, label %close, label %orders", "close:"]
-        self._close()
-        lines.append("call void @free(ptr %n.work)")
 
     def _clock(self, name: str) -> None:
         """Store the series of time itself, and of its slope where a function of time is integrated."""
-        one, none = (functions.constant(x, self.lanes) for x in (1.0, 0.0))
+        one, none = (constant(x, self.lanes) for x in (1.0, 0.0))
         for slot in (self.slots[name], *([self.slopes[name]] if name in self.slopes else [])):
             for k in range(1, self.order + 1):
                 self._store(one if k == 1 else none, slot, str(k))
@@ -216,9 +192,6 @@ class _Step:
 
     def _extend(self, items: Sequence[Assignment | Integrated]) -> None:
         """Write coefficient k of some values."""
-        self._set("n.next", "add i64 %n.k, 1")
-        self._set("n.double", "uitofp i64 %n.k to double")
-        self._splat("n.double")
         for item in items:
             line = item.value if isinstance(item, Integrated) else item
             if line.target not in self.recurrences.varying:
@@ -226,16 +199,8 @@ class _Step:
             value = self._integral(item) if isinstance(item, Integrated) else self._coefficient(line)
             self._store(value, self.slots[line.target], "%n.k")
             if line.target in self.slopes:
-                scaled = self._set(self._fresh(), f"fmul {self.v} {value}, %n.double.pack")
+                scaled = self._set(self._fresh(), f"fmul {self.v} {value}, %n.order")
                 self._store(scaled, self.slopes[line.target], "%n.k")
-
-    def _splat(self, name: str) -> None:
-        if self.lanes == 1:
-            self._set(f"{name}.pack", f"fadd double %{name}, 0.0")
-            return
-        self._set(f"{name}.one", f"insertelement {self.v} undef, double %{name}, i32 0")
-        mask = f"<{self.lanes} x i32> zeroinitializer"
-        self._set(f"{name}.pack", f"shufflevector {self.v} %{name}.one, {self.v} undef, {mask}")
 
     def _dot(self, a: int, b: int, a_shift: int, b_shift: int, count: str) -> str:
         """Return the sum of a[a_shift + j] b[k + b_shift - j] for j below `count`."""
@@ -243,7 +208,7 @@ class _Step:
         return self._set(self._fresh(), f"call {self.v} @convolve(ptr {left}, ptr {right}, i64 {count})")
 
     def _integral(self, item: Integrated) -> str:
-        total = functions.constant(0.0, self.lanes)
+        total = constant(0.0, self.lanes)
         for sign, inner, factor in item.terms:
             if not (isinstance(inner, str) and inner in self.slots) or factor not in self.slots:
                 continue
@@ -256,7 +221,7 @@ class _Step:
                 last = self._load(self.slots[factor], "%n.k", -1)
                 term = self._set(self._fresh(), f"fmul {self.v} {self._first(rate)}, {last}")
             total = self._set(self._fresh(), f"{'fadd' if sign > 0 else 'fsub'} {self.v} {total}, {term}")
-        return self._set(self._fresh(), f"fdiv {self.v} {total}, %n.double.pack")
+        return self._set(self._fresh(), f"fdiv {self.v} {total}, %n.order")
 
     def _coefficient(self, line: Assignment) -> str:
         v, own = self.v, self.slots[line.target]
@@ -297,7 +262,7 @@ class _Step:
             case "select":
                 return self._branch("une", a, 0.0, self._value(b, "%n.k"), self._value(line.args[2], "%n.k"))
             case _:  # sign, floor and comparisons are constant between their jumps
-                return functions.constant(0.0, self.lanes)
+                return constant(0.0, self.lanes)
 
     def _negated(self, a: Operand) -> str:
         return self._set(self._fresh(), f"fneg {self.v} {self._value(a, '%n.k')}")
@@ -305,13 +270,12 @@ class _Step:
     def _branch(self, test: str, a: Operand, b: Operand, yes: str, no: str) -> str:
         """Return one of two coefficients, chosen by the values at order 0."""
         flag = self._set(self._fresh(), f"fcmp {test} {self.v} {self._first(a)}, {self._first(b)}")
-        kind = functions.vector(self.lanes, "i1")
+        kind = vector(self.lanes, "i1")
         return self._set(self._fresh(), f"select {kind} {flag}, {self.v} {yes}, {self.v} {no}")
 
     def _close(self) -> None:
         """Choose the step, sum the series and write the outputs."""
         states = self.recurrences.states
-        self.near = {}
         for i, state in enumerate(states):
             self.printer.load(f"{state}.old", "y", i)
         for load in closing_loads(self.recurrences):
@@ -323,8 +287,8 @@ class _Step:
                     pointer = self._at(self.slots[rate], str(k))
                     self._set(target, f"load {self.v}, ptr {pointer}, align 8")
                 else:
-                    value = self._first(rate) if k == 0 else functions.constant(0.0, self.lanes)
-                    self._set(target, f"fadd {self.v} {value}, {functions.constant(0.0, self.lanes)}")
+                    value = self._first(rate) if k == 0 else constant(0.0, self.lanes)
+                    self._set(target, f"fadd {self.v} {value}, {constant(0.0, self.lanes)}")
         series = [[f"rate.{i}.{k}" for k in range(self.order)] for i in range(len(states))]
         poles = [[f"pole.{i}.{k}" for k in range(self.order)] for i in range(len(self.recurrences.poles))]
         for names, pole in zip(poles, self.recurrences.poles, strict=True):
@@ -346,4 +310,4 @@ class _Step:
                     value = self._load(self.slots[state], str(k))
                     place = len(outputs) + i * (self.order + 1) + k
                     pointer = self._set(self._fresh(), f"getelementptr double, ptr %out, i64 {place * self.lanes}")
-                    self.lines.append(f"store {self.v} {value}, ptr {pointer}, align 8")
+                    self.printer.lines.append(f"store {self.v} {value}, ptr {pointer}, align 8")

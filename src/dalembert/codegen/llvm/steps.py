@@ -12,8 +12,9 @@ from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import step_kernel
 from ..library import Code, KernelLibrary
-from .assembly import assembly, load_object, native_lanes
+from .assembly import assembly, load_object
 from .attempts import attempt_assembly
+from .lane_types import native_lanes
 from .objects import object_code
 from .order_loops import LEAST_ORDER, order_loop_assembly
 from .series_loops import loop_assembly

@@ -1,31 +1,24 @@
-"""Functions of LLVM vectors of doubles that no instruction computes: sine and cosine, rough logarithm and power.
+"""Functions of vectors of doubles that no instruction computes: sine and cosine, rough logarithm and power.
 
-Written once for any number of lanes, one included, so that a case computes the same bits alone and
-beside others.
+Their text is that of templates, which get their numbers here. It is the same for any number of lanes, so that a case
+computes the same bits alone and beside others.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
+from typing import Any
 
-__all__ = ["constant", "lanewise", "repeating", "rough_exp2", "rough_log2", "sincos", "vector"]
+from ...once import once
+from .lane_types import bits, constant, fma_name, integer, suffix, vector
 
+__all__ = ["LIBRARY", "lanewise", "prelude_variables"]
 
-def vector(lanes: int, element: str = "double") -> str:
-    """Return the LLVM type of a pack."""
-    return element if lanes == 1 else f"<{lanes} x {element}>"
-
-
-def constant(value: float, lanes: int) -> str:
-    """Return an exact literal in every lane."""
-    digits = f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
-    return digits if lanes == 1 else f"<{', '.join(f'double {digits}' for _ in range(lanes))}>"
-
-
-def _integer(value: int, lanes: int) -> str:
-    return str(value) if lanes == 1 else f"<{', '.join(f'i64 {value}' for _ in range(lanes))}>"
-
+LIBRARY = {
+    name: 2 if name in ("atan2", "pow") else 1
+    for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "pow")
+}
+"""Functions of the C library, with the number of their arguments."""
 
 _SINE = (
     -1.66666666666666324348e-01,
@@ -45,95 +38,89 @@ _COSINE = (
 )
 _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _LARGEST = 1.0e6
+"""Below it in magnitude, sine and cosine are good to 2 units in the last place; beyond, the C library takes over."""
 _ROUNDING = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer and leaves that in the low bits
+_EXP2 = (0.99992807, 0.69326099, 0.24261114, 0.05517167)
+"""2**x for x from -1/2 to 1/2."""
 
 
-def _polynomial(name: str, x: str, coefficients: Sequence[float], lanes: int, fma: str) -> list[str]:
-    """Return lines that compute ``name``, a polynomial in ``x``, constant term first."""
-    v = vector(lanes)
-    lines, total = [], constant(coefficients[-1], lanes)
-    for place, coefficient in enumerate(reversed(coefficients[:-1])):
-        target = name if place == len(coefficients) - 2 else f"{name}.{place}"
-        lines.append(f"{target} = call {v} @{fma}({v} {total}, {v} {x}, {v} {constant(coefficient, lanes)})")
-        total = target
-    return lines
+@once
+def prelude_variables(lanes: int) -> dict[str, Any]:
+    """Return what the template ``llvm/prelude.ll.j2`` gets: what every module of kernels declares and defines.
 
-
-def sincos(lanes: int, fma: str) -> str:
-    """Return the definition of ``@sincosN`` for N lanes: fdlibm's polynomials after reduction by pi/2 in three parts.
-
-    Below 1e6 in magnitude it is accurate to 2 units in the last place; beyond, the C library takes over.
+    On one lane, sines and cosines are those of a vector of two or four angles (see `LanePrinter`).
     """
-    v, w = vector(lanes), vector(lanes, "i64")
+    return {
+        "unary": [name for name, count in LIBRARY.items() if count == 1],
+        "binary": [name for name, count in LIBRARY.items() if count == 2],
+        "intrinsics": [_types(n) for n in ((1, 2, 4, 8) if lanes == 1 else (lanes,))],
+        "sincos": [_sincos_variables(n) for n in ((2, 4) if lanes == 1 else (lanes,))],
+        "rough": _rough_variables(lanes),
+    }
 
-    def c(value: float) -> str:
-        return constant(value, lanes)
 
-    flag = "%large" if lanes == 1 else "%any"
-    any_lane = []
-    if lanes > 1:
-        any_lane = [
-            f"%bits = bitcast <{lanes} x i1> %large to i{lanes}",
-            f"%any = icmp ne i{lanes} %bits, 0",
-        ]
-    slow_sin, slow_cos = lanewise("sin", lanes, "slow.s"), lanewise("cos", lanes, "slow.c")
-    lines = [
-        f"define internal {{{v}, {v}}} @sincos{lanes}({v} %x) alwaysinline nounwind {{",
-        "entry:",
-        f"%size = call {v} @llvm.fabs.{_suffix(lanes)}({v} %x)",
-        f"%large = fcmp ugt {v} %size, {c(_LARGEST)}",
-        *any_lane,
-        f"%shifted = call {v} @{fma}({v} %x, {v} {c(0.6366197723675814)}, {v} {c(_ROUNDING)})",
-        f"%k = fsub {v} %shifted, {c(_ROUNDING)}",
-        f"%q = bitcast {v} %shifted to {w}",
-        f"%minus = fneg {v} %k",
-        f"%r1 = call {v} @{fma}({v} %minus, {v} {c(_HALF_PI[0])}, {v} %x)",
-        f"%r2 = call {v} @{fma}({v} %minus, {v} {c(_HALF_PI[1])}, {v} %r1)",
-        f"%r = call {v} @{fma}({v} %minus, {v} {c(_HALF_PI[2])}, {v} %r2)",
-        f"%z = fmul {v} %r, %r",
-        *_polynomial("%sp", "%z", _SINE, lanes, fma),
-        *_polynomial("%cp", "%z", _COSINE, lanes, fma),
-        f"%rz = fmul {v} %r, %z",
-        f"%sine = call {v} @{fma}({v} %rz, {v} %sp, {v} %r)",
-        f"%hz = fmul {v} %z, {c(0.5)}",
-        f"%one = fsub {v} {c(1.0)}, %hz",
-        f"%lost = fsub {v} {c(1.0)}, %one",
-        f"%rest = fsub {v} %lost, %hz",
-        f"%zz = fmul {v} %z, %z",
-        f"%tail = call {v} @{fma}({v} %zz, {v} %cp, {v} %rest)",
-        f"%cosine = fadd {v} %one, %tail",
-        f"%low = and {w} %q, {_integer(1, lanes)}",
-        f"%odd = icmp ne {w} %low, {_integer(0, lanes)}",
-        f"%s.a = select {vector(lanes, 'i1')} %odd, {v} %cosine, {v} %sine",
-        f"%c.a = select {vector(lanes, 'i1')} %odd, {v} %sine, {v} %cosine",
-        f"%s.bit = and {w} %q, {_integer(2, lanes)}",
-        f"%s.sign = shl {w} %s.bit, {_integer(62, lanes)}",
-        f"%q1 = add {w} %q, {_integer(1, lanes)}",
-        f"%c.bit = and {w} %q1, {_integer(2, lanes)}",
-        f"%c.sign = shl {w} %c.bit, {_integer(62, lanes)}",
-        f"%s.i = bitcast {v} %s.a to {w}",
-        f"%c.i = bitcast {v} %c.a to {w}",
-        f"%s.x = xor {w} %s.i, %s.sign",
-        f"%c.x = xor {w} %c.i, %c.sign",
-        f"%s.f = bitcast {w} %s.x to {v}",
-        f"%c.f = bitcast {w} %c.x to {v}",
-        f"br i1 {flag}, label %slow, label %done",
-        "slow:",
-        *slow_sin,
-        *slow_cos,
-        # the neighbours of a large argument keep what they would have alone
-        f"%s.l = select {vector(lanes, 'i1')} %large, {v} %slow.s, {v} %s.f",
-        f"%c.l = select {vector(lanes, 'i1')} %large, {v} %slow.c, {v} %c.f",
-        "br label %done",
-        "done:",
-        f"%s = phi {v} [%s.f, %entry], [%s.l, %slow]",
-        f"%c = phi {v} [%c.f, %entry], [%c.l, %slow]",
-        f"%pair = insertvalue {{{v}, {v}}} undef, {v} %s, 0",
-        f"%both = insertvalue {{{v}, {v}}} %pair, {v} %c, 1",
-        f"ret {{{v}, {v}}} %both",
-        "}",
-    ]
-    return "\n".join(lines)
+def _types(lanes: int) -> dict[str, str]:
+    return {"vector": vector(lanes), "suffix": suffix(lanes), "fma": fma_name(lanes)}
+
+
+def _sincos_variables(lanes: int) -> dict[str, Any]:
+    """Return what the template ``llvm/sincos.ll.j2`` gets; `lanes` is 2 or more."""
+
+    def numbers(*values: float) -> list[str]:
+        return [constant(value, lanes) for value in values]
+
+    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, 0.6366197723675814, _ROUNDING, 0.5, 1.0)
+    return {
+        **_types(lanes),
+        "lanes": lanes,
+        "integers": vector(lanes, "i64"),
+        "flags": vector(lanes, "i1"),
+        "bits": bits(lanes),
+        "pair": f"{{{vector(lanes)}, {vector(lanes)}}}",
+        "largest": largest,
+        "two_over_pi": two_over_pi,
+        "rounding": rounding,
+        "half": half,
+        "one": one,
+        "half_pi": numbers(*_HALF_PI),
+        "sine": numbers(*_SINE),
+        "cosine": numbers(*_COSINE),
+        "integer": {
+            "zero": integer(0, lanes),
+            "one": integer(1, lanes),
+            "two": integer(2, lanes),
+            "sign_shift": integer(62, lanes),
+        },
+        "library_sine": lanewise("sin", lanes, "slow.s"),
+        "library_cosine": lanewise("cos", lanes, "slow.c"),
+    }
+
+
+def _rough_variables(lanes: int) -> dict[str, Any]:
+    """Return what the template ``llvm/rough_functions.ll.j2`` gets."""
+    return {
+        "vector": vector(lanes),
+        "fma": fma_name(lanes),
+        "integers": vector(lanes, "i64"),
+        "flags": vector(lanes, "i1"),
+        "log2": {
+            "high_shift": integer(12, lanes),
+            "magic": integer(0x4330000000000000, lanes),
+            "mantissa": integer(0x000FFFFFFFFFFFFF, lanes),
+            "exponent_of_one": integer(0x3FF0000000000000, lanes),
+            "scale": constant(2.0**-40, lanes),
+            "offset": constant(-(2.0**12) - 1023.0 - 0.67487762, lanes),
+            "quadratic": constant(-0.34484829, lanes),
+            "linear": constant(1.02466557, lanes),
+        },
+        "exp2": {
+            "lowest": constant(-1000.0, lanes),
+            "highest": constant(1000.0, lanes),
+            "rounding": constant(_ROUNDING, lanes),
+            "exponent_shift": integer(52, lanes),
+            "polynomial": [constant(value, lanes) for value in _EXP2],
+        },
+    }
 
 
 def lanewise(function: str, lanes: int, target: str, arguments: Sequence[str] = ("%x",)) -> list[str]:
@@ -142,7 +129,7 @@ def lanewise(function: str, lanes: int, target: str, arguments: Sequence[str] = 
     if lanes == 1:
         given = ", ".join(f"double {a}" for a in arguments)
         return [f"%{target} = call double @{function}({given})"]
-    lines, pack = [], "undef"
+    lines, whole = [], "undef"
     for lane in range(lanes):
         parts = []
         for place, argument in enumerate(arguments):
@@ -150,97 +137,6 @@ def lanewise(function: str, lanes: int, target: str, arguments: Sequence[str] = 
             parts.append(f"double %{target}.{lane}.{place}")
         lines.append(f"%{target}.{lane} = call double @{function}({', '.join(parts)})")
         name = target if lane == lanes - 1 else f"{target}.pack{lane}"
-        lines.append(f"%{name} = insertelement {v} {pack}, double %{target}.{lane}, i32 {lane}")
-        pack = f"%{name}"
+        lines.append(f"%{name} = insertelement {v} {whole}, double %{target}.{lane}, i32 {lane}")
+        whole = f"%{name}"
     return lines
-
-
-def repeating(function: str, lanes: int) -> str:
-    """Return the definition of ``@FUNCTION_repeating``, a function of the C library in every lane.
-
-    A lane whose argument has the bits of the last one's takes over its value: many cases begin alike.
-    """
-    v, lines, pack = vector(lanes), [], "undef"
-    for lane in range(lanes):
-        lines += [f"%x{lane} = extractelement {v} %x, i32 {lane}", f"%bits{lane} = bitcast double %x{lane} to i64"]
-        if lane:
-            lines += [
-                f"%same{lane} = icmp eq i64 %bits{lane}, %bits{lane - 1}",
-                f"br i1 %same{lane}, label %known{lane}, label %new{lane}",
-                f"new{lane}:",
-                f"%value{lane} = call double @{function}(double %x{lane})",
-                f"br label %known{lane}",
-                f"known{lane}:",
-                f"%y{lane} = phi double [%y{lane - 1}, %{'entry' if lane == 1 else f'known{lane - 1}'}], "
-                f"[%value{lane}, %new{lane}]",
-            ]
-        else:
-            lines.append(f"%y0 = call double @{function}(double %x0)")
-    for lane in range(lanes):
-        lines.append(f"%pack{lane} = insertelement {v} {pack}, double %y{lane}, i32 {lane}")
-        pack = f"%pack{lane}"
-    body = "\n".join(["entry:", *lines, f"ret {v} {pack}"])
-    return f"define internal {v} @{function}_repeating({v} %x) nounwind {{\n{body}\n}}"
-
-
-def _suffix(lanes: int) -> str:
-    return "f64" if lanes == 1 else f"v{lanes}f64"
-
-
-def rough_log2(lanes: int, fma: str) -> str:
-    """Return the definition of ``@rough_log2`` for positive normal numbers, good to 0.005.
-
-    The bits of a number, read as an integer, are its logarithm with straight lines between the powers of two; a
-    parabola takes off most of what that is wrong by.
-    """
-    v, w = vector(lanes), vector(lanes, "i64")
-
-    def i(value: int) -> str:
-        return _integer(value, lanes)
-
-    def c(value: float) -> str:
-        return constant(value, lanes)
-
-    lines = [
-        f"define internal {v} @rough_log2({v} %x) alwaysinline nounwind {{",
-        f"%i = bitcast {v} %x to {w}",
-        f"%high = lshr {w} %i, {i(12)}",
-        f"%magic = or {w} %high, {i(0x4330000000000000)}",
-        f"%float = bitcast {w} %magic to {v}",
-        f"%m.raw = and {w} %i, {i(0x000FFFFFFFFFFFFF)}",
-        f"%m.one = or {w} %m.raw, {i(0x3FF0000000000000)}",
-        f"%m = bitcast {w} %m.one to {v}",
-        f"%line = call {v} @{fma}({v} %float, {v} {c(2.0**-40)}, {v} {c(-(2.0**12) - 1023.0 - 0.67487762)})",
-        f"%slope = call {v} @{fma}({v} {c(-0.34484829)}, {v} %m, {v} {c(1.02466557)})",
-        f"%log = call {v} @{fma}({v} %slope, {v} %m, {v} %line)",
-        f"ret {v} %log",
-        "}",
-    ]
-    return "\n".join(lines)
-
-
-def rough_exp2(lanes: int, fma: str) -> str:
-    """Return the definition of ``@rough_exp2``, good to 1e-4 relative; the argument is held within +-1000."""
-    v, w = vector(lanes), vector(lanes, "i64")
-    flag = vector(lanes, "i1")
-    low, high, rounding = constant(-1000.0, lanes), constant(1000.0, lanes), constant(_ROUNDING, lanes)
-    coefficients = (0.99992807, 0.69326099, 0.24261114, 0.05517167)
-    lines = [
-        f"define internal {v} @rough_exp2({v} %x) alwaysinline nounwind {{",
-        f"%above = fcmp ogt {v} %x, {low}",
-        f"%x.low = select {flag} %above, {v} %x, {v} {low}",
-        f"%below = fcmp olt {v} %x.low, {high}",
-        f"%x.held = select {flag} %below, {v} %x.low, {v} {high}",
-        f"%shifted = fadd {v} %x.held, {rounding}",
-        f"%whole = fsub {v} %shifted, {rounding}",
-        f"%r = fsub {v} %x.held, %whole",
-        f"%i = bitcast {v} %shifted to {w}",
-        f"%exponent = shl {w} %i, {_integer(52, lanes)}",
-        *_polynomial("%p", "%r", coefficients, lanes, fma),
-        f"%p.bits = bitcast {v} %p to {w}",
-        f"%bits = add {w} %p.bits, %exponent",
-        f"%power = bitcast {w} %bits to {v}",
-        f"ret {v} %power",
-        "}",
-    ]
-    return "\n".join(lines)

@@ -5,8 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 
-from dalembert.codegen.llvm.advance_lanes import pace_assembly
-from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
+from dalembert.codegen.llvm.advance_lanes import advance_lanes_assembly
+from dalembert.codegen.llvm.assembly import compile_object, load_object
+from dalembert.codegen.llvm.lane_types import native_lanes
 
 LARGEST, BUDGET = 2.0, 10.0
 # time, end, next time to record, size of the step, its check, attempts, direction, and whether there is nothing else
@@ -31,8 +32,8 @@ def run(lanes, rows):
     now, end, ahead, size, check, attempts, direction, _ = np.array([STEPS[name] for name in rows], dtype=float).T
     clock, step, tally = np.array([now, end, ahead]), np.array([size, check]), np.array([attempts])
     settings, limits = np.array([np.full(lanes, 7.0), direction]), np.array([LARGEST, BUDGET])
-    code = load_object(compile_object(pace_assembly(lanes)))
-    function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 5)(code.address("pace"))
+    code = load_object(compile_object(advance_lanes_assembly(lanes)))
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 5)(code.address("advance_lanes"))
     mask = function(*(array.ctypes.data for array in (clock, step, tally, settings, limits)))
     return mask, clock, tally, settings
 

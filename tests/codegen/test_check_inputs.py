@@ -5,8 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 
-from dalembert.codegen.llvm.assembly import compile_object, load_object, native_lanes
-from dalembert.codegen.llvm.check_inputs import sound_assembly
+from dalembert.codegen.llvm.assembly import compile_object, load_object
+from dalembert.codegen.llvm.check_inputs import check_inputs_assembly
+from dalembert.codegen.llvm.lane_types import native_lanes
 
 # two plain numbers, then two checks: a magnitude, and what it may be at most
 CASES = {
@@ -28,8 +29,8 @@ def expected(numbers, plain, checks):
 
 @pytest.mark.parametrize("lanes", sorted({1, 2, native_lanes()}))
 def test_lanes_are_judged_as_they_would_be_alone(lanes):
-    code = load_object(compile_object(sound_assembly(lanes)))
-    function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *[ctypes.c_int64] * 4)(code.address("sound"))
+    code = load_object(compile_object(check_inputs_assembly(lanes)))
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *[ctypes.c_int64] * 4)(code.address("check_inputs"))
     names = list(CASES)
     for first in range(len(names)):
         rows = np.array([CASES[names[(first + lane) % len(names)]] for lane in range(lanes)])
