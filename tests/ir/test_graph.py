@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 
 from dalembert.ir import fingerprint as fp
 from dalembert.ir.graph import Graph
+from dalembert.ir.sampling import values_of
 from dalembert.transforms.derivatives import tangents
 from ir.trees import NAMES, POINT, TREES, OutOfDomain, build, evaluate, extended
 
@@ -274,6 +275,19 @@ def test_freed_of_tells_dependence_in_value(g, x, y):
 def test_freed_of_does_not_mistake_a_dependence_that_zero_and_one_hide(g, x, y):
     """x (x - 1) vanishes at 0 and at 1, and is not constant."""
     assert g.freed_of(x * (x - 1) + y, [x]) is None
+
+
+@pytest.mark.parametrize("name", ["pulse", "abs", "sinh", "log"])
+def test_what_cancels_leaves_a_form_with_a_value(g, x, y, name):
+    """The functions are zero where a cancelling input is set to 0 or 1."""
+    pulse = g.call("select", g.call("less", x, g.const(2)), g.zero, g.const(5))
+    f = pulse if name == "pulse" else g.call(name, x)
+    a, b = g.decimal(0.4), g.decimal(0.3)
+    (value,) = values_of([g.freed_of((f * a + f * b) / (f * b), [x])], {})
+    assert value == pytest.approx(7 / 3)
+    assert g.freed_of((f * a * y) / (f * b * y + 1), [x]) is None
+    ratio = g.freed_of((f * a + f * y) / (f * b), [x])
+    assert values_of([ratio], {y: 2.0})[0] == pytest.approx(8.0)
 
 
 def test_substitution_reidentifies(g, x, y, z):

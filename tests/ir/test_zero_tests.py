@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from dalembert.ir.conditions import CONDITION_TIME
 from dalembert.ir.graph import Graph, unit_names
 from dalembert.ir.zero_tests import TOLERANCE, terms_of, vanishes
 from dalembert.transforms.linear import SingularMatrix, factorize
@@ -103,6 +104,17 @@ def test_sampling_is_the_same_whatever_the_order():
             g.input(name)
         node = g.decimal(0.1) * g.input("x") - g.decimal(0.1 + TOLERANCE / 20) * g.input("x")
         assert vanishes(node)
+
+
+def test_what_is_zero_but_for_a_short_time_is_not_zero(g, x, y):
+    """Conditions on time are not decided at the random times of the test, which are all before the pulse."""
+    time = g.input(CONDITION_TIME)
+    before, inside = (g.call("less", time, g.decimal(end)) for end in (5.1, 5.2))
+    pulse = g.call("select", before, g.zero, g.call("select", inside, g.decimal(0.7), g.zero))
+    rounding = (g.decimal(0.1) + g.decimal(0.2) - g.decimal(0.3)) * y
+    assert vanishes(rounding) and vanishes(rounding * pulse)
+    assert not vanishes(pulse * x + rounding) and not vanishes(pulse)
+    assert vanishes((g.decimal(0.1) + g.decimal(0.2)) * pulse * x - g.decimal(0.3) * x * pulse)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -5,14 +5,16 @@ import warnings
 import numpy as np
 import pytest
 import sympy as sp
-from sympy import Max, Piecewise, cos, exp, sin
+from sympy import Max, Piecewise, Rational, cos, exp, sin
 from sympy.physics.mechanics import (
     LinearPathway,
     LinearSpring,
     Particle,
     Point,
     ReferenceFrame,
+    RigidBody,
     dynamicsymbols,
+    inertia,
 )
 
 import dalembert as da
@@ -163,6 +165,24 @@ def test_what_the_energy_leaves_out():
         da.compile_model(follower, backend="numpy", outputs=["energy"])
     curl = bead(lambda N, O, P: [(P, -k * y * N.x + k * x * N.y)], (x, y))
     assert motion(curl)[0].stages.equations.load_energy.unknown == ("force at 'P'",)
+
+
+@pytest.mark.parametrize("start", [0, 5])
+def test_a_pulse_on_a_body_that_turns_has_no_potential(start):
+    """It is 0 at the random times at which potentials are compared with loads, and where time is 0 or 1."""
+    N, O = ReferenceFrame("N"), Point("O")
+    angle = w
+    F = N.orientnew("F", "Axis", (angle, N.y))
+    scene = da.Scene("follower", frame=N, origin=O, coordinates=[angle, x])
+    P = O.locatenew("P", x * F.x + Rational(3, 10) * x * F.z)
+    scene.add_bodies(RigidBody("body", O, F, 1, (inertia(F, 1, 1, 1), O)), Particle("bead", P, 1))
+    pulse = Piecewise((0, t < start + Rational(1, 5)), (5, t < start + Rational(3, 10)), (0, True))
+    scene.add_loads((P.locatenew("Q", F.x + F.z), pulse * F.x))
+    model = da.compile_model(scene, backend="numpy", outputs=["energy", "kinetic_energy"])
+    assert model.stages.equations.load_energy.time == ("force at 'Q'",)
+    times = [0, start + 0.25, start + 1.0]
+    run = model.simulate((0, times[-1]), {"w": 0.1, "x": 0.2, "w_dot": 0.3, "x_dot": 0.1}, {}, t_eval=times)
+    np.testing.assert_array_equal(run["energy"], run["kinetic_energy"])
 
 
 def test_dampers_and_drives_are_named_and_not_warned_of():

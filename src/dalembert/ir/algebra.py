@@ -109,6 +109,10 @@ class Algebra:
         """Return the dependency bits of the inputs called `names`."""
         return sum(self.input(name).deps for name in names)
 
+    def known_mask(self, name: str) -> int:
+        """Return the dependency bit of the input called `name`, 0 if there is none."""
+        return self._inputs[name].deps if name in self._inputs else 0
+
     def find(self, value: int) -> Node | None:
         """Return the node whose fingerprint is `value`, if there is one."""
         return self._by_value.get(value)

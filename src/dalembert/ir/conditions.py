@@ -11,16 +11,31 @@ from numpy.typing import NDArray
 from .kernel import Kernel
 from .notation import Reader
 
-__all__ = ["CONDITION_TIME", "NARROW", "WHOLE", "ZERO", "Conditions"]
+__all__ = ["CONDITION_TIME", "DECIDED", "NARROW", "WHOLE", "ZERO", "Conditions", "weighted_select"]
 
 
 CONDITION_TIME = "time of conditions"
 """The parameter [s] at whose value conditions on time are decided; runs set it for each of their segments."""
 
 
+DECIDED = ("less", "less_equal", "sign", "floor")
+"""Operations that are decided at `CONDITION_TIME`, where their operands depend on time and parameters alone."""
+
+
 ZERO, WHOLE, NARROW = "zero", "whole", "narrow"
 """Where a condition changes: where its function vanishes, or where it passes through a whole number. A narrow one
 decides nothing: where its function vanishes, something smooth may happen within a short time."""
+
+
+def weighted_select(condition: float, a: float, b: float) -> float:
+    """Return a where a condition is 1, b where it is 0, and else their mean with that weight of a.
+
+    For tests at random points with random weights in place of `DECIDED` operations: what is equal for every weight is
+    equal on both sides of a jump, which random times may all miss.
+    """
+    if condition in (0.0, 1.0):
+        return a if condition else b
+    return b + condition * (a - b)
 
 
 @final

@@ -7,12 +7,16 @@ them, values rebuilt with others in place of inputs, and forms without inputs th
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import count
 from typing import final
 
 from .algebra import Algebra
 from .node import Node, UnitName, unit_names
 
 __all__ = ["Graph", "Node", "UnitName", "unit_names"]
+
+_RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
+"""Operations whose values are related to those of others; the rest are functions of which nothing is known."""
 
 
 @final
@@ -55,8 +59,13 @@ class Graph(Algebra):
                 done[node.index] = action(node)
                 stack.pop()
 
-    def substitute(self, outputs: Sequence[Node], values: Mapping[Node, Node]) -> list[Node]:
-        """Return `outputs` with inputs replaced; everything that depends on them is rebuilt and so re-identified."""
+    def substitute(
+        self, outputs: Sequence[Node], values: Mapping[Node, Node], generic: Iterator[int] | None = None
+    ) -> list[Node]:
+        """Return `outputs` with inputs replaced; everything that depends on them is rebuilt and so re-identified.
+
+        The numbers `generic` take the place of changed functions of which nothing but their identity is known.
+        """
         changed, allowed = 0, 0
         for source, target in values.items():
             changed |= source.deps
@@ -68,6 +77,8 @@ class Graph(Algebra):
             if not node.deps & changed:
                 return node
             made = self.call(node.op, *(new[arg.index] for arg in node.args))
+            if generic is not None and made is not node and node.op not in _RATIONAL:
+                return self.const(next(generic))
             if made.deps & forbidden:  # its value does not depend on the input, but its cheapest form named it
                 self.freed_of(made, list(values))
             return made
@@ -115,7 +126,11 @@ class Graph(Algebra):
                 outside.add(node.index)
 
     def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
-        """Return `node` in a form without `inputs`, or None where its value does depend on them."""
+        """Return `node` in a form without `inputs`, or None where its value does depend on them.
+
+        Functions of the inputs that cancel become numbers other than 0: with f(t) = 0 before t = 1, the form of
+        (2 f)/(3 f) is 2/3, not 0/0.
+        """
         mask = 0
         for source in inputs:
             mask |= source.deps
@@ -127,7 +142,7 @@ class Graph(Algebra):
                 if isinstance(source.payload, UnitName):  # a point of the sphere, as the identities of its values need
                     values[source] = self.one if source.payload.place == trial else self.zero
             try:
-                fixed = self.substitute([node], values)[0]
+                fixed = self.substitute([node], values, count(2))[0]
             except ZeroDivisionError:
                 continue
             return fixed if fixed is node and not node.deps & mask else None

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph, Node
 from .ops import OPERATIONS
 
@@ -29,8 +30,16 @@ class Probe(NamedTuple):
 
 
 def random_inputs(nodes: Sequence[Node], draw: random.Random) -> dict[Node, float]:
-    """Return a positive number of moderate size for every input that some expressions depend on."""
-    return {node: draw.uniform(0.4, 1.3) for node in Graph.topological(nodes) if node.op == "input"}
+    """Return a positive number of moderate size for every input that some expressions depend on.
+
+    What jumps in time alone has one of its own, as if it were an input: random times may all be on one side.
+    """
+    deciding = nodes[0].graph.known_mask(CONDITION_TIME) if nodes else 0
+    return {
+        node: draw.uniform(0.4, 1.3)
+        for node in Graph.topological(nodes)
+        if node.op == "input" or (deciding & node.deps and node.op in DECIDED)
+    }
 
 
 def values_of(nodes: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
@@ -53,6 +62,8 @@ def _constant(node: Node) -> float:
 
 
 def _operation(node: Node, known: Mapping[int, float]) -> float:
+    if node.op == "select":
+        return weighted_select(*(known[arg.index] for arg in node.args))
     try:
         return float(OPERATIONS[node.op].evaluate(*[known[arg.index] for arg in node.args]))
     except (OverflowError, ValueError, ZeroDivisionError):
@@ -112,6 +123,7 @@ def lost_at_zero(node: Node, reference: Sequence[Node], moving: Sequence[Node]) 
     """
     inputs = random_inputs([node, *reference], random.Random(0))
     points = [{x: 0.0} for x in inputs if x not in moving]
+    points += [{x: 1.0} for x in inputs if x.op in DECIDED]
     points += [{x: value for x in inputs if x in moving} for value in (0.0, 1.0)]
     count = 0
     for point in points:

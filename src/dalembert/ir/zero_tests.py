@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from .algebra import TOLERANCE, Algebra
+from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph, Node, UnitName
 from .ops import OPERATIONS
 
@@ -112,6 +113,7 @@ def terms_of(graph: Graph, node: Node) -> Node:
 def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
     """Return a value at a random point of its inputs, the same one in every process."""
     known = graph.samples.setdefault(draw, {})
+    deciding = graph.known_mask(CONDITION_TIME)
     stack = [node]
     while stack:
         top = stack[-1]
@@ -127,6 +129,8 @@ def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
             known[top.index] = (_place(top, draw), 0.0, False)
         elif top.op == "const":
             known[top.index] = _constant(graph, top)
+        elif deciding & top.deps and top.op in DECIDED:  # random times may all be on one side of a jump
+            known[top.index] = (random.Random(f"{top.fingerprint} {draw}").uniform(0.4, 1.3), 0.0, False)
         else:
             known[top.index] = _operation(top.op, [known[arg.index] for arg in top.args])
     return known[node.index]
@@ -171,11 +175,11 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
         value = a / b if b else math.nan
         return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
     x = [arg[0] for arg in args]
-    function = OPERATIONS[op].evaluate
+    function: Callable[..., float] = weighted_select if op == "select" else OPERATIONS[op].evaluate
     value = float(function(*x))
     size = _ROUNDING * abs(value)
     for place, (point, error, _) in enumerate(args):
-        if error and op not in ("sign", "floor", "less", "less_equal"):
+        if error and op not in DECIDED and not (op == "select" and place == 0):
             step = _STEP * max(1.0, abs(point))
             moved = float(function(*x[:place], point + step, *x[place + 1 :]))
             size += abs(moved - value) / step * error
