@@ -1,13 +1,18 @@
 """LLVM assembly: golden files, and memory that is too large for the stack."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import llvmlite.binding as llvm
 import pytest
 
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
+from codegen.programs import oscillator
 from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm.steps import StepLibrary
 
+PRELUDE = "declare double @sin(double)\n"
+"""How modules of kernels and steps begin."""
 GOLDEN = Path(__file__).parents[1] / "golden"
 
 
@@ -28,7 +33,8 @@ def test_golden_files_are_those_of_the_texts():
 @pytest.mark.parametrize("write", [*TEXTS.values(), *FURTHER_TEXTS])
 def test_text_is_a_valid_module_and_neatly_laid_out(write):
     text = write()
-    llvm.parse_assembly(text).verify()
+    for module in text.split(PRELUDE)[1:] or [text]:
+        llvm.parse_assembly(PRELUDE + module).verify()
     assert text.endswith("\n") and not text.endswith("\n\n")
     assert "\n\n\n" not in text
     assert not [line for line in text.splitlines() if line != line.rstrip()]
@@ -40,3 +46,12 @@ def test_order_loop_whose_rows_are_too_large_for_the_stack_takes_memory_and_free
     llvm.parse_assembly(text).verify()
     assert "alloca" not in text
     assert text.count("call ptr @malloc") == text.count("call void @free(ptr %n.memory)\n  ret void") == 1
+
+
+def test_source_says_what_it_was_made_from():
+    program = replace(oscillator(), name='quotes " and\n; lines\ndefine void @f() {')
+    text = StepLibrary(program, None).source("dop853", 0)
+    banner, empty, *_ = text.partition("\n\n")
+    assert empty and all(line.startswith("; ") for line in banner.splitlines())
+    assert "@f" in banner and "@f" not in text.removeprefix(banner)
+    assert text.count("\ndefine void @") == 2

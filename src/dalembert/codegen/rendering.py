@@ -17,7 +17,7 @@ from ..once import computed_once
 from ..version import __version__
 from .printers import Printer
 
-__all__ = ["digest_of", "program_variables", "render", "template_directory"]
+__all__ = ["banner_lines", "digest_of", "program_variables", "render", "template_directory"]
 
 
 def template_directory() -> Path:
@@ -32,7 +32,7 @@ def program_variables(program: Program, printer: Printer) -> dict[str, Any]:
     These are `banner` (lines of comment) and `kernels`, each with `name`, `arguments`, `doc`, `lines` and `outputs`.
     """
     return {
-        "banner": _banner(program),
+        "banner": banner_lines(program),
         "kernels": [
             {
                 "name": kernel.name,
@@ -90,7 +90,8 @@ def _plain(text: str) -> str:
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
-def _banner(program: Program) -> list[str]:
+def banner_lines(program: Program) -> list[str]:
+    """Return the comment at the head of what is generated from a program."""
     layout = program.layout
 
     def names(items: tuple[str, ...]) -> str:

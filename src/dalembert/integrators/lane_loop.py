@@ -118,7 +118,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
         lane_state, events, space = arguments.state, arguments.events, arguments.workspace
         happened, totals = arguments.happened, arguments.totals
         step, begin, position, velocity = kernels.step, kernels.begin, kernels.position, kernels.velocity
-        pace = kernels.advance
+        advance_lanes = kernels.advance
         degree, memory, checks, count, share = shape.degree, shape.memory, shape.checks, shape.cases, shape.share
         clock, settings, constants = lane_state.clock, lane_state.settings, lane_state.constants
         states, tally, numbers = lane_state.states, lane_state.tally, lane_state.numbers
@@ -233,7 +233,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                 break
             call_code(step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new))
             look = every
-            if pace != 0:
+            if advance_lanes != 0:
                 if watched:
                     at, rest_of_it, setting = row(clock, 0), row(constants, 0), row(settings, 0)
                     call_code(events.quiet, at, row(states, new), rest_of_it, setting, row(space.over, 0))
@@ -242,7 +242,12 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                         if fresh_of[lane] != 0 or not keeps_signs(space, lane):
                             upcoming[lane] = time[lane]  # so that it is looked at
                 look = call_test(
-                    pace, row(clock, 0), row(states, new + size_at), row(tally, 0), row(settings, 0), row(limits, 0)
+                    advance_lanes,
+                    row(clock, 0),
+                    row(states, new + size_at),
+                    row(tally, 0),
+                    row(settings, 0),
+                    row(limits, 0),
                 )
                 if look == 0:
                     old, new = new, old
@@ -320,7 +325,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
             for lane in range(lanes):
                 space.earlier[0, lane] = before_of[lane]
             at, rest_of_it, setting = row(space.earlier, 0), row(constants, 0), row(settings, 0)
-            if space.over.shape[0] > 0 and pace == 0:
+            if space.over.shape[0] > 0 and advance_lanes == 0:
                 call_code(events.quiet, at, row(states, old), rest_of_it, setting, row(space.over, 0))
             if space.quick.shape[0] > 0:
                 call_code(events.quick, at, row(states, old), rest_of_it, setting, row(space.quick, 0))

@@ -12,6 +12,7 @@ from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import step_kernel
 from ..library import Code, KernelLibrary
+from ..rendering import banner_lines, render
 from .assembly import assembly, load_object
 from .attempts import attempt_assembly
 from .lane_types import native_lanes
@@ -51,7 +52,8 @@ class StepLibrary(KernelLibrary):
         return native_lanes()
 
     def source(self, method: str, order: int) -> str:
-        """See `KernelLibrary.source`: the assembly, module after module."""
+        """See `KernelLibrary.source`: the assembly, module after module, below a comment that says of what."""
+        banner = render("llvm/banner.ll.j2", {"banner": banner_lines(self._program)})
         kernels = ["prepare", "project_position", "project_velocity"]
         texts = []
         if method == "taylor":
@@ -62,7 +64,7 @@ class StepLibrary(KernelLibrary):
             texts.append(self._derivative_text(rates))
         else:
             kernels.insert(1, "rhs")
-        return "\n\n".join([*(self._program_text(name, 1) for name in kernels if name in self._program), *texts])
+        return "\n".join([banner, *(self._program_text(name, 1) for name in kernels if name in self._program), *texts])
 
     def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
         """See `KernelLibrary.kernel_text`."""

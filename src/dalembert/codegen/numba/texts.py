@@ -14,7 +14,7 @@ from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, st
 from ...transforms.taylor import step_kernel
 from ..llvm.target import target
 from ..printers import NUMBA
-from ..rendering import program_variables, render
+from ..rendering import banner_lines, program_variables, render
 from .taylor_loops import taylor_loop
 
 __all__ = ["attempt", "entries", "joined", "kernel", "module", "prelude", "program_kernel", "taylor_step"]
@@ -38,7 +38,7 @@ def joined(*texts: str) -> str:
 
 def prelude(program: Program | None) -> str:
     """Return the beginning of a module: what it is, imports, and what kernels use beside arithmetic."""
-    banner = [] if program is None else program_variables(program, NUMBA)["banner"]
+    banner = [] if program is None else banner_lines(program)
     return render("numba/prelude.py.j2", {"banner": banner, "fused": target().fused})
 
 
