@@ -257,8 +257,11 @@ def section(result: Record) -> str:
     """Return the tables of a result, as docs/speed.md shows them."""
     parts = [f"Measured on {describe_machine(result['machine'])}."]
     for kind, text in (
-        ("one trajectory", "One trajectory of 10 s, microseconds of a run (error at the end):"),
-        ("sweeps", f"Sweeps of {result['cases']:,} cases, microseconds of a case (largest error of a sample):"),
+        ("one trajectory", "One trajectory of 10 s, microseconds of a run, lower quartile (error at the end):"),
+        (
+            "sweeps",
+            f"Sweeps of {result['cases']:,} cases, microseconds of a case, lower quartile (largest error of eight):",
+        ),
     ):
         if records := result[kind]:
             head = [kind, *(f"{scene}, {rtol:.0e}" for scene, rtol in COLUMNS)]
@@ -269,7 +272,7 @@ def section(result: Record) -> str:
 def _rows(records: Sequence[Record]) -> Iterator[list[str]]:
     for peer, setting, chosen in dict.fromkeys((r["peer"], r["setting"], r["chosen"]) for r in records):
         cells = {
-            (r["scene"], r["rtol"]): f"{r['us']['median']:.3g} ({r['error']:.0e})"
+            (r["scene"], r["rtol"]): f"{r['us']['low']:.3g} ({r['error']:.0e})"
             for r in records
             if (r["peer"], r["setting"]) == (peer, setting)
         }

@@ -101,6 +101,7 @@ def _peers(slowest: float) -> Iterator[SweepContender]:
                 f"diffrax {method}, tuples, lax.map of 1,024, {_threads(THREADS)}",
                 lambda batch, rtol, m=method: diffrax_sweep(batch, m, rtol),
                 _PATIENCE * slowest,
+                every=2,
             )
     yield SweepContender("SciPy dop853, numba rhs, 1 thread", scipy_sweep, slowest, few=True)
     if (casadi := installed("casadi")) is not None:
