@@ -1,0 +1,84 @@
+"""The benchmarks: what they compare is right, and their tables say what was measured."""
+
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dalembert.codegen import BACKENDS
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+import before_after  # noqa: E402
+import report  # noqa: E402
+import tables  # noqa: E402
+from batches import BATCHES, SAMPLE, sample_states  # noqa: E402
+from cases import PROBLEMS  # noqa: E402
+from contenders import BACKEND_ORDER, available_backends  # noqa: E402
+from peer_settings import MARKERS  # noqa: E402
+from peers import compiled_rhs, scipy_ode  # noqa: E402
+from sweeps import SweepContender, _within_limit, own_sweep  # noqa: E402
+
+
+def test_every_backend_of_the_registry_is_measured_in_one_order():
+    found, missing = available_backends()
+    assert len(found) + len(missing) == len(BACKENDS)
+    assert found == [name for name in BACKEND_ORDER if name in found]
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_compiled_equations_of_peers_are_those_written_by_hand(name):
+    reduced = PROBLEMS[name].reduced
+    state = reduced.start + 0.1
+    by_hand = reduced.rhs(state.tolist(), reduced.parameters, (math.sin, math.cos))
+    np.testing.assert_allclose(compiled_rhs(reduced)(0.0, state, reduced.parameters), by_hand, rtol=1e-14)
+
+
+def test_a_peer_is_accurate():
+    assert scipy_ode(PROBLEMS["sleigh"], 1e-9).error < 1e-8
+
+
+@pytest.mark.parametrize("name", BATCHES)
+def test_sweeps_end_in_the_exact_states(name):
+    batch = BATCHES[name](SAMPLE)
+    _, sample, _ = own_sweep(batch, "taylor", 1, 1e-10)
+    np.testing.assert_allclose(sample(), sample_states(batch), rtol=1e-8, atol=1e-8)
+
+
+def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances():
+    def prepare(batch, rtol):
+        return (lambda: time.sleep(0.05 if batch == 100 and rtol < 1e-5 else 0.0)), None, None
+
+    contender = SweepContender("slow", prepare, limit=0.02)
+    done = [(rtol, count) for rtol, count, _ in _within_limit(contender, (1e-5, 1e-6, 1e-7), {100: 100, 10: 10})]
+    assert done == [(1e-5, 100), (1e-6, 10), (1e-7, 10)]
+
+
+def record(label, rtol, error, us, cases=100):
+    return {"scene": "sleigh", "label": label, "rtol": rtol, "error": error, "us": {"median": us}, "cases": cases}
+
+
+def test_tables_mark_fewer_cases_and_read_times_at_equal_error():
+    records = [record("dalembert llvm taylor, 2 threads", 1e-6, 1e-6, 2.0)]
+    records.append(record("diffrax Dopri8", 1e-6, 1e-6, 8.0, cases=10))
+    (own, _), (theirs, cell) = ([row[0], row[1]] for row in tables.ratio_rows(records, "sweep", records[0]["label"]))
+    assert (own, theirs, cell) == ("sleigh: dalembert llvm taylor, 2 threads", "sleigh: diffrax Dopri8 *", "8.0 (4x)")
+    assert tables.fewer_cases(records) == ["\\* with 10 cases, because a call with 100 takes too long."]
+    assert tables.fewer_cases(records[:1]) == []
+
+
+def test_pages_hold_the_markers_that_reports_fill():
+    for page in ("README.md", "docs/speed.md"):
+        assert all((ROOT / page).read_text().count(marker) == 1 for marker in (report.BEGIN, report.END))
+    assert all((ROOT / "docs/speed.md").read_text().count(marker) == 1 for marker in MARKERS)
+
+
+def test_before_and_after_are_one_line_with_medians_minima_and_ratios():
+    samples = {"run": {"old": [2e-6, 4e-6, 3e-6], "new": [1e-6, 6e-6, 3e-6]}}
+    assert list(before_after.rows_of("prepared run", samples, "us")) == [
+        "| prepared run: run [us] | 3.00 | 3.00 | 2.00 | 1.00 | 1.00 | 0.50 |"
+    ]
