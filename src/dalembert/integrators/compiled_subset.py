@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ __all__ = [
     "element",
     "exp",
     "flat",
+    "fma",
     "log",
     "lowest",
     "prefetch",
@@ -31,6 +33,7 @@ __all__ = [
     "sqrt",
     "square",
     "take",
+    "tell_target",
 ]
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -41,6 +44,7 @@ PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
 _ADDRESSES = (ctypes.c_int64,) * 5
 _CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)
 _TAKING = Lock()
+_TARGET = {"fused": True}
 
 
 def compiled_subset(function: F) -> F:
@@ -51,6 +55,8 @@ def compiled_subset(function: F) -> F:
 
 def row(matrix: NDArray[Any], number: int) -> int:
     """Return the address of a row of a C-contiguous matrix of doubles or integers; the matrix must stay alive."""
+    if not 0 <= number < max(matrix.shape[0], 1):
+        raise IndexError(f"{getattr(matrix, 'name', 'the matrix')} of shape {matrix.shape} has no row {number}")
     return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
 
 
@@ -91,6 +97,28 @@ def take(array: NDArray[np.int64], amount: int) -> int:
         before = int(array[0])
         array[0] = before + amount
     return before
+
+
+def tell_target(*, fused: bool) -> None:
+    """Say whether machine code rounds `fma` once, so that plain Python does the same."""
+    _TARGET["fused"] = fused
+
+
+def fma(a: float, b: float, c: float) -> float:
+    """Return a * b + c, rounded once; on targets without an instruction for it, rounded twice."""
+    plain = a * b + c
+    if not _TARGET["fused"] or not (math.isfinite(a) and math.isfinite(b)):
+        return plain
+    if not math.isfinite(c):
+        return c
+    exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
+    if exact == 0:
+        return plain  # with the sign that it has: whatever cancels is exact
+    try:
+        found = float(exact)
+    except OverflowError:
+        found = math.inf if exact > 0 else -math.inf
+    return np.float64(found if exact > 0 else -abs(found))
 
 
 def square(x: float) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from .compiled_subset import call_code, compiled_subset, row
+from .compiled_subset import call_code, compiled_subset, fma, row
 from .crossings import BENT, FLAT
 from .workspace import EventWorkspace
 
@@ -48,10 +48,10 @@ def sample(
         a = b = c0 = d = e = f = g = w = space.series[m, degree]  # in registers: stored sums wait for each other
         for k in range(degree - 1, -1, -1):
             term = space.series[m, k]
-            a, b = a * work[_THETA, 0] + term, b * work[_THETA, 1] + term
-            c0, d = c0 * work[_THETA, 2] + term, d * work[_THETA, 3] + term
-            e, f = e * work[_THETA, 4] + term, f * work[_THETA, 5] + term
-            g, w = g * work[_THETA, 6] + term, w * work[_THETA, 7] + term
+            a, b = fma(a, work[_THETA, 0], term), fma(b, work[_THETA, 1], term)
+            c0, d = fma(c0, work[_THETA, 2], term), fma(d, work[_THETA, 3], term)
+            e, f = fma(e, work[_THETA, 4], term), fma(f, work[_THETA, 5], term)
+            g, w = fma(g, work[_THETA, 6], term), fma(w, work[_THETA, 7], term)
         point = space.point[m]
         point[0], point[1], point[2], point[3] = a, b, c0, d
         point[4], point[5], point[6], point[7] = e, f, g, w
@@ -65,8 +65,18 @@ def transformed(matrix: FloatArray, space: EventWorkspace, e: int, to: int) -> N
     a = b = c = d = p = q = r = s = 0.0  # in registers: stored sums wait for each other
     for j in range(8):
         value, column = space.values[e, j], matrix[j]
-        a, b, c, d = a + column[0] * value, b + column[1] * value, c + column[2] * value, d + column[3] * value
-        p, q, r, s = p + column[4] * value, q + column[5] * value, r + column[6] * value, s + column[7] * value
+        a, b, c, d = (
+            fma(column[0], value, a),
+            fma(column[1], value, b),
+            fma(column[2], value, c),
+            fma(column[3], value, d),
+        )
+        p, q, r, s = (
+            fma(column[4], value, p),
+            fma(column[5], value, q),
+            fma(column[6], value, r),
+            fma(column[7], value, s),
+        )
     work[0], work[1], work[2], work[3] = a, b, c, d
     work[4], work[5], work[6], work[7] = p, q, r, s
 
@@ -126,7 +136,7 @@ def simple_piece(
                     continue
                 bend = 0.0
                 for j in range(1, 8):
-                    bend += _BEND[j] * space.values[e, j]
+                    bend = fma(_BEND[j], space.values[e, j], bend)
                 transformed(_THRICE, space, e, 1)
                 if (known or abs(bend) <= BENT * largest) and _one_sign(space.work, 1):
                     continue

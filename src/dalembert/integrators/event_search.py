@@ -10,7 +10,7 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.status import Status
-from .compiled_subset import call_code, compiled_subset, row, square
+from .compiled_subset import call_code, compiled_subset, fma, row, square
 from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import sample, simple_piece
 from .event_series import NOISE, alone, sample_curves, value_at, zero_of_curve
@@ -67,7 +67,7 @@ def state_at(space: EventWorkspace, n: int, theta: float, target: int) -> None:
     for m in range(n):
         value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + space.series[m, k]
+            value = fma(value, theta, space.series[m, k])
         space.one_point[target, m] = value
 
 

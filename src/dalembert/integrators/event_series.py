@@ -10,7 +10,7 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import POINTS, SLOPE_TAIL, TAIL
-from .compiled_subset import call_code, compiled_subset, row, sqrt
+from .compiled_subset import call_code, compiled_subset, fma, row, sqrt
 from .crossings import FLAT
 from .workspace import EventKernels, EventWorkspace
 
@@ -33,7 +33,7 @@ def value_at(
         m = events.used[u]
         value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + space.series[m, k]
+            value = fma(value, theta, space.series[m, k])
         space.one_point[0, m] = value
     space.one_clock[0, 0] = t + theta * h
     call_code(events.value, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
@@ -147,8 +147,8 @@ def sample_curves(space: EventWorkspace, low: float, width: float) -> None:
         a = b = c = d = p = q = r = s = space.curves[e, terms - 1]
         for k in range(terms - 2, -1, -1):
             term = space.curves[e, k]
-            a, b, c, d = a * x0 + term, b * x1 + term, c * x2 + term, d * x3 + term
-            p, q, r, s = p * x4 + term, q * x5 + term, r * x6 + term, s * x7 + term
+            a, b, c, d = fma(a, x0, term), fma(b, x1, term), fma(c, x2, term), fma(d, x3, term)
+            p, q, r, s = fma(p, x4, term), fma(q, x5, term), fma(r, x6, term), fma(s, x7, term)
         values = space.values[e]
         values[0], values[1], values[2], values[3] = a, b, c, d
         values[4], values[5], values[6], values[7] = p, q, r, s
@@ -160,8 +160,8 @@ def _on_curve(space: EventWorkspace, event: int, theta: float) -> tuple[float, f
     last = space.curves.shape[1] - 1
     value, slope = space.curves[event, last], 0.0
     for k in range(last - 1, -1, -1):
-        slope = slope * theta + value
-        value = value * theta + space.curves[event, k]
+        slope = fma(slope, theta, value)
+        value = fma(value, theta, space.curves[event, k])
     return value, slope
 
 

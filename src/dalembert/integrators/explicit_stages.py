@@ -10,7 +10,7 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SECOND_ERROR_WEIGHT
-from .compiled_subset import compiled_subset, exp, log, sqrt, square
+from .compiled_subset import compiled_subset, exp, fma, log, sqrt, square
 from .packed_tableaus import POINT, PackedTableau
 from .recorded_runs import Run, evaluate
 
@@ -49,22 +49,22 @@ def evaluate_stages(
             s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
             for entry in range(tableau.starts[i], tableau.starts[i + 1]):
                 weight, stage = tableau.weights[entry], tableau.stages[entry]
-                s0 += weight * work[stage, m]
-                s1 += weight * work[stage, m + 1]
-                s2 += weight * work[stage, m + 2]
-                s3 += weight * work[stage, m + 3]
-                s4 += weight * work[stage, m + 4]
-                s5 += weight * work[stage, m + 5]
-                s6 += weight * work[stage, m + 6]
-                s7 += weight * work[stage, m + 7]
-            work[out, m] = work[y, m] + h * s0
-            work[out, m + 1] = work[y, m + 1] + h * s1
-            work[out, m + 2] = work[y, m + 2] + h * s2
-            work[out, m + 3] = work[y, m + 3] + h * s3
-            work[out, m + 4] = work[y, m + 4] + h * s4
-            work[out, m + 5] = work[y, m + 5] + h * s5
-            work[out, m + 6] = work[y, m + 6] + h * s6
-            work[out, m + 7] = work[y, m + 7] + h * s7
+                s0 = fma(weight, work[stage, m], s0)
+                s1 = fma(weight, work[stage, m + 1], s1)
+                s2 = fma(weight, work[stage, m + 2], s2)
+                s3 = fma(weight, work[stage, m + 3], s3)
+                s4 = fma(weight, work[stage, m + 4], s4)
+                s5 = fma(weight, work[stage, m + 5], s5)
+                s6 = fma(weight, work[stage, m + 6], s6)
+                s7 = fma(weight, work[stage, m + 7], s7)
+            work[out, m] = fma(h, s0, work[y, m])
+            work[out, m + 1] = fma(h, s1, work[y, m + 1])
+            work[out, m + 2] = fma(h, s2, work[y, m + 2])
+            work[out, m + 3] = fma(h, s3, work[y, m + 3])
+            work[out, m + 4] = fma(h, s4, work[y, m + 4])
+            work[out, m + 5] = fma(h, s5, work[y, m + 5])
+            work[out, m + 6] = fma(h, s6, work[y, m + 6])
+            work[out, m + 7] = fma(h, s7, work[y, m + 7])
         if i != tableau.end or tableau.fsal:
             evaluate(rhs, t + tableau.nodes[i] * h, run, out, tableau.first + i)
 
@@ -80,9 +80,9 @@ def error_norm(
     for m in range(n):
         estimate = estimate_second = 0.0
         for entry in range(first, second):
-            estimate += tableau.weights[entry] * work[tableau.stages[entry], m]
+            estimate = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate)
         for entry in range(second, last):
-            estimate_second += tableau.weights[entry] * work[tableau.stages[entry], m]
+            estimate_second = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate_second)
         scale = 1.0 / (atol + rtol * max(abs(work[y, m]), abs(work[y_new, m])))
         total += square(estimate * scale)
         total_second += square(estimate_second * scale)
@@ -131,7 +131,7 @@ def first_step_size(
     h = 1e-6 if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
     h = min(h, limit)
     for m in range(n):
-        work[POINT, m] = work[y, m] + direction * h * work[tableau.first, m]
+        work[POINT, m] = fma(direction * h, work[tableau.first, m], work[y, m])
     evaluate(rhs, t + direction * h, run, POINT, tableau.first + 1)
     for m in range(n):
         scale = 1.0 / (atol + rtol * abs(work[y, m]))
@@ -169,8 +169,8 @@ def dense_polynomial(
             row = tableau.total + 1 + power
             value = 0.0
             for entry in range(tableau.starts[row], tableau.starts[row + 1]):
-                value += tableau.weights[entry] * work[tableau.stages[entry], m]
+                value = fma(tableau.weights[entry], work[tableau.stages[entry], m], value)
             pieces[piece, 1 + power * n + m] = h * value
-            gap -= h * value
+            gap = fma(-h, value, gap)
         pieces[piece, 1 + 2 * n + m] += 3.0 * gap
         pieces[piece, 1 + 3 * n + m] -= 2.0 * gap

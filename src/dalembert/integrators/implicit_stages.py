@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
-from .compiled_subset import compiled_subset, sqrt, square
+from .compiled_subset import compiled_subset, fma, sqrt, square
 from .lu import solve
 from .newton import ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z
 from .packed_tableaus import DELTA, POINT
@@ -75,12 +75,12 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
     total = 0.0
     for m in range(differential):
         first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
-        there = x * (first + 2.0 * second + 3.0 * third + x * (second + 3.0 * third + x * third))
+        there = x * fma(x, fma(x, third, fma(3.0, third, second)), fma(3.0, third, fma(2.0, second, first)))
         here = 0.0
         for k in range(2, -1, -1):
             value = 0.0
             for i in range(3):
-                value += INVERSE_POWERS[k, i] * work[Z + i, m]
+                value = fma(INVERSE_POWERS[k, i], work[Z + i, m], value)
             here = theta * (value + here)
         scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
         total += square((there - here) / (scope * scale))
@@ -134,7 +134,7 @@ def keep_polynomial(work: FloatArray) -> None:
         for k in range(3):
             value = 0.0
             for i in range(3):
-                value += INVERSE_POWERS[k, i] * work[Z + i, m]
+                value = fma(INVERSE_POWERS[k, i], work[Z + i, m], value)
             work[P + k, m] = value
 
 

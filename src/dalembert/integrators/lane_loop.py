@@ -22,7 +22,7 @@ from ..methods.status import Status
 from ..methods.step_constants import REDUCTION_BLIND
 from .arguments import FlagMatrix, IntVector, Matrix, Vector
 from .case_loading import CaseShape, Columns, SweepKernels, enter_lane, load_cases
-from .compiled_subset import call_code, call_test, compiled_subset, lowest, row, take
+from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row, take
 from .event_search import BROKEN, NOTHING, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .event_series import calm, follow, keeps_signs, plain
 from .projection import FAILED, NONE, WANTED, correct
@@ -290,7 +290,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                     for m in range(n):
                         value = 0.0
                         for k in range(degree, -1, -1):
-                            value = value * x + states[new + held + m * (degree + 1) + k, lane]
+                            value = fma(value, x, states[new + held + m * (degree + 1) + k, lane])
                         samples[case[lane], sampled * n + m] = value
                     if marked:
                         inside[case[lane], sampled] = True

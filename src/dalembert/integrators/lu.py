@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .compiled_subset import compiled_subset
+from .compiled_subset import compiled_subset, fma
 
 __all__ = ["factor", "factor_pair", "solve", "solve_pair"]
 
@@ -39,7 +39,7 @@ def factor(a: FloatArray, pivots: NDArray[np.int64]) -> bool:
                 entry *= inverse
                 a[i, k] = entry
                 for j in range(k + 1, n):
-                    a[i, j] -= entry * a[k, j]
+                    a[i, j] = fma(-entry, a[k, j], a[i, j])
     return True
 
 
@@ -53,12 +53,12 @@ def solve(a: FloatArray, pivots: NDArray[np.int64], b: FloatArray) -> None:
     for k in range(n):
         value = b[k]
         for j in range(k):
-            value -= a[k, j] * b[j]
+            value = fma(-a[k, j], b[j], value)
         b[k] = value
     for k in range(n - 1, -1, -1):
         value = b[k]
         for j in range(k + 1, n):
-            value -= a[k, j] * b[j]
+            value = fma(-a[k, j], b[j], value)
         b[k] = value / a[k, k]
 
 
@@ -97,11 +97,11 @@ def factor_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64]) -> bo
         for i in range(k + 1, n):
             x, y = re[i, k], im[i, k]
             if x != 0.0 or y != 0.0:
-                x, y = x * u - y * v, x * v + y * u
+                x, y = fma(x, u, -(y * v)), fma(x, v, y * u)
                 re[i, k], im[i, k] = x, y
                 for j in range(k + 1, n):
-                    re[i, j] -= x * re[k, j] - y * im[k, j]
-                    im[i, j] -= x * im[k, j] + y * re[k, j]
+                    re[i, j] -= fma(x, re[k, j], -(y * im[k, j]))
+                    im[i, j] -= fma(x, im[k, j], y * re[k, j])
     return True
 
 
@@ -116,13 +116,13 @@ def solve_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64], a: Flo
     for k in range(n):
         x, y = a[k], b[k]
         for j in range(k):
-            x -= re[k, j] * a[j] - im[k, j] * b[j]
-            y -= re[k, j] * b[j] + im[k, j] * a[j]
+            x -= fma(re[k, j], a[j], -(im[k, j] * b[j]))
+            y -= fma(re[k, j], b[j], im[k, j] * a[j])
         a[k], b[k] = x, y
     for k in range(n - 1, -1, -1):
         x, y = a[k], b[k]
         for j in range(k + 1, n):
-            x -= re[k, j] * a[j] - im[k, j] * b[j]
-            y -= re[k, j] * b[j] + im[k, j] * a[j]
+            x -= fma(re[k, j], a[j], -(im[k, j] * b[j]))
+            y -= fma(re[k, j], b[j], im[k, j] * a[j])
         u, v = _inverse(re[k, k], im[k, k])
-        a[k], b[k] = x * u - y * v, x * v + y * u
+        a[k], b[k] = fma(x, u, -(y * v)), fma(x, v, y * u)

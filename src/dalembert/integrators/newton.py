@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..methods.collocation import COMPLEX, FROM_MODES, NODES, REAL, TO_MODES
 from .arguments import IntVector, Matrix, Vector
-from .compiled_subset import call_code, compiled_subset, row, sqrt, square
+from .compiled_subset import call_code, compiled_subset, fma, row, sqrt, square
 from .lu import factor, factor_pair, solve, solve_pair
 from .packed_tableaus import POINT
 from .recorded_runs import Run, evaluate
@@ -132,12 +132,14 @@ def predict(work: FloatArray, ratio: float) -> None:
             x = ratio * NODES[i]
             # the polynomial at 1 + x less its value at 1
             first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
-            work[Z + i, m] = x * (first + 2.0 * second + 3.0 * third + x * (second + 3.0 * third + x * third))
+            work[Z + i, m] = x * fma(
+                x, fma(x, third, fma(3.0, third, second)), fma(3.0, third, fma(2.0, second, first))
+            )
     for m in range(work.shape[1]):
         for i in range(3):
             value = 0.0
             for k in range(3):
-                value += TO_MODES[i, k] * work[Z + k, m]
+                value = fma(TO_MODES[i, k], work[Z + k, m], value)
             work[W + i, m] = value
 
 
@@ -172,9 +174,9 @@ def newton(
         for m in range(n):
             f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
             finite += 0.0 * (f0 + f1 + f2)
-            a = TO_MODES[0, 0] * f0 + TO_MODES[0, 1] * f1 + TO_MODES[0, 2] * f2
-            b = TO_MODES[1, 0] * f0 + TO_MODES[1, 1] * f1 + TO_MODES[1, 2] * f2
-            c = TO_MODES[2, 0] * f0 + TO_MODES[2, 1] * f1 + TO_MODES[2, 2] * f2
+            a = fma(TO_MODES[0, 2], f2, fma(TO_MODES[0, 0], f0, TO_MODES[0, 1] * f1))
+            b = fma(TO_MODES[1, 2], f2, fma(TO_MODES[1, 0], f0, TO_MODES[1, 1] * f1))
+            c = fma(TO_MODES[2, 2], f2, fma(TO_MODES[2, 0], f0, TO_MODES[2, 1] * f1))
             if m < differential:
                 w1, w2, w3 = work[W, m], work[W + 1, m], work[W + 2, m]
                 a -= REAL / h * w1
@@ -193,10 +195,10 @@ def newton(
             weight = 1.0 / work[SCALE, m]
             total += square(first[m] * weight) + square(second[m] * weight) + square(third[m] * weight)
             for i in range(3):
-                work[Z + i, m] = (
-                    FROM_MODES[i, 0] * work[W, m]
-                    + FROM_MODES[i, 1] * work[W + 1, m]
-                    + FROM_MODES[i, 2] * work[W + 2, m]
+                work[Z + i, m] = fma(
+                    FROM_MODES[i, 2],
+                    work[W + 2, m],
+                    fma(FROM_MODES[i, 0], work[W, m], FROM_MODES[i, 1] * work[W + 1, m]),
                 )
         size = sqrt(total / (3 * n))
         if not size < np.inf:

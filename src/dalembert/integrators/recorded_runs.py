@@ -15,7 +15,7 @@ from ..interrupts import check
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_SCALE, STRETCH
 from .arguments import IntVector, Matrix, Record, Vector
-from .compiled_subset import call_code, compiled_subset, row
+from .compiled_subset import call_code, compiled_subset, fma, row
 from .packed_tableaus import POINT
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .projection import corrected
@@ -193,7 +193,7 @@ def _evaluate_polynomial(run: Run, piece: int, degree: int, theta: float, n: int
     for m in range(n):
         value = run.pieces[piece, 1 + degree * n + m]
         for power in range(degree - 1, -1, -1):
-            value = value * theta + run.pieces[piece, 1 + power * n + m]
+            value = fma(value, theta, run.pieces[piece, 1 + power * n + m])
         run.work[POINT, m] = value
 
 

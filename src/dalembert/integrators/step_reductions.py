@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
-from .compiled_subset import call_code, compiled_subset, row
+from .compiled_subset import call_code, compiled_subset, fma, row
 from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import SERIES, SLOPE_SERIES, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
@@ -70,7 +70,7 @@ def accumulate(
             if smooth or depth >= deepest or not math.isfinite(tail):
                 mean = 0.0
                 for k in range(8):
-                    mean += _INTEGRAL[k] * work[0, k]
+                    mean = fma(_INTEGRAL[k], work[0, k], mean)
                 total += (high - low) * h * mean
                 continue
         else:
@@ -114,8 +114,8 @@ def _turning(work: FloatArray, sign: float) -> float:
         middle = 0.5 * (low + high)
         a = b = 0.0
         for k in range(7, 0, -1):
-            a, b = work[1, k] + 2.0 * middle * a - b, a
-        if sign * (work[1, 0] + middle * a - b) > 0.0:
+            a, b = fma(2.0 * middle, a, work[1, k]) - b, a
+        if sign * (fma(middle, a, work[1, 0]) - b) > 0.0:
             low = middle
         else:
             high = middle
@@ -129,7 +129,7 @@ def _value(events: EventKernels, space: EventWorkspace, one: int, t: float, h: f
         m = events.read[u]
         value = space.series[m, degree]
         for k in range(degree - 1, -1, -1):
-            value = value * theta + space.series[m, k]
+            value = fma(value, theta, space.series[m, k])
         space.one_point[1, m] = value
     space.one_clock[0, 0] = t + theta * h
     call_code(events.at, row(space.one_clock, 0), row(space.one_point, 1), one, 0, row(space.one_out, 0))

@@ -1,19 +1,26 @@
 """Integrator loops as machine code, made once per installation and called without numba.
 
-A loop is Python that `dalembert.codegen.subset` translates; the code is kept as an object file.
+A loop is Python that `dalembert.codegen.subset` translates; the code is kept as an object file. With
+``DALEMBERT_DEBUG=1`` in the environment loops run as the Python that they are, with bounds checks: slow, and with the
+same results to the last bit.
 """
 
 from __future__ import annotations
 
 import ctypes
 import importlib
+import os
 import sys
 from collections.abc import Callable
 from typing import Any, final
 
 import llvmlite
+import numpy as np
 
-from ...integrators.arguments import address_of, pack
+from ...errors import OptionError
+from ...integrators.arguments import address_of, arguments_of, kind_of, pack, unpack
+from ...integrators.checked_arrays import CheckedArray
+from ...integrators.compiled_subset import PLAIN_LOOPS, tell_target
 from ...once import once, once_property
 from ...version import __version__
 from ..cache import directory
@@ -21,8 +28,26 @@ from ..generator_digest import generator_digest
 from ..rendering import digest_of
 from .assembly import Compiled, load_object
 from .objects import object_code
+from .target import target
 
-__all__ = ["Loop", "library_code", "loop_named", "toolchain"]
+__all__ = ["DEBUG_VARIABLE", "Loop", "debugging", "library_code", "loop_named", "toolchain"]
+
+DEBUG_VARIABLE = "DALEMBERT_DEBUG"
+
+
+@once
+def debugging() -> bool:
+    """Return whether loops run as plain Python; it is asked once in a process.
+
+    Raises
+    ------
+    OptionError
+        For a value of the environment variable that means nothing.
+    """
+    chosen = os.environ.get(DEBUG_VARIABLE, "")
+    if chosen not in ("", "0", "1"):
+        raise OptionError(f"{DEBUG_VARIABLE} is {chosen!r}: set it to 1 to run loops as plain Python, or leave it out")
+    return chosen == "1"
 
 
 @once
@@ -46,24 +71,41 @@ class Loop:
         self._name = name
 
     @once_property
+    def _function(self) -> Callable[[Any], int | None]:
+        return importlib.import_module(f"dalembert.integrators.{self._name}").LOOP
+
+    @once_property
     def _code(self) -> Compiled:
         def text() -> str:
             from ..subset import loop_assembly
 
-            module = importlib.import_module(f"dalembert.integrators.{self._name}")
-            return loop_assembly(module.LOOP)
+            return loop_assembly(self._function, fused=target().fused)
 
         return library_code(self._name, text, straight=False)
 
     @once_property
     def call(self) -> Any:
-        """The function of one pointer to packed arguments; it releases the interpreter while it runs."""
+        """The function of one pointer to packed arguments; as machine code it releases the interpreter."""
+        if debugging():
+            tell_target(fused=target().fused)
+            return self._plain
         return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
 
-    @property
+    @once_property
     def address(self) -> int:
-        """Address of that function."""
+        """Address of that function; other loops call it by `dalembert.integrators.compiled_subset.call_test`."""
+        if debugging():
+            PLAIN_LOOPS[id(self)] = self._plain
+            return id(self)
         return self._code.address("entry")
+
+    def _plain(self, pointer: Any) -> int:
+        """Run the loop as plain Python, with bounds checks."""
+        arguments = arguments_of(self._function)
+        address = pointer if isinstance(pointer, int) else pointer.value
+        packed_args = (ctypes.c_int64 * len(kind_of(arguments).words)).from_address(address)
+        with np.errstate(all="ignore"):  # IEEE 754 says what comes of a division by zero
+            return int(self._function(unpack(arguments, np.array(packed_args), CheckedArray)) or 0)
 
     def __call__(self, arguments: tuple[Any, ...]) -> int:
         """Return what the loop returns for its NamedTuple of arguments."""

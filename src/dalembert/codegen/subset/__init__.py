@@ -9,7 +9,8 @@ integers, doubles, flags, C-contiguous arrays, records and tuples of these. They
 - What a function finds outside it (numbers, arrays) is constant, and tests of it are decided when it is translated.
 - Loops are ``while``, ``for`` over a ``range`` with a constant step, and ``for`` over a tuple that is written out.
 - Indices are never negative, and divisors of integers are positive.
-- Products and sums may be fused, nothing is reassociated, and a division by zero gives what IEEE 754 says.
+- A product and a sum are rounded once where `fma` says so, and nowhere else; nothing is reassociated. A division by
+  zero gives what IEEE 754 says.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ declare i64 @llvm.cttz.i64(i64, i1)
 declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"""
 
 
-def loop_assembly(loop: Any) -> str:
+def loop_assembly(loop: Any, *, fused: bool = True) -> str:
     """Return a module that defines `ENTRY`, which reads the arguments of `loop` from packed words and calls it.
 
     Parameters
@@ -46,13 +47,15 @@ def loop_assembly(loop: Any) -> str:
     loop : function
         Of one NamedTuple (`dalembert.integrators.arguments`). It returns an integer or nothing, and writes other
         results to arrays and records of its arguments.
+    fused : bool
+        Whether the target has instructions for `fma`; elsewhere it is a product and a sum, each rounded.
 
     Raises
     ------
     TypeError
         For what has no translation; the message names the line.
     """
-    module, kind = _Module(), kind_of(arguments_of(loop))
+    module, kind = _Module(fused), kind_of(arguments_of(loop))
     name, result = module.function(loop, (kind,))
     lines, words = [], []
     for place, word in enumerate(kind.words):
@@ -71,14 +74,16 @@ def loop_assembly(loop: Any) -> str:
     entry = f"define i64 @{ENTRY}(ptr %packed_args) nounwind {{\n{body}\n}}"
     fields = ", ".join("i64" if word == "i1" else word for word in kind.words)
     signature = f"%arguments = type {{ {fields} }}"
-    return "\n\n".join([signature, _DECLARED, *module.constants, *module.texts, entry, ""])
+    declared = f"{_DECLARED}\ndeclare double @{module.fused}(double, double, double)"
+    return "\n\n".join([signature, declared, *module.constants, *module.texts, entry, ""])
 
 
 @final
 class _Module:
     """The functions and constants of one module."""
 
-    def __init__(self) -> None:
+    def __init__(self, fused: bool) -> None:
+        self.fused = f"llvm.{'fma' if fused else 'fmuladd'}.f64"
         self.texts: list[str] = []
         self.constants: list[str] = []
         self._functions: dict[tuple[Any, tuple[Kind, ...]], tuple[str, Kind]] = {}

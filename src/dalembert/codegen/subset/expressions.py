@@ -39,6 +39,9 @@ class Functions(Protocol):
     def array(self, array: Any) -> Value:
         """Return a constant array."""
 
+    fused: str
+    """Name of LLVM's function for a product and a sum that are rounded once."""
+
 
 class Expressions(Lines):
     """Translates the expressions of one function."""
@@ -135,7 +138,7 @@ class Expressions(Lines):
         kind = NUMBER if isinstance(op, ast.Div) else unified(unified(a.kind, b.kind), INTEGER)
         (x,), (y,) = self.converted(a, kind).words, self.converted(b, kind).words
         if kind == NUMBER:
-            return Value(kind, (self.set(f"{_DOUBLE[type(op)]} contract double {x}, {y}"),))
+            return Value(kind, (self.set(f"{_DOUBLE[type(op)]} double {x}, {y}"),))
         if isinstance(op, ast.FloorDiv | ast.Mod):
             if y.lstrip("-").isdigit() and int(y) <= 0:
                 raise TypeError("whole numbers are divided by positive ones")
@@ -308,6 +311,11 @@ def _library(name: str) -> Callable[..., Value]:
     return call
 
 
+def _fma(lines: Expressions, a: Value, b: Value, c: Value) -> Value:
+    words = ", ".join(f"double {lines.converted(value, NUMBER).words[0]}" for value in (a, b, c))
+    return Value(NUMBER, (lines.set(f"call double @{lines.module.fused}({words})"),))
+
+
 def _flat(lines: Expressions, matrix: Value) -> Value:
     if matrix.kind != MATRIX:
         raise TypeError("only matrices of doubles can be made a column")
@@ -372,6 +380,7 @@ _BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.prefetch: _prefetch,
     code.element: _load,
     code.flat: _flat,
+    code.fma: _fma,
     code.lowest: _lowest,
     code.take: _take,
 }
