@@ -2,7 +2,6 @@
 
 import math
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import before_after  # noqa: E402
 import report  # noqa: E402
+import sweeps  # noqa: E402
 import tables  # noqa: E402
 from batches import BATCHES, SAMPLE, sample_states  # noqa: E402
 from cases import PROBLEMS  # noqa: E402
@@ -49,11 +49,9 @@ def test_sweeps_end_in_the_exact_states(name):
     np.testing.assert_allclose(sample(), sample_states(batch), rtol=1e-8, atol=1e-8)
 
 
-def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances():
-    def prepare(batch, rtol):
-        return (lambda: time.sleep(0.05 if batch == 100 and rtol < 1e-5 else 0.0)), None, None
-
-    contender = SweepContender("slow", prepare, limit=0.02)
+def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances(monkeypatch):
+    monkeypatch.setattr(sweeps, "_seconds", lambda solver: solver)
+    contender = SweepContender("slow", lambda batch, rtol: 9.0 if batch == 100 and rtol < 1e-5 else 0.1, limit=1.0)
     done = [(rtol, count) for rtol, count, _ in _within_limit(contender, (1e-5, 1e-6, 1e-7), {100: 100, 10: 10})]
     assert done == [(1e-5, 100), (1e-6, 10), (1e-7, 10)]
 
