@@ -6,7 +6,7 @@ from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.attempts import attempt_assembly
 from dalembert.codegen.llvm.check_inputs import check_inputs_assembly
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
-from dalembert.codegen.llvm.series_loops import loop_assembly
+from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.transforms.recurrences import recurrences
@@ -28,7 +28,7 @@ def _order_loop(lanes, width, *, dense=True):
 
 
 def _series_loop(lanes, *, dense=True):
-    return loop_assembly("step", recurrences(pendulum()), 3, lanes, dense=dense)
+    return series_loop_assembly("step", recurrences(pendulum()), 3, lanes, dense=dense)
 
 
 TEXTS = {

@@ -11,7 +11,7 @@ from dalembert.codegen.llvm import order_loops
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
-from dalembert.codegen.llvm.series_loops import loop_assembly
+from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.ops import OPERATIONS
@@ -204,7 +204,7 @@ def test_loops_and_unrolled_code_agree(name, dense, lanes):
     lanes = native_lanes() if lanes == "native" else 1
     known = recurrences(kernel_of(SCENES[name]))
     step = step_kernel(known, ORDER, dense=dense)
-    texts = (assembly([("step", step)], lanes), loop_assembly("step", known, ORDER, lanes, dense=dense))
+    texts = (assembly([("step", step)], lanes), series_loop_assembly("step", known, ORDER, lanes, dense=dense))
     results, y, c, s = outcomes(texts, len(step.outputs), lanes)
     reference = np.transpose(
         [
@@ -241,7 +241,7 @@ def test_steps_stay_within_the_reach_of_poles(order):
     known = recurrences(kernel_of(poles))
     step = step_kernel(known, order, dense=False)
     without = step_kernel(replace(known, poles=()), order, dense=False)
-    texts = [assembly([("step", step)], 1), loop_assembly("step", known, order, 1, dense=False)]
+    texts = [assembly([("step", step)], 1), series_loop_assembly("step", known, order, 1, dense=False)]
     if order >= LEAST_ORDER:
         texts.append(order_loop_assembly("step", known, order, 1, 4, dense=False))
     (free, *held), *_ = outcomes([assembly([("step", without)], 1), *texts], 4, 1, largest=5.0)

@@ -19,12 +19,12 @@ from .lane_printer import LanePrinter
 from .lane_types import constant, fma_name, vector
 from .vector_functions import prelude_variables
 
-__all__ = ["loop_assembly"]
+__all__ = ["series_loop_assembly"]
 
 _PIECE = 100
 
 
-def loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
+def series_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
     """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`."""
     step = _Step(recurrences, order, lanes, dense)
     return render("llvm/series_loop.ll.j2", {"name": name, **step.variables()})

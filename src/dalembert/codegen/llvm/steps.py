@@ -18,7 +18,7 @@ from .attempts import attempt_assembly
 from .lane_types import native_lanes
 from .objects import object_code
 from .order_loops import LEAST_ORDER, order_loop_assembly
-from .series_loops import loop_assembly
+from .series_loops import series_loop_assembly
 
 __all__ = ["StepLibrary"]
 
@@ -76,7 +76,7 @@ class StepLibrary(KernelLibrary):
             return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
         if len(known.items) <= _LARGEST_PASS:
             return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
-        return loop_assembly(name, known, order, lanes, dense=dense)
+        return series_loop_assembly(name, known, order, lanes, dense=dense)
 
     def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
