@@ -157,7 +157,7 @@ class Draw:
             ("csc", ("add", ("num", "1.4"), ("mul", ("num", "0.3"), ("sin", x)))),
         )
 
-    def kinked(self, variables: list[Any]) -> Any:
+    def nonsmooth(self, variables: list[Any]) -> Any:
         """Return a function with a kink or a jump."""
         x, level = self.inner(variables), self.number(-0.5, 0.5)
         away = ("add", x, level)
@@ -190,9 +190,9 @@ class Draw:
         if kind < 0.55:
             return ("mul", size, self.smooth([T]))
         if kind < 0.63:
-            return ("mul", size, self.kinked([T]))
+            return ("mul", size, self.nonsmooth([T]))
         if kind < 0.71:
-            return ("mul", size, self.kinked(some))
+            return ("mul", size, self.nonsmooth(some))
         if kind < 0.76:
             return ("mul", ("neg", self.number(0.1, 1)), ("tanh", ("mul", number(4), self.pick(*rates))))
         if kind < 0.88:

@@ -22,6 +22,7 @@ METHODS = [
     (backend, method)
     for backend, methods in {
         "llvm": ("taylor", "dop853", "tsit5", "radau"),
+        "numba": ("taylor", "dop853", "tsit5", "radau"),
         "numpy": ("dop853", "rk45", "radau", "bdf", "lsoda"),
         "jax": ("dopri8", "tsit5", "taylor", "kvaerno5"),
     }.items()

@@ -1,4 +1,4 @@
-"""Forces with a kink or a jump: right by every method, power series too, whose steps end before what is unforeseen."""
+"""Forces with a kink or a jump: right by every method, also by power series, whose steps end before them."""
 
 import numpy as np
 import pytest

@@ -13,7 +13,7 @@ from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
-from dalembert.transforms.nonsmooth import LEAST_INVERSE, LEAST_POWER, unforeseen
+from dalembert.transforms.nonsmooth import LEAST_INVERSE, LEAST_POWER, nonanalytic_operations
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_for, step_kernel
 from hard_cases.contacts import table_oscillator
@@ -119,7 +119,7 @@ def test_where_the_series_tells_all_the_control_changes_nothing():
     kernel = da.compile_model(scene(-x + sp.exp(-t / 5)), backend="numpy").stages.program.kernel("rhs")
     looking = recurrences(kernel)
     assert looking.controlled
-    blind = replace(looking, controlled=(), paced=False)
+    blind = replace(looking, controlled=(), step_growth_limited=False)
     for order in (10, 13, 17):
         texts = [step_kernel(known, order, dense=False) for known in (looking, blind)]
         steps = [walked(step, [1.0, 0.0], 20.0) for step in texts]
@@ -207,7 +207,7 @@ def test_a_pulse_lets_go_what_sticks():
 @pytest.mark.parametrize("name", PLAIN)
 def test_what_a_series_tells_is_let_alone(name):
     kernel = kernel_of(PLAIN[name])
-    assert not unforeseen(kernel) and not recurrences(kernel).controlled
+    assert not nonanalytic_operations(kernel) and not recurrences(kernel).controlled
     step = step_kernel(recurrences(kernel), 13, dense=True)
     assert all(load.target != "previous_" for load in step.loads)
 
@@ -215,14 +215,14 @@ def test_what_a_series_tells_is_let_alone(name):
 @pytest.mark.parametrize("name", STEEP)
 def test_what_a_series_may_not_tell_is_found(name):
     kernel = kernel_of(STEEP[name])
-    assert unforeseen(kernel) and recurrences(kernel).controlled == (0,)
+    assert nonanalytic_operations(kernel) and recurrences(kernel).controlled == (0,)
 
 
 @pytest.mark.parametrize("name", da.scenes.ALL)
 def test_ready_scenes_have_no_control(name):
     model = da.compile_model(da.scenes.ALL[name](), backend="numpy")
     library = StepLibrary(model.stages.program, None)
-    assert library.control(order_for(1e-8)) == (0, 0) and not library.kinked
+    assert library.control(order_for(1e-8)) == (0, 0) and not library.nonsmooth
     assert "previous_" not in library.source("taylor", order_for(1e-8))
     assert "defect" not in model.explain()
 

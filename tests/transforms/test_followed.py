@@ -8,7 +8,7 @@ from dalembert.integrators.workspace import event_workspace, no_events
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
-from dalembert.transforms.nonsmooth import unforeseen
+from dalembert.transforms.nonsmooth import nonanalytic_operations
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.step_bounds import followed_kernel
 from dalembert.transforms.taylor import step_kernel
@@ -90,9 +90,9 @@ def test_the_sign_over_a_step_is_never_wrong():
 
 
 def test_what_no_series_shows_is_not_followed():
-    assert not unforeseen(joint(pull))
-    assert unforeseen(joint(lambda g, x, v, t: g.call("abs", v)))
-    assert unforeseen(joint(lambda g, x, v, t: g.call("tanh", v)))
+    assert not nonanalytic_operations(joint(pull))
+    assert nonanalytic_operations(joint(lambda g, x, v, t: g.call("abs", v)))
+    assert nonanalytic_operations(joint(lambda g, x, v, t: g.call("tanh", v)))
 
 
 def test_a_plain_step_has_what_its_ends_say():

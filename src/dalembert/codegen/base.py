@@ -33,7 +33,7 @@ __all__ = [
     "Prepared",
     "PreparedStates",
     "RenderedModule",
-    "growing_stretches",
+    "growing_step_blocks",
     "watched_case",
 ]
 
@@ -196,11 +196,11 @@ class Engine(ABC):
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
 
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """Yield the solution of a problem in stretches, for those who may not want the rest of it.
+    def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """Yield the solution of a problem in blocks of steps, for those who may not want the rest of it.
 
         Each has its accepted steps, from the end of the one before, and continuous output over them; the status of the
-        last is that of the whole. Here it is one stretch.
+        last is that of the whole. Here it is one block.
         """
         yield self.integrate(problem, method)
 
@@ -276,14 +276,14 @@ class Engine(ABC):
             result.samples[i, :count] = solution.y[:count]
 
 
-LONGEST_STRETCH = 256
-"""Attempts in the longest stretch of a run that may end early."""
+LONGEST_BLOCK = 256
+"""Attempts in the longest block of a run that may end early."""
 
 
-def growing_stretches(
+def growing_step_blocks(
     integrate: Callable[[IntegrationProblem], Solution], problem: IntegrationProblem, size: int
 ) -> Iterator[Solution]:
-    """Yield a solution in stretches: one of `size` attempts at first, ever longer ones later."""
+    """Yield a solution in blocks of steps: one of `size` attempts at first, ever longer ones later."""
     left = problem.max_steps
     while True:
         solution = integrate(replace(problem, max_steps=min(size, left)))
@@ -291,7 +291,7 @@ def growing_stretches(
         yield solution
         if solution.status is not Status.MAX_STEPS or left <= 0:
             return
-        size = min(2 * size, LONGEST_STRETCH)
+        size = min(2 * size, LONGEST_BLOCK)
         if solution.steps:
             step = abs(float(solution.t[-1] - solution.t[-2]))
             problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
@@ -303,12 +303,12 @@ def watched_case(
     """Write the results of case i of a block with events."""
     assert block.watch is not None
 
-    def stretches(part: IntegrationProblem) -> Iterator[Solution]:
-        return engine.stretches(part, method) if len(part.y0) or engine.cuts else iter([prescribed(part)])
+    def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
+        return engine.step_blocks(part, method) if len(part.y0) or engine.cuts else iter([prescribed(part)])
 
     constants = engine.course(problem)
     watched = block.watch.watched(constants)
-    solution, occurrences = integrate_watched(stretches, replace(problem, t_eval=None, dense=True), watched)
+    solution, occurrences = integrate_watched(step_blocks, replace(problem, t_eval=None, dense=True), watched)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
     reached = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]

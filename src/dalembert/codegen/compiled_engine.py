@@ -25,7 +25,7 @@ from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
 from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
 from ..transforms.taylor import clipped_tolerance, order_for
-from .base import CaseRun, Engine, Prepared, growing_stretches
+from .base import CaseRun, Engine, Prepared, growing_step_blocks
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.advance_lanes import advance_lanes
 from .llvm.check_inputs import check_inputs
@@ -119,7 +119,7 @@ class CompiledEngine(Engine):
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""
         if "taylor" not in methods:
             return methods[0]
-        if self.steps.kinked:
+        if self.steps.nonsmooth:
             return "dop853"
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)
@@ -200,10 +200,10 @@ class CompiledEngine(Engine):
         """How many operations a right-hand side takes."""
         return len(self._program.kernel("rhs").body)
 
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: a few steps at first, ever more later."""
+    def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.step_blocks`: a few steps at first, ever more later."""
         self.prepare(problem, method)
-        yield from growing_stretches(lambda part: self.integrate(part, method), problem, 1)
+        yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, 1)
 
     parallel: ClassVar[bool] = True
 
@@ -225,11 +225,11 @@ class CompiledEngine(Engine):
             method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
         )
         calm = watched is None or (followed > 0 and not wanted and not watched.kinds)
-        paced = advance_lanes(lanes) if calm and not (position or velocity) else 0
+        step_growth_limited = advance_lanes(lanes) if calm and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
         return case_run(
-            (*codes, position, velocity, prepare, start, paced, check_inputs(lanes)),
+            (*codes, position, velocity, prepare, start, step_growth_limited, check_inputs(lanes)),
             shape,
             settings,
             cases,

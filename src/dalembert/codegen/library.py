@@ -99,7 +99,7 @@ class KernelLibrary(ABC):
 
         def make() -> tuple[Kernel, int]:
             def text() -> str:
-                known = recurrences(joint, followed, paced=self._program.nonanalytic)
+                known = recurrences(joint, followed, step_growth_limited=self._program.nonanalytic)
                 return self.step_text("step", known, order, lanes, dense=True)
 
             name = f"following{order}_{_digest(joint, followed)}"
@@ -178,9 +178,9 @@ class KernelLibrary(ABC):
         return bool(self._recurrences.poles)
 
     @property
-    def kinked(self) -> bool:
+    def nonsmooth(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
-        return self._recurrences.kinked
+        return self._recurrences.nonsmooth
 
     @once_property
     def angles(self) -> tuple[int, ...]:
@@ -191,7 +191,7 @@ class KernelLibrary(ABC):
 
     @once_property
     def _recurrences(self) -> Recurrences:
-        return recurrences(self._program.kernel("rhs"), paced=self._program.nonanalytic)
+        return recurrences(self._program.kernel("rhs"), step_growth_limited=self._program.nonanalytic)
 
     def _taylor_name(self, order: int, dense: bool) -> str:
         return f"taylor{order}{'_series' if dense else ''}"

@@ -1,7 +1,7 @@
 """Integration with events: a motion is cut where its state jumps, and ends where an event says so.
 
-Any integrator serves that gives stretches of a motion with continuous output. After a jump the rest of the stretch is
-dropped and a new one begins.
+Any integrator serves that gives blocks of steps of a motion with continuous output. After a jump the rest of the block
+is dropped and a new one begins.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TOGETHER = 2 * RESOLUTION
 
 _ULP = 2.220446049250313e-16
 
-Stretches = Callable[[IntegrationProblem], Iterator[Solution]]
+StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
 Jump = Callable[[float, FloatArray], FloatArray | None]
 
 
@@ -70,8 +70,8 @@ class Watched:
     rules
         One an expression.
     during
-        From two times to what is watched on a stretch between them, where that differs: expressions may jump where
-        stretches end.
+        From two times to what is watched on a block of steps between them, where that differs: expressions may jump
+        where blocks end.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]
@@ -94,14 +94,14 @@ class Occurrence:
 
 
 def integrate_watched(
-    stretches: Stretches, problem: IntegrationProblem, watched: Watched
+    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched
 ) -> tuple[Solution, list[Occurrence]]:
     """Integrate a problem with events.
 
     Parameters
     ----------
-    stretches
-        Gives the solution of a problem in stretches, each with its continuous output; the status of the last is
+    step_blocks
+        Gives the solution of a problem in blocks of steps, each with its continuous output; the status of the last is
         that of the whole.
     problem
         The problem.
@@ -115,15 +115,15 @@ def integrate_watched(
     list of Occurrence
         In the order of time.
     """
-    return _Run(stretches, problem, watched).solution()
+    return _Run(step_blocks, problem, watched).solution()
 
 
 @final
 class _Run:
     """One integration in progress."""
 
-    def __init__(self, stretches: Stretches, problem: IntegrationProblem, watched: Watched) -> None:
-        self.stretches, self.problem, self.watched = stretches, problem, watched
+    def __init__(self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched) -> None:
+        self.step_blocks, self.problem, self.watched = step_blocks, problem, watched
         self.t, self.y = float(problem.t0), np.array(problem.y0, dtype=float)
         self.forward = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.span = abs(problem.t1 - problem.t0)
@@ -213,20 +213,20 @@ class _Run:
             return Status.MAX_STEPS
         rest = replace(self.problem, t0=self.t, y0=self.y, t_eval=None, dense=True, max_steps=left)
         status = Status.SUCCESS
-        for stretch in self.stretches(rest):
-            status = stretch.status
-            self.steps += stretch.steps
-            self.rejected += stretch.rejected
-            self.evaluations += stretch.evaluations
-            if len(stretch.t) > 1 and stretch.t[-1] != stretch.t[0]:  # also of a motion that takes no steps
-                ended, outcome = self._scan(stretch)
+        for block in self.step_blocks(rest):
+            status = block.status
+            self.steps += block.steps
+            self.rejected += block.rejected
+            self.evaluations += block.evaluations
+            if len(block.t) > 1 and block.t[-1] != block.t[0]:  # also of a motion that takes no steps
+                ended, outcome = self._scan(block)
                 if ended:
                     return outcome
         return self._last(status)
 
-    def _scan(self, stretch: Solution) -> tuple[bool, Status | None]:
-        """Look for events in a stretch; return whether it ended the motion or a part of it, and how."""
-        dense = stretch.dense
+    def _scan(self, block: Solution) -> tuple[bool, Status | None]:
+        """Look for events in a block of steps; return whether it ended the motion or a part of it, and how."""
+        dense = block.dense
         assert dense is not None
         knots = dense.knots
         sizes = np.diff(knots)
@@ -243,9 +243,9 @@ class _Run:
             return watched.values(*states(step, theta))
 
         if not self.counts:
-            self._take(stretch)
+            self._take(block)
             return False, None
-        rate, noise = self._noise(float(knots[0]), stretch.y[0])
+        rate, noise = self._noise(float(knots[0]), block.y[0])
         least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
         slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
@@ -260,22 +260,22 @@ class _Run:
             times, y = states(np.array([crossing.step]), np.array([crossing.theta]))
             return float(times[0]), y[0]
 
-        ended, outcome = self._occur(located(sample, whole, found, least), state, stretch)
+        ended, outcome = self._occur(located(sample, whole, found, least), state, block)
         if not ended and broken is not None:
             place, theta = np.array([cut.step[broken]]), np.array([cut.low[broken]])
             (t,), y = states(place, theta)
-            self._cut(stretch, float(t), y[0])
+            self._cut(block, float(t), y[0])
             return True, Status.EVENT_NON_FINITE
         if not ended:
             self.seen |= seen
-            self._take(stretch)
+            self._take(block)
         return ended, outcome
 
     def _occur(
         self,
         found: Iterator[Crossing],
         state: Callable[[Crossing], tuple[float, FloatArray]],
-        stretch: Solution | None,
+        block: Solution | None,
     ) -> tuple[bool, Status | None]:
         """Take down sign changes as events up to the first that ends the run or makes it jump."""
         rules = self.watched.rules
@@ -294,7 +294,7 @@ class _Run:
                     break
                 if rules[other.function].counts(other.sign):
                     together.append(other)
-            return True, self._stop(together, t, y, stretch)
+            return True, self._stop(together, t, y, block)
         return False, None
 
     def _occurred(self, crossing: Crossing, t: float, before: FloatArray, after: FloatArray) -> bool:
@@ -305,10 +305,10 @@ class _Run:
         last = self.watched.rules[number].last
         return 0 < last <= self.counts[number]
 
-    def _stop(self, together: Sequence[Crossing], t: float, y: FloatArray, stretch: Solution | None) -> Status | None:
+    def _stop(self, together: Sequence[Crossing], t: float, y: FloatArray, block: Solution | None) -> Status | None:
         """End the present part of the motion at time t in state y, where `together` occur; None to go on."""
-        if stretch is not None:
-            self._cut(stretch, t, y)
+        if block is not None:
+            self._cut(block, t, y)
         jumps = [self.watched.rules[crossing.function].jump for crossing in together]
         after: FloatArray | None = y
         for jump in jumps:
@@ -343,24 +343,24 @@ class _Run:
         close = gap <= RESOLUTION * max(abs(t), 1e-3 * self.span)
         return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
 
-    def _take(self, stretch: Solution) -> None:
-        """Record a whole stretch."""
-        assert stretch.dense is not None
-        self._record(stretch.t[1:], stretch.y[1:])
-        self.parts.append(stretch.dense)
-        self.knots.append(float(stretch.dense.knots[-1]))
-        self.t, self.y = float(stretch.t[-1]), stretch.y[-1]
+    def _take(self, block: Solution) -> None:
+        """Record a whole block."""
+        assert block.dense is not None
+        self._record(block.t[1:], block.y[1:])
+        self.parts.append(block.dense)
+        self.knots.append(float(block.dense.knots[-1]))
+        self.t, self.y = float(block.t[-1]), block.y[-1]
 
-    def _cut(self, stretch: Solution, t: float, y: FloatArray) -> None:
-        """Record a stretch up to time t, where the state is y."""
-        kept = (stretch.t - t) * self.forward < 0.0
+    def _cut(self, block: Solution, t: float, y: FloatArray) -> None:
+        """Record a block of steps up to time t, where the state is y."""
+        kept = (block.t - t) * self.forward < 0.0
         kept[0] = False
-        self._record(stretch.t[kept], stretch.y[kept])
+        self._record(block.t[kept], block.y[kept])
         start = self.knots[-1]
         if t != start:
-            assert stretch.dense is not None
+            assert block.dense is not None
             self._record(np.array([t]), y)
-            self.parts.append(stretch.dense)
+            self.parts.append(block.dense)
             self.knots.append(t)
         self.t, self.y = t, y
 

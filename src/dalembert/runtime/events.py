@@ -9,7 +9,7 @@ from ..integrators.event_code import Event, EventCode
 from ..once import deriving
 from ..reduction.starting import Start
 from ..reduction.watching import jumping, watching
-from ..transforms.nonsmooth import unforeseen
+from ..transforms.nonsmooth import nonanalytic_operations
 
 if TYPE_CHECKING:
     from ..ir.graph import Node
@@ -78,5 +78,5 @@ def compiled_events(
         finals=watching(scene, reduced, finals, "reduction", moving=False).values,
         plan=plan,
         rank=rank,
-        smooth=smooth and not margins and not unforeseen(watch.values),
+        smooth=smooth and not margins and not nonanalytic_operations(watch.values),
     )

@@ -11,7 +11,7 @@ from ..errors import list_names
 from ..ir.conditions import NARROW
 from ..ir.kernel import describe_counts
 from ..ir.program import Program
-from ..transforms.nonsmooth import kinked, unforeseen
+from ..transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
 
 if TYPE_CHECKING:
     from ..pipeline import Stages
@@ -66,10 +66,10 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
 def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
     rhs = stages.program.kernel("rhs") if series else None
-    found = {} if rhs is None else unforeseen(rhs)
+    found = {} if rhs is None else nonanalytic_operations(rhs)
     if not found:
         return []
-    rough = ", and auto leaves it aside for the kinks" if kinked(found) else ""
+    rough = ", and auto leaves it aside for the kinks" if nonsmooth_values(found) else ""
     return [
         f"              a series may know nothing of {list_names(sorted(set(found.values())))} of state or time:"
         f" {list_names(series)} looks at the defect of its steps{rough}"

@@ -1,4 +1,4 @@
-"""What a run that comes in stretches records: its accepted steps, or the times that were asked for."""
+"""What a run that comes in blocks of steps records: its accepted steps, or the times that were asked for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Record"]
 
 @final
 class Record:
-    """Gathers stretches with continuous output to one solution without."""
+    """Gathers blocks of steps with continuous output to one solution without."""
 
     def __init__(self, program: Program, problem: IntegrationProblem) -> None:
         self._program, self._problem = program, problem
@@ -29,7 +29,7 @@ class Record:
         self._end = float(problem.t0)
 
     def add(self, part: Solution) -> None:
-        """Take down a stretch."""
+        """Take down a block of steps."""
         self._steps += part.steps
         self._rejected += part.rejected
         self._evaluations += part.evaluations
@@ -52,7 +52,7 @@ class Record:
             self._wanted += len(inside)
 
     def solution(self) -> Solution:
-        """Return what was recorded; the status is that of the last stretch."""
+        """Return what was recorded; the status is that of the last block."""
         return Solution(
             status=self._status,
             t=np.concatenate(self._times) if self._times else np.empty(0),

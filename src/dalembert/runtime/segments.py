@@ -189,8 +189,8 @@ class SegmentedEngine(Engine):
 
         return _chained(run, problem, self.segments(problem), self.landing), taken, notes
 
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`; none of them reaches beyond its segment."""
+    def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.step_blocks`; none of them reaches beyond its segment."""
         y, left, first = problem.y0, problem.max_steps, problem.first_step
         whole = replace(problem, t_eval=None)
         before: FloatArray | None = None
@@ -200,11 +200,11 @@ class SegmentedEngine(Engine):
                 y = self.landing(part.t0, y, before, part.constants)
             before = part.constants
             own = replace(part, y0=y, max_steps=left, first_step=first)
-            for stretch in self.inner.stretches(own, method) if len(y) else [prescribed(own)]:
-                status = Status(stretch.status)
-                left -= stretch.steps + stretch.rejected
-                y = stretch.y[-1] if len(stretch.y) else y
-                yield stretch
+            for block in self.inner.step_blocks(own, method) if len(y) else [prescribed(own)]:
+                status = Status(block.status)
+                left -= block.steps + block.rejected
+                y = block.y[-1] if len(block.y) else y
+                yield block
             if status is not Status.SUCCESS or left <= 0:
                 return
             first = None

@@ -496,7 +496,7 @@ class Simulated(Held):
     def _searched(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
         """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
         record, where, span = Record(self._program, problem), "", (problem.t0, problem.t1)
-        for part in self._engine.stretches(replace(problem, t_eval=None, dense=True), method):
+        for part in self._engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
             found, where = judged(self._program, part, problem.constants, self._enforced, part, span)
             record.add(found)
             if found.status is Status.SINGULAR_CONFIGURATION:
@@ -506,14 +506,14 @@ class Simulated(Held):
     def _watched(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Solution, list[Occurrence]]:
         """Integrate one problem with events."""
 
-        def stretches(part: IntegrationProblem) -> Iterator[Solution]:
+        def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
             if self.layout.state or self._engine.cuts:
-                return self._engine.stretches(part, method)
+                return self._engine.step_blocks(part, method)
             return iter([prescribed(part)])
 
         # what ends modes is watched again and again, so that compiling it pays
         rows = self._engine.rows if watch.smooth else interpret_rows
-        return integrate_watched(stretches, problem, watch.watched(self._engine.course(problem), rows))
+        return integrate_watched(step_blocks, problem, watch.watched(self._engine.course(problem), rows))
 
     def _monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals of a motion."""

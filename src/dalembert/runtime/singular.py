@@ -330,7 +330,7 @@ def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationPr
     if block.watch is None or not block.watch.reported:
         return engine.integrate(problem, method)
     watched = block.watch.watched(problem.constants)
-    return integrate_watched(lambda part: engine.stretches(part, method), problem, watched)[0]
+    return integrate_watched(lambda part: engine.step_blocks(part, method), problem, watched)[0]
 
 
 def cut(

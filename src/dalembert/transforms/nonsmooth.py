@@ -15,13 +15,13 @@ __all__ = [
     "LEAST_INVERSE",
     "LEAST_POWER",
     "decisions",
-    "kinked",
     "last_of",
     "leading_to",
     "nonanalytic",
+    "nonanalytic_operations",
+    "nonsmooth_values",
     "only_in_branches",
     "reached_from",
-    "unforeseen",
 ]
 
 _CHOOSING = ("select", "min", "max")
@@ -42,7 +42,7 @@ at 100 times for 8 (measured on particles that repel each other)."""
 INVERSE = "inverse powers"
 
 
-def unforeseen(kernel: Kernel) -> dict[str, str]:
+def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
     """Return the values of a kernel of whose course a power series may know nothing, and what each is.
 
     These are the operations with a kink or a jump on what depends on state or time, and steep ones, which are smooth
@@ -81,8 +81,8 @@ def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
     return tuple(line.target for line in kernel.body if line.target in behind)
 
 
-def kinked(found: Mapping[str, str]) -> list[str]:
-    """Return those of the values that `unforeseen` gives which have a kink or a jump."""
+def nonsmooth_values(found: Mapping[str, str]) -> list[str]:
+    """Return those of the values that `nonanalytic_operations` gives which have a kink or a jump."""
     return [name for name, what in found.items() if what in _KINKED]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.kernel import Assignment, Kernel, Operand
-from .nonsmooth import INVERSE, kinked, last_of, leading_to, reached_from, unforeseen
+from .nonsmooth import INVERSE, last_of, leading_to, nonanalytic_operations, nonsmooth_values, reached_from
 from .periodic import turning
 
 __all__ = ["Integrated", "Recurrences", "recurrences"]
@@ -47,9 +47,9 @@ class Recurrences:
         Which rates of the state depend on what a series may know nothing of: steps look at their defect.
     poles : tuple of str
         Inverse powers among that: steps stay within the reach of their series, however small these are.
-    paced : bool
+    step_growth_limited : bool
         Whether steps do not grow at once, so that what happens is not passed over.
-    kinked : bool
+    nonsmooth : bool
         Whether there are kinks or jumps in state or time.
     """
 
@@ -61,8 +61,8 @@ class Recurrences:
     followed: int = 0
     controlled: tuple[int, ...] = ()
     poles: tuple[str, ...] = ()
-    paced: bool = False
-    kinked: bool = False
+    step_growth_limited: bool = False
+    nonsmooth: bool = False
 
     @property
     def angles(self) -> frozenset[str]:
@@ -81,11 +81,11 @@ class Recurrences:
         return lines
 
 
-def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Recurrences:
+def recurrences(kernel: Kernel, followed: int = 0, *, step_growth_limited: bool = False) -> Recurrences:
     """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``.
 
     The last `followed` outputs are not rates of the state, but what is followed along a step. Steps with a control of
-    their defect are `paced`, and others may be.
+    their defect are `step_growth_limited`, and others may be.
     """
     loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
     states = tuple(loaded.get(i, f"y_{i}_") for i in range(len(kernel.outputs)))
@@ -93,8 +93,8 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
     items: list[Assignment | Integrated] = []
     known = {(line.op, line.args): line.target for line in kernel.body}
     done: set[str] = set()
-    hidden = unforeseen(kernel)
-    kinks = kinked(hidden)
+    hidden = nonanalytic_operations(kernel)
+    kinks = nonsmooth_values(hidden)
     flat = reached_from(kernel, kinks)
     for line in kernel.body:
         if not any(arg in varying for arg in line.args):
@@ -116,7 +116,7 @@ def recurrences(kernel: Kernel, followed: int = 0, *, paced: bool = False) -> Re
         followed,
         controlled,
         poles,
-        paced or bool(controlled),
+        step_growth_limited or bool(controlled),
         bool(kinks),
     )
 

@@ -1,11 +1,11 @@
 """The control of a Taylor step where its series does not tell all: points at which the motion is looked at.
 
-A step takes its size from the last two coefficients of its series. What is nothing where it begins and large within it
-is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. Where a
-right-hand side has such operations (`dalembert.transforms.nonsmooth.unforeseen`), the polynomial p of a step is put
-into the differential equation at a few points of the step. Up to the first point where p' and f(t, p) differ by more
-than the tolerance the step may go; its series, which is what a step costs, is none the worse for being cut. So a
-step is never taken back, and the loops know nothing of this.
+A step takes its size from the last two coefficients of its series. What is nothing where it begins and large within
+it is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. Where a
+right-hand side has such operations (`dalembert.transforms.nonsmooth.nonanalytic_operations`), the polynomial p of a
+step is put into the differential equation at a few points of the step. Up to the first point where p' and f(t, p)
+differ by more than the tolerance the step may go; its series, which is what a step costs, is none the worse for being
+cut. So a step is never taken back, and the loops know nothing of this.
 
 Points lie closer and closer towards the beginning, so that one series serves to come near a jump however far it lies
 from the middle of the step; between large ones the distances are unequal, so that no period hides there. What begins

@@ -102,7 +102,7 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 def closing_loads(recurrences: Recurrences) -> list[Load]:
     """Return what the end of a step reads besides what its series are made of."""
     loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
-    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.paced else loads
+    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.step_growth_limited else loads
 
 
 def closing(
@@ -117,7 +117,7 @@ def closing(
     size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
     for pole in poles:
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
-    if recurrences.paced:
+    if recurrences.step_growth_limited:
         size = grown(lines, size, largest)
     if recurrences.controlled:
         tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))

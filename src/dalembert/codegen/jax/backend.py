@@ -17,7 +17,7 @@ from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import order_for, step_kernel
-from ..base import Backend, Engine, Prepared, RenderedModule, growing_stretches
+from ..base import Backend, Engine, Prepared, RenderedModule, growing_step_blocks
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
@@ -50,8 +50,8 @@ from .pure import Solve, register_static
 __all__ = ["JaxBackend", "JaxEngine"]
 
 _SMALLEST_BATCH = 16
-_FIRST_STRETCH = 8
-"""Attempts in the first stretch of a run with events: a call costs as much as many steps."""
+_FIRST_BLOCK = 8
+"""Attempts in the first block of a run with events: a call costs as much as many steps."""
 _LOOSE = 1e-10
 """Tolerance down to which the pair of order 5 sweeps faster than that of order 8 (measured on unequal spheres)."""
 
@@ -112,7 +112,7 @@ class JaxEngine(Engine):
         if not many:
             return methods[0]
         known = self._recurrences if "taylor" in methods else None
-        if known and not known.kinked and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
+        if known and not known.nonsmooth and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
             return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
@@ -127,14 +127,18 @@ class JaxEngine(Engine):
             step = step_kernel(self._recurrences, order, dense=True)
             operations = len(step.body) + self._projecting
             return TaylorIntegrator(
-                compile_kernel(step), self.kernels, order, operations, paced=self._recurrences.paced
+                compile_kernel(step),
+                self.kernels,
+                order,
+                operations,
+                step_growth_limited=self._recurrences.step_growth_limited,
             )
 
         return computed_once(self._integrators, key, make)(problem)
 
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: not much more is integrated than what is wanted."""
-        yield from growing_stretches(lambda part: self.integrate(part, method), problem, _FIRST_STRETCH)
+    def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.step_blocks`: not much more is integrated than what is wanted."""
+        yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, _FIRST_BLOCK)
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
@@ -208,8 +212,11 @@ class JaxEngine(Engine):
         attempts: Attempts
         if method == "taylor":
             step = step_kernel(self._recurrences, order, dense=False)
-            paced = self._recurrences.paced
-            attempts, operations = TaylorAttempts(compile_kernel(step), paced=paced), len(step.body)
+            step_growth_limited = self._recurrences.step_growth_limited
+            attempts, operations = (
+                TaylorAttempts(compile_kernel(step), step_growth_limited=step_growth_limited),
+                len(step.body),
+            )
         else:
             rhs = self._program.kernel("rhs")
             attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
@@ -246,7 +253,7 @@ class JaxEngine(Engine):
 
     @once_property
     def _recurrences(self) -> Recurrences:
-        return recurrences(self._program.kernel("rhs"), paced=self._program.nonanalytic)
+        return recurrences(self._program.kernel("rhs"), step_growth_limited=self._program.nonanalytic)
 
 
 @final

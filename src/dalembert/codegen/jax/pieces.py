@@ -60,12 +60,12 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     place = None if program.conditions is None else program.conditions.place
     moved_by = _moved_by(program)
     if method == "taylor":
-        known = recurrences(program.kernel("rhs"), paced=program.nonanalytic)
+        known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
         step = step_kernel(known, order, dense=False)
-        taylor = TaylorAttempts(_step_of_one(looped(step)), paced=known.paced)
+        taylor = TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=known.step_growth_limited)
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
-        taylors = TaylorAttempts(compile_kernel(step), paced=known.paced)
+        taylors = TaylorAttempts(compile_kernel(step), step_growth_limited=known.step_growth_limited)
         steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, place)
         return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())

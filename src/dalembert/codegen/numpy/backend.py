@@ -62,13 +62,13 @@ class NumpyEngine(Engine):
             return self._integrate_stages(problem)
         return integrate(self._stepped(method), method, problem)
 
-    def stretches(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """See `Engine.stretches`: one step each; of equations in stages, the whole run."""
-        from ...integrators.scipy.solvers import stretches
+    def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
+        """See `Engine.step_blocks`: one step each; of equations in stages, the whole run."""
+        from ...integrators.scipy.solvers import step_blocks
 
         if "stages" in self._kernels:
-            return super().stretches(problem, method)
-        return stretches(self._stepped(method), method, problem)
+            return super().step_blocks(problem, method)
+        return step_blocks(self._stepped(method), method, problem)
 
     def _stepped(self, method: str) -> Kernels:
         from ...integrators.scipy.solvers import IMPLICIT

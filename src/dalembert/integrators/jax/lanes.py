@@ -108,11 +108,11 @@ class Attempts(Protocol):
 class TaylorAttempts:
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
-    Those that do not grow at once, `paced`, are told the size of the step before, as a last row of y.
+    Those that do not grow at once, `step_growth_limited`, are told the size of the step before, as a last row of y.
     """
 
-    def __init__(self, step: Function, *, paced: bool) -> None:
-        self._step, self._paced = step, paced
+    def __init__(self, step: Function, *, step_growth_limited: bool) -> None:
+        self._step, self._paced = step, step_growth_limited
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the size of no step, where steps are told."""

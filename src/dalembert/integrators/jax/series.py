@@ -64,7 +64,7 @@ class _Leg(NamedTuple):
 
 def _advance(
     step: Callable[..., Any],
-    paced: bool,
+    step_growth_limited: bool,
     kernels: Kernels,
     order: int,
     span: _Span,
@@ -79,7 +79,7 @@ def _advance(
     def body(leg: _Leg) -> _Leg:
         rest = jnp.abs(span.t1 - leg.now)
         settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
-        known = jnp.append(leg.state, leg.before) if paced else leg.state
+        known = jnp.append(leg.state, leg.before) if step_growth_limited else leg.state
         values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, known, span.c, settings)])
         size, finite = values[n], values[n + 1] == 0.0
         small = _SMALLEST * jnp.maximum(jnp.abs(leg.now), jnp.abs(span.t1 - span.t0) * 1e-16)
@@ -124,14 +124,16 @@ class TaylorIntegrator:
         Order of the step.
     operations : int
         Length of the step.
-    paced : bool
+    step_growth_limited : bool
         Whether the size of the step before lies behind the state that it takes.
     """
 
-    def __init__(self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int, *, paced: bool) -> None:
+    def __init__(
+        self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int, *, step_growth_limited: bool
+    ) -> None:
         self._order = order
         self._kernels = kernels
-        self._advance = compiled(partial(_advance, step, paced, kernels, order), operations)
+        self._advance = compiled(partial(_advance, step, step_growth_limited, kernels, order), operations)
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""

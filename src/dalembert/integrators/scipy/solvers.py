@@ -62,7 +62,7 @@ def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Sol
         return _Run(kernels, method, problem).solution()
 
 
-def stretches(kernels: Kernels, method: str, problem: IntegrationProblem) -> Iterator[Solution]:
+def step_blocks(kernels: Kernels, method: str, problem: IntegrationProblem) -> Iterator[Solution]:
     """Integrate a problem step by step; each yields what it added, the last the status of the whole."""
     _check(kernels, method)
     run = _Run(kernels, method, problem)
