@@ -16,9 +16,10 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from codegen.programs import PROGRAMS
 from dalembert.codegen import BACKENDS
+from dalembert.codegen.cache import digest_of
 from dalembert.codegen.numba.texts import module as numba_module
 from dalembert.codegen.printers import JAX, NUMPY
-from dalembert.codegen.rendering import digest_of, program_variables, render
+from dalembert.codegen.rendering import program_variables, render
 from dalembert.errors import MissingExtraError
 from dalembert.naming import Namer
 

@@ -24,6 +24,7 @@ from .trust import descriptor_refusal, folder_refusal, make_folder
 
 __all__ = [
     "ENVIRONMENT_VARIABLE",
+    "digest_of",
     "directory",
     "load_in_memory",
     "module_folder",
@@ -160,3 +161,8 @@ def load_in_memory(digest: str, source: str, *, named: bool = False) -> ModuleTy
     if named:
         sys.modules[module.__name__] = module
     return module
+
+
+def digest_of(*parts: str) -> str:
+    """Return the digest that names a generated module."""
+    return hashlib.sha256("\x1f".join(parts).encode()).hexdigest()[:24]

@@ -9,8 +9,7 @@ from typing import Any, final
 import jinja2
 from jinja2.bccache import Bucket
 
-from .cache import directory, read_kept, write_kept
-from .rendering import digest_of
+from .cache import digest_of, directory, read_kept, write_kept
 
 __all__ = ["environment"]
 

@@ -6,7 +6,6 @@ A name that a template uses and Python does not give is an error.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from ..once import computed_once
 from ..version import __version__
 from .printers import Printer
 
-__all__ = ["banner_lines", "digest_of", "program_variables", "render", "template_directory"]
+__all__ = ["banner_lines", "program_variables", "render", "template_directory"]
 
 
 def template_directory() -> Path:
@@ -78,11 +77,6 @@ def _environment(folder: Path) -> Any:
     from .jinja import environment  # what is in the cache needs no template
 
     return environment(folder)
-
-
-def digest_of(*parts: str) -> str:
-    """Return the digest that names a generated module."""
-    return hashlib.sha256("\x1f".join(parts).encode()).hexdigest()[:24]
 
 
 def _plain(text: str) -> str:

@@ -13,9 +13,9 @@ from ...ir.program import Program
 from ...once import once
 from ...version import __version__
 from ..base import RenderedModule
-from ..cache import load_in_memory
+from ..cache import digest_of, load_in_memory
 from ..printers import JAX
-from ..rendering import digest_of, program_variables, render
+from ..rendering import program_variables, render
 
 __all__ = ["kernels_of", "loaded", "rendered_module"]
 

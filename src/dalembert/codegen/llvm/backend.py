@@ -11,10 +11,9 @@ from typing import ClassVar, final
 
 from ...ir.program import Program
 from ..base import Backend, Engine, RenderedModule
-from ..cache import module_folder
+from ..cache import digest_of, module_folder
 from ..compiled_engine import METHODS, CompiledEngine, default_source
 from ..generator_digest import generator_digest
-from ..rendering import digest_of
 from .loops import toolchain
 from .steps import StepLibrary
 from .target import target

@@ -23,9 +23,8 @@ from ...integrators.checked_arrays import CheckedArray
 from ...integrators.compiled_subset import PLAIN_LOOPS, tell_target
 from ...once import once, once_property
 from ...version import __version__
-from ..cache import directory
+from ..cache import digest_of, directory
 from ..generator_digest import generator_digest
-from ..rendering import digest_of
 from .assembly import Compiled, load_object
 from .objects import object_code
 from .target import target

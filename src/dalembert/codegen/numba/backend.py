@@ -7,12 +7,11 @@ from typing import ClassVar, final
 
 from ...ir.program import Program
 from ..base import Backend, Engine, RenderedModule
-from ..cache import module_folder
+from ..cache import digest_of, module_folder
 from ..compiled_engine import METHODS, CompiledEngine, default_source
 from ..generator_digest import generator_digest
 from ..llvm.loops import toolchain
 from ..llvm.target import target
-from ..rendering import digest_of
 from .library import NumbaLibrary
 from .objects import numba_version
 

@@ -12,9 +12,8 @@ from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...once import once_property
 from ...transforms.recurrences import Recurrences
-from ..cache import load_in_memory
+from ..cache import digest_of, load_in_memory
 from ..library import Code, KernelLibrary
-from ..rendering import digest_of
 from . import texts
 from .objects import load_functions
 

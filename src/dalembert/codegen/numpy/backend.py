@@ -16,9 +16,9 @@ from ...once import computed_once
 from ...transforms.partials import jacobian_kernel
 from ...version import __version__
 from ..base import Backend, Engine, RenderedModule
-from ..cache import load_in_memory
+from ..cache import digest_of, load_in_memory
 from ..printers import NUMPY
-from ..rendering import digest_of, program_variables, render
+from ..rendering import program_variables, render
 
 __all__ = ["NumpyBackend"]
 
