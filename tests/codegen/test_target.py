@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+import dalembert as da
 from dalembert.codegen.llvm.target import ENVIRONMENT_VARIABLE, available_targets, target
 from dalembert.errors import OptionError
 
@@ -79,3 +80,26 @@ def test_a_process_keeps_its_target(monkeypatch):
         target()
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, "" if chosen == "native" else chosen)
     assert target().name == chosen
+
+
+def test_numba_compiles_for_the_target(tmp_path):
+    """The least one has no instruction for a product and a sum."""
+    script = """
+import dalembert as da
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numba")
+run = model.simulate((0, 1), start, {"m": 1.0, "b": 0.1, "I_C": 0.5}, rtol=1e-6)
+import numba
+codegen = numba.core.registry.cpu_target.target_context.codegen()
+print(codegen.magic_tuple()[1], "builder.fma" in model.source, run["x"][-1])
+"""
+    name = next(iter(available_targets()))
+    run = outcome(name, tmp_path / "cache", script)
+    assert run.returncode == 0, run.stderr
+    processor, fused, x = run.stdout.split()
+    assert (processor, fused) == (available_targets()[name].cpu, str(available_targets()[name].fused))
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), cache=False)
+    start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+    own = model.simulate((0, 1), start, {"m": 1.0, "b": 0.1, "I_C": 0.5}, rtol=1e-6)["x"][-1]
+    np.testing.assert_allclose(float(x), own, rtol=1e-10)
+    assert list((tmp_path / "cache").rglob("*.nbo"))

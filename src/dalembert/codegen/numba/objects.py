@@ -119,4 +119,5 @@ def _refuse_other_symbols(function: str, assembly: str) -> None:
     """Refuse code that calls what another process may not have: LLVM would end that process."""
     called = set(re.findall(r'^declare[^@]*@"?([^"(]+)', assembly, re.MULTILINE))
     unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith("llvm."))
-    assert not unknown, f"numba's code of {function} calls {', '.join(unknown)}"
+    if unknown:
+        raise RuntimeError(f"numba's code of {function} calls {', '.join(unknown)}, which it should not")

@@ -22,8 +22,9 @@ __all__ = ["attempt", "entries", "joined", "kernel", "module", "prelude", "progr
 _LARGEST_STRAIGHT = 3000
 """Lines up to which a Taylor step is written out. numba takes 1.3 ms a line of straight arithmetic (2.2 ms on a busy
 machine), up to 6,000 lines in proportion to their number. Loops over the orders take a second, and 3 ms a line, of
-which there are two for each value: they are compiled as quickly at 1,800 lines written out and several times as quickly
-beyond, and run at two thirds of the speed (measured on the ready scenes at order 14)."""
+which there are two for each value: they are compiled as quickly at 1,800 lines written out and more quickly beyond
+(17 s where 20,000 lines would take half a minute, 30 s at 33,000), and run at two thirds of the speed (ready scenes and
+chains of pendulums at order 14, processor time)."""
 
 _LARGEST_INLINED = 1000
 """Operations of all evaluations of the right-hand side together, above which an attempt calls it."""
