@@ -2,12 +2,14 @@
 
 import ctypes
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from dalembert.codegen.llvm.assembly import compile_object, load_object
+from dalembert.codegen.llvm.target import target
 from dalembert.codegen.subset import loop_assembly
 from dalembert.integrators import (
     event_lane_loop,
@@ -27,6 +29,7 @@ from dalembert.integrators.compiled_subset import (
     element,
     exp,
     flat,
+    fma,
     log,
     lowest,
     prefetch,
@@ -264,6 +267,38 @@ def test_records_are_those_of_python(doubled):
 @pytest.mark.parametrize("module", LOOPS, ids=lambda module: module.__name__.rsplit(".", 1)[1])
 def test_the_same_loop_gives_the_same_text(module):
     assert loop_assembly(module.LOOP) == loop_assembly(module.LOOP)
+
+
+class Fused(NamedTuple):
+    x: Vector
+    out: Vector
+
+
+@compiled_subset
+def sums(arguments: Fused) -> int:
+    x, out = arguments.x, arguments.out
+    out[0], out[1] = x[0] * x[1] + x[2], fma(x[0], x[1], x[2])
+    out[2], out[3] = x[2] - x[0] * x[1], fma(-x[0], x[1], x[2])
+    return 0
+
+
+def test_products_and_sums_are_fused_where_the_loop_says_so():
+    """(1 + e)(1 - e) is 1 - e^2, which rounds to 1."""
+    e = 2.0**-30
+    found = both(sums, Fused(np.array([1.0 + e, 1.0 - e, -1.0]), np.zeros(4)))
+    assert_same(found)
+    out = found[1][1][1]
+    assert (out[0], out[2]) == (0.0, -2.0)
+    if target().fused:
+        assert out[1] == -(2.0**-60)
+    assert "@llvm.fma." not in loop_assembly(sums, fused=False)
+
+
+@pytest.mark.parametrize("module", LOOPS, ids=lambda module: module.__name__.rsplit(".", 1)[1])
+def test_nothing_else_is_fused_or_reassociated(module):
+    text = loop_assembly(module.LOOP)
+    assert not re.search(r"\bf(add|sub|mul|div) (?!double)", text)
+    assert "fmuladd" not in text
 
 
 @compiled_subset

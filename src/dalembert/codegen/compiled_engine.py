@@ -70,8 +70,8 @@ class CompiledEngine(Engine):
         self._program = program
         self._parameters = len(program.layout.parameters)
         self.steps = steps
-        self._further: dict[int, tuple[Kernel, int]] = {}
-        self._marches: dict[int, StepCode] = {}
+        self._extra_kernels: dict[int, tuple[Kernel, int]] = {}
+        self._taylor_codes: dict[int, StepCode] = {}
         self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
 
     @property
@@ -107,7 +107,7 @@ class CompiledEngine(Engine):
         """See `Engine.code`."""
         lanes = self.steps.lanes
         # the kernel is kept, so that no other can have its number
-        kept = computed_once(self._further, id(kernel), lambda: (kernel, self.steps.further(kernel, lanes)))
+        kept = computed_once(self._extra_kernels, id(kernel), lambda: (kernel, self.steps.extra_kernel(kernel, lanes)))
         return kept[1], lanes
 
     @property
@@ -289,17 +289,17 @@ class CompiledEngine(Engine):
     ) -> EventKernels:
         steps, values = self.steps, code.watch.values
         tableau = None if method == "taylor" else _pair(method)
-        jumps = [0 if jump is None else steps.further(jump, 1) for jump in code.jumps]
+        jumps = [0 if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]
         (degree, memory), n = shape, self._sizes["rhs"]
         step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
         quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
         running = code.running
         return EventKernels(
-            quiet=steps.further(quiet, lanes),
-            values=steps.further(values, POINT_LANES),
-            value=steps.further(values, 1),
-            begins=steps.further(code.watch.begins, 1),
-            start=steps.further(code.start.kernel, 1),
+            quiet=steps.extra_kernel(quiet, lanes),
+            values=steps.extra_kernel(values, POINT_LANES),
+            value=steps.extra_kernel(values, 1),
+            begins=steps.extra_kernel(code.watch.begins, 1),
+            start=steps.extra_kernel(code.start.kernel, 1),
             refill=0 if tableau is None else steps.beginning(tableau, 1),
             given=len(code.start.given),
             checks=2 * len(code.start.labels),
@@ -307,9 +307,9 @@ class CompiledEngine(Engine):
             directions=np.array([event.direction for event in code.events], np.int64),
             last=np.array([int(event.terminal) for event in code.events], np.int64),
             used=_components(values),
-            quick=steps.further(running_kernel(running, step), lanes),
-            running=steps.further(running, POINT_LANES),
-            at=steps.further(running, 1),
+            quick=steps.extra_kernel(running_kernel(running, step), lanes),
+            running=steps.extra_kernel(running, POINT_LANES),
+            at=steps.extra_kernel(running, 1),
             kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
             read=_components(running),
             followed=followed,
@@ -351,7 +351,7 @@ class CompiledEngine(Engine):
             step = self.steps.taylor(order, 1, dense=True)
             return StepCode(loop_named("taylor_loop"), order, step, position, velocity, self.steps.angles)
 
-        return computed_once(self._marches, order, make)
+        return computed_once(self._taylor_codes, order, make)
 
 
 def _pair(name: str) -> Tableau:

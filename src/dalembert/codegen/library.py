@@ -139,7 +139,7 @@ class KernelLibrary(ABC):
         kernel = replace(start.kernel, arguments=STEP_ARGUMENTS)
         return self._entry(name, lanes, lambda: self.kernel_text("start", kernel, lanes, exact=True), "start")
 
-    def further(self, kernel: Kernel, lanes: int) -> int:
+    def extra_kernel(self, kernel: Kernel, lanes: int) -> int:
         """Return the address of a kernel of (t, y, c) that is not the program's own."""
         kernel = replace(kernel, arguments=STEP_ARGUMENTS)
         name = f"{kernel.name}_{_digest(kernel)}"

@@ -101,7 +101,7 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
 
 
 @compiled_subset
-def _march(arguments: TaylorArguments) -> tuple[int, int]:
+def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
     step, position, velocity, progress = arguments.step, arguments.position, arguments.velocity, arguments.progress
     settings, y, c, rows = arguments.settings, arguments.y, arguments.c, arguments.rows
     times, low, clock, limit = arguments.times, arguments.low, arguments.clock, arguments.limit
@@ -148,5 +148,5 @@ def LOOP(arguments: TaylorArguments) -> int:
 
     It is `RUNNING` where the number of steps was reached before the end.
     """
-    status, arguments.progress.steps = _march(arguments)
+    status, arguments.progress.steps = _take_steps(arguments)
     return status

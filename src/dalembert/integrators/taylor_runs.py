@@ -1,4 +1,4 @@
-"""The Taylor method for one trajectory: marches in blocks of steps, and keeps or samples their series."""
+"""Taylor method for one trajectory: blocks of steps, whose series are kept or sampled."""
 
 from __future__ import annotations
 
