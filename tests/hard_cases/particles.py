@@ -190,7 +190,9 @@ def double_pendulum_cartesian():
         observed=names,
         values=values,
         source=entry["source"],
-        bound=100 * 7.782e8 * 2.2e-16,
+        # With g changed by an ulp or a few, errors are between 4e-7 and 6e-5 (13 runs each, before and after products
+        # in loops were fused only where they say so): what the amplification makes of the rounding of 1000 steps.
+        bound=1000 * 7.782e8 * 2.2e-16,
         drift=1e-13,
         refused=NO_CLOSED_FORM,
     )
