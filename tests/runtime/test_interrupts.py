@@ -61,8 +61,9 @@ def test_prepared_runs_that_pause_give_the_same_bits(monkeypatch, models, formul
 
 
 BEGIN = """
-import threading, time
+import signal, threading, time
 import numpy as np
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell that runs the tests in the background ignores Ctrl-C
 import dalembert as da
 start = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 p = {"m": 1.0, "b": 0.3, "I_C": 0.5}
