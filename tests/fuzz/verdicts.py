@@ -169,6 +169,12 @@ class Judge:
         """What errors are taken relative to: the size of each component in any case, one at least (2 n, 1)."""
         return np.maximum(1.0, np.abs(self.motion.y).max(axis=(0, 2)))[:, None]
 
+    def smallest_gap(self, times: Any, states: Any) -> float:
+        """Return the smallest singular value that counts at times (k,) and states (k, 2 n) of the middle case."""
+        _, parameters = self._single()
+        pairs = zip(times, states, strict=True)
+        return min(float(solved(self.reference.equations(float(t), y[:, None], parameters)).gap[0]) for t, y in pairs)
+
     def solved_along(self) -> list[tuple[float, Any, Solved]]:
         """Return (time, state (2 n,), second rates) of the middle case at the times of comparison."""
         _, parameters = self._single()
