@@ -11,7 +11,7 @@ SUBSET    := tests/integrators/test_lanes.py tests/integrators/test_methods.py t
              tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
              tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
              tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_vector_functions.py \
-             tests/codegen/test_loops.py tests/codegen/test_pace.py tests/codegen/test_soundness.py
+             tests/codegen/test_loops.py tests/codegen/test_advance_lanes.py tests/codegen/test_check_inputs.py
 NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/runtime/test_sweep.py \
              tests/runtime/test_events.py tests/runtime/test_reductions.py tests/runtime/test_sweep_events.py
 
