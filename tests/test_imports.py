@@ -1,6 +1,8 @@
 """The order in which packages import one another, and the absence of circles among modules."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -129,3 +131,12 @@ def test_the_order_is_that_of_the_design_page():
     ]
     assert [name for name in listed if name in ORDER] == [name for name in ORDER if name in listed]
     assert set(ORDER) - {"hybrid"} <= set(listed)
+
+
+def test_a_scene_without_contacts_imports_no_code_of_contacts_and_no_numba():
+    script = (
+        "import sys, dalembert as da; da.compile_model(da.scenes.chaplygin_sleigh());"
+        "print(sorted({'numba', 'jax', 'dalembert.runtime.hybrid', 'dalembert.codegen.numba'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"

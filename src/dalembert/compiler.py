@@ -85,9 +85,6 @@ def compile_model(
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:
     """Return the model of a scene, or of what becomes one, with the outputs that it always has."""
-    from .runtime.hybrid import HybridModel
-    from .runtime.model import CompiledModel
-
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
     wanted = options.outputs
     angles: list[str] = []
@@ -99,4 +96,10 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridMod
     named |= dict.fromkeys(name for name in speeds if name not in output_names(wanted))
     options = replace(options, outputs=tuple(named))
     compiled = compile_stages(scene, options)
-    return HybridModel(compiled) if isinstance(compiled, SeveralModes) else CompiledModel.of(compiled)
+    if isinstance(compiled, SeveralModes):
+        from .runtime.hybrid import HybridModel  # imported where there are contacts, because it takes a while
+
+        return HybridModel(compiled)
+    from .runtime.model import CompiledModel
+
+    return CompiledModel.of(compiled)
