@@ -25,7 +25,7 @@ from .scene.model import SceneModel
 from .scene.reading import read
 from .transforms.pipelines import PassRecord
 
-__all__ = ["Compiled", "SeveralModes", "Stages", "Stopwatch", "compile_stages"]
+__all__ = ["Compiled", "SeveralModes", "Stages", "Stopwatch", "compile_stages", "output_names"]
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ def compile_stages(
     if program.energy_note and {"energy", "potential_energy"} & set(names):
         warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
     methods = backend.serving(program)
-    rendered = watch("render", lambda: backend.render(program, cache=options.cache))
+    rendered = watch("render", lambda: backend.render(program))
     engine = watch("load", lambda: backend.load(rendered, cache=options.cache))
     stages = Stages(
         scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept, tuple(records)

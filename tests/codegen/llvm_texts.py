@@ -5,9 +5,9 @@ from dalembert.codegen.llvm.advance_lanes import advance_lanes_assembly
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.attempts import attempt_assembly
 from dalembert.codegen.llvm.check_inputs import check_inputs_assembly
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
-from dalembert.codegen.llvm.steps import StepLibrary
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.transforms.recurrences import recurrences
 
@@ -43,7 +43,7 @@ TEXTS = {
 """What golden files hold, by their names."""
 
 FURTHER_TEXTS = (
-    lambda: StepLibrary(oscillator(), None).source("dop853", 0),
+    lambda: LLVMLibrary(oscillator(), None).source("dop853", 0),
     lambda: _kernels(oscillator(), 4),
     lambda: _calls(4),
     lambda: _order_loop(2, 1, dense=False),

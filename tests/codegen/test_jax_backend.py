@@ -47,7 +47,7 @@ def hand_written(state, body, outputs):
 @cache
 def engine_of(name, backend="jax"):
     backend = backend_named(backend)
-    return backend.load(backend.render(PROGRAMS[name], cache=False), cache=False)
+    return backend.load(backend.render(PROGRAMS[name]), cache=False)
 
 
 PROGRAMS = {
@@ -80,7 +80,7 @@ def kernels_of(case, formulation):
 @cases
 def test_every_kernel_agrees_with_the_reference_interpreter(case, formulation):
     program = compiled(case.scene, formulation).stages.program
-    engine = backend_named("jax").load(backend_named("jax").render(program, cache=False), cache=False)
+    engine = backend_named("jax").load(backend_named("jax").render(program), cache=False)
     generator = np.random.default_rng(7)
     parameters = generator.uniform(0.5, 1.5, len(program.layout.parameters))
     c = np.array(interpret(program.kernel("prepare"), {"p": parameters}))
@@ -207,7 +207,7 @@ def test_legs_leave_no_trace(method, monkeypatch):
     runs = [solve("oscillator", method, dense=True, **options), solve("oscillator", method, t_eval=times, **options)]
     monkeypatch.setattr(solvers, "LEG", 5)
     backend = backend_named("jax")
-    engine = backend.load(backend.render(PROGRAMS["oscillator"], cache=False), cache=False)
+    engine = backend.load(backend.render(PROGRAMS["oscillator"]), cache=False)
     for whole, given in zip(runs, ({"dense": True}, {"t_eval": times}), strict=True):
         legs = engine.integrate(problem(**options, **given), method)
         assert (legs.steps, legs.rejected) == (whole.steps, whole.rejected) and whole.steps > 15

@@ -68,7 +68,7 @@ def test_kernels_equal_the_interpreter(scene, formulation, backend):
 def test_every_operation_means_the_same_in_every_backend(backend):
     program = PROGRAMS["every_operation"]()
     engine = loaded(backend)
-    engine = engine.load(engine.render(program, cache=False), cache=False)
+    engine = engine.load(engine.render(program), cache=False)
     kernel = program.kernel("outputs")
     t, y = np.array([0.4, -0.6, 0.0]), np.array([[0.3, 0.8], [0.9, 0.25], [0.5, 0.5]])
     expected = [interpret(kernel, {"t": float(t[i]), "y": y[i].tolist(), "c": []}) for i in range(3)]
@@ -79,7 +79,7 @@ def test_every_operation_means_the_same_in_every_backend(backend):
 def test_values_outside_of_a_domain_are_not_exceptions(backend):
     program = PROGRAMS["every_operation"]()
     engine = loaded(backend)
-    engine = engine.load(engine.render(program, cache=False), cache=False)
+    engine = engine.load(engine.render(program), cache=False)
     y = np.array([[-3.0, 0.0], [0.0, 0.0], [-0.5, 0.5], [1e200, 1e200], [np.nan, 1.0]])
     found = np.asarray(engine.evaluate("outputs", np.zeros(len(y)), y, np.empty(0)))
     names = [line.op for line in program.kernel("outputs").body]

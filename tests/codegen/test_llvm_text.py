@@ -9,7 +9,7 @@ import pytest
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import oscillator
 from dalembert.codegen.llvm import order_loops
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 
 PRELUDE = "declare double @sin(double)\n"
 """How modules of kernels and steps begin."""
@@ -50,7 +50,7 @@ def test_order_loop_whose_rows_are_too_large_for_the_stack_takes_memory_and_free
 
 def test_source_says_what_it_was_made_from():
     program = replace(oscillator(), name='quotes " and\n; lines\ndefine void @f() {')
-    text = StepLibrary(program, None).source("dop853", 0)
+    text = LLVMLibrary(program, None).source("dop853", 0)
     banner, empty, *_ = text.partition("\n\n")
     assert empty and all(line.startswith("; ") for line in banner.splitlines())
     assert "@f" in banner and "@f" not in text.removeprefix(banner)

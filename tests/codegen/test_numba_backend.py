@@ -21,7 +21,7 @@ from codegen.ready_scenes import assert_agreement, ready
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly as printer
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.codegen.numba import objects, texts
 from dalembert.codegen.printers import NUMBA
 from dalembert.codegen.rendering import template_directory
@@ -143,7 +143,7 @@ def refuse(*arguments, **options):
 def test_nothing_of_the_llvm_backend_prints_kernels(monkeypatch):
     monkeypatch.setattr(printer, "assembly", refuse)
     for name in ("kernel_text", "step_text", "attempt_text"):
-        monkeypatch.setattr(StepLibrary, name, refuse)
+        monkeypatch.setattr(LLVMLibrary, name, refuse)
     model = sleigh(outputs=["X"])
     assert model.simulate((0, 1), START, P).success
     assert np.all(model.sweep((0, 1), START, BATCH, method="tsit5").success)

@@ -107,7 +107,7 @@ for name in sys.argv[2:]:
         print(name, formulation, "program", hashlib.sha256(repr(program).encode()).hexdigest())
         for backend in sys.argv[1].split(","):
             try:
-                module = backend_named(backend).render(program, cache=True)
+                module = backend_named(backend).render(program)
             except FormulationError:
                 continue
             print(name, formulation, backend, module.digest, hashlib.sha256(module.source.encode()).hexdigest())

@@ -47,7 +47,7 @@ def _everything(model: CompiledModel, cache: bool) -> bytes:
     for kept in (loop_named, advance_code, check_code):
         kept.cache_clear()
     backend, stages = LLVMBackend(), model.stages
-    rendered = backend.render(stages.program, cache=cache)
+    rendered = backend.render(stages.program)
     fresh = CompiledModel(stages, backend.load(rendered, cache=cache), backend.serving(stages.program))
     start, p = SCENES[fresh.name]
     run = fresh.simulate((0, 1), start, p)

@@ -13,7 +13,7 @@ import dalembert as da
 from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.attempts import attempt_assembly
 from dalembert.codegen.llvm.lane_types import native_lanes
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.methods.status import Status
 from dalembert.methods.tableaus import TABLEAUS
 
@@ -135,7 +135,7 @@ def test_company_changes_no_bit(setup, sampled, monkeypatch):
     for threads in (1, 2):
         np.testing.assert_array_equal(setup.sweep(cases=many, threads=threads, **options).y, together.y[many])
     for lanes in (1, 2):
-        monkeypatch.setattr(StepLibrary, "lanes", lanes)
+        monkeypatch.setattr(LLVMLibrary, "lanes", lanes)
         assert_same(setup.sweep(**options), together)
     for i in (0, N // 2):
         alone = setup.sweep(cases=slice(i, i + 1), **options)

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.errors import ExpressionError, OptionError, UnknownNameError
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, model, pendulum, theta, time, x, y
@@ -127,7 +127,7 @@ def test_company_changes_no_bit(method, monkeypatch):
     for threads in (1, 2):
         assert_same(swings(many, method=method, threads=threads), together, many)
     for lanes in (1, 2):
-        monkeypatch.setattr(StepLibrary, "lanes", lanes)
+        monkeypatch.setattr(LLVMLibrary, "lanes", lanes)
         assert_same(swings(method=method), together, slice(None))
     assert_same(swings(slice(3, 4), method=method), together, slice(3, 4))
 

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, bounces, g, model, pendulum, theta, time, x, y
 
@@ -110,7 +110,7 @@ def test_company_changes_no_bit(run, method, sampled, monkeypatch):
     for threads in (1, 2):
         assert_same(run(many, **options | {"threads": threads}), together, many)
     for lanes in (1, 2):
-        monkeypatch.setattr(StepLibrary, "lanes", lanes)
+        monkeypatch.setattr(LLVMLibrary, "lanes", lanes)
         assert_same(run(**options), together)
     for i in (0, N // 2):
         assert_same(run(slice(i, i + 1), **options), together, slice(i, i + 1))

@@ -9,7 +9,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.llvm.steps import StepLibrary
+from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
@@ -221,7 +221,7 @@ def test_what_a_series_may_not_tell_is_found(name):
 @pytest.mark.parametrize("name", da.scenes.ALL)
 def test_ready_scenes_have_no_control(name):
     model = da.compile_model(da.scenes.ALL[name](), backend="numpy")
-    library = StepLibrary(model.stages.program, None)
+    library = LLVMLibrary(model.stages.program, None)
     assert library.control(order_for(1e-8)) == (0, 0) and not library.nonsmooth
     assert "previous_" not in library.source("taylor", order_for(1e-8))
     assert "defect" not in model.explain()

@@ -19,6 +19,7 @@ from dalembert.transforms.expansion import FAITHFUL_ORDER
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_for, series_kernel, step_kernel
+from ir.trees import EXTENDED
 
 ORDER = 9
 X, Y = "x", "y"
@@ -96,37 +97,6 @@ def poles(g, x, y):
 SCENES = FUNCTIONS | WITH_CONSTANTS | {"everything": everything, "constants": constants, "poles": poles}
 
 
-VALUES = {
-    "sqrt": mpmath.sqrt,
-    "pow": lambda x, y: x**y,
-    "sin": mpmath.sin,
-    "cos": mpmath.cos,
-    "tan": mpmath.tan,
-    "asin": mpmath.asin,
-    "acos": mpmath.acos,
-    "atan": mpmath.atan,
-    "atan2": mpmath.atan2,
-    "exp": mpmath.exp,
-    "log": mpmath.log,
-    "sinh": mpmath.sinh,
-    "cosh": mpmath.cosh,
-    "tanh": mpmath.tanh,
-    "abs": abs,
-    "sign": mpmath.sign,
-    "floor": mpmath.floor,
-    "min": min,
-    "max": max,
-    "add": lambda x, y: x + y,
-    "sub": lambda x, y: x - y,
-    "mul": lambda x, y: x * y,
-    "div": lambda x, y: x / y,
-    "neg": lambda x: -x,
-    "less": lambda x, y: mpmath.mpf(x < y),
-    "less_equal": lambda x, y: mpmath.mpf(x <= y),
-    "select": lambda c, x, y: x if c != 0 else y,
-}
-
-
 def kernel_of(function):
     graph = Graph()
     x, y = graph.input(X), graph.input(Y)
@@ -144,12 +114,12 @@ def residual(kernel, coefficients, t0, c, h):
         y = [sum(mpmath.mpf(a) * h**k for k, a in enumerate(row)) for row in coefficients]
         slope = [sum(k * mpmath.mpf(a) * h ** (k - 1) for k, a in enumerate(row) if k) for row in coefficients]
         c = [mpmath.mpf(value) for value in c]
-        rates = interpret(kernel, {"t": mpmath.mpf(t0) + h, "y": y, "c": c}, VALUES, literal=mpmath.mpf)
+        rates = interpret(kernel, {"t": mpmath.mpf(t0) + h, "y": y, "c": c}, EXTENDED, literal=mpmath.mpf)
         return float(max(abs(a - b) for a, b in zip(slope, rates, strict=True)))
 
 
 def test_every_operation_has_a_case():
-    assert set(FUNCTIONS) == set(OPERATIONS) == set(VALUES)
+    assert set(FUNCTIONS) == set(OPERATIONS) == set(EXTENDED)
 
 
 @pytest.mark.parametrize(

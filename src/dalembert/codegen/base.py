@@ -332,10 +332,10 @@ class Backend(ABC):
     """Integration methods by name, each with one line of description; the first is what "auto" takes."""
 
     for_stages: ClassVar[tuple[str, ...]] = ()
-    """Those of its methods that integrate systems of index 2."""
+    """Methods of the backend that integrate systems of index 2."""
 
     series: ClassVar[tuple[str, ...]] = ()
-    """Those of its methods that follow one power series over a whole step."""
+    """Methods of the backend that take one power series over a whole step."""
 
     def serving(self, program: Program) -> Mapping[str, str]:
         """Return the methods that can integrate a program.
@@ -361,8 +361,8 @@ class Backend(ABC):
         return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"
 
     @abstractmethod
-    def render(self, program: Program, *, cache: bool) -> RenderedModule:
-        """Return the module of a program. `cache` says whether compiled code may be kept on disk."""
+    def render(self, program: Program) -> RenderedModule:
+        """Return the module of a program."""
 
     @abstractmethod
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:

@@ -50,7 +50,7 @@ METHODS: Mapping[str, str] = {
 }
 """The methods of these backends by name, with descriptions."""
 
-_MOST_WATCHES = 64
+_MOST_EVENT_KERNELS = 64
 
 
 @final
@@ -72,7 +72,7 @@ class CompiledEngine(Engine):
         self.steps = steps
         self._extra_kernels: dict[int, tuple[Kernel, int]] = {}
         self._taylor_codes: dict[int, StepCode] = {}
-        self._watches: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+        self._event_kernels: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
 
     @property
     def functions(self) -> Any:
@@ -197,7 +197,7 @@ class CompiledEngine(Engine):
 
     @property
     def _operations(self) -> int:
-        """How many operations a right-hand side takes."""
+        """Number of operations of a right-hand side."""
         return len(self._program.kernel("rhs").body)
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
@@ -235,7 +235,7 @@ class CompiledEngine(Engine):
             cases,
             result,
             constants,
-            self._watch(watched, method, (degree, memory), lanes, followed),
+            self._events_compiled(watched, method, (degree, memory), lanes, followed),
             watched is not None,
         )
 
@@ -270,7 +270,7 @@ class CompiledEngine(Engine):
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
-    def _watch(
+    def _events_compiled(
         self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int
     ) -> EventKernels:
         """Return compiled events, for steps of a method with polynomials and a memory of that shape.
@@ -279,12 +279,12 @@ class CompiledEngine(Engine):
         """
         if code is None:
             return no_events()
-        if len(self._watches) >= _MOST_WATCHES:
-            self._watches.clear()
+        if len(self._event_kernels) >= _MOST_EVENT_KERNELS:
+            self._event_kernels.clear()
         key = (code, method, shape, lanes, followed)
-        return computed_once(self._watches, key, lambda: self._compiled_watch(*key))
+        return computed_once(self._event_kernels, key, lambda: self._compiled_events(*key))
 
-    def _compiled_watch(
+    def _compiled_events(
         self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int
     ) -> EventKernels:
         steps, values = self.steps, code.watch.values

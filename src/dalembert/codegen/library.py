@@ -6,6 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol
 
 from ..ir.kernel import Kernel
@@ -43,10 +44,12 @@ class KernelLibrary(ABC):
     ----------
     program : Program
         Whose right-hand side is integrated.
+    folder : Path or None
+        Where compiled code is kept; None keeps nothing.
     """
 
-    def __init__(self, program: Program) -> None:
-        self._program = program
+    def __init__(self, program: Program, folder: Path | None) -> None:
+        self._program, self._folder = program, folder
         self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Code] = {}
         self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
@@ -56,7 +59,7 @@ class KernelLibrary(ABC):
     @property
     @abstractmethod
     def lanes(self) -> int:
-        """How many cases the code of sweeps takes side by side."""
+        """Number of cases that the code of sweeps takes side by side."""
 
     @abstractmethod
     def source(self, method: str, order: int) -> str:

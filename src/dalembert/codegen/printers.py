@@ -139,7 +139,7 @@ NUMBA = Printer(
         "rough_exp2": "_rough_exp2({})",
     },
 )
-"""What numba compiles, on the functions that ``numba/prelude.py.j2`` defines; no `Namer` gives their names away."""
+"""Scalar Python for numba, with the functions that ``numba/prelude.py.j2`` defines under names that no value has."""
 
 NUMPY = Printer("numpy", {**PYTHON.formats, "div": "math.divide({}, {})", "floor": "math.floor({})"})
 """Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""
@@ -183,6 +183,6 @@ JAX_STEPS = Printer(
 """Steps of integrators in traced JAX."""
 
 JAX_SERIES = Printer("jax series", {**JAX_STEPS.formats, "sqrt": JAX.formats["sqrt"]}, JAX.guard, JAX.products)
-"""What of these steps is differentiated."""
+"""Parts of these steps that JAX differentiates."""
 
 PRINTERS = (PYTHON, NUMPY, JAX)

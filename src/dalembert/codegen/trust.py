@@ -1,4 +1,4 @@
-"""Whether files in a folder can be believed: whether nobody but the user and root can have written them.
+"""Trust in the files of a folder: nobody but the user and root can have written them.
 
 What the cache holds is loaded as machine code, so that whoever can write it can run code as the user. A folder is
 believed where it belongs to the user, and neither its group nor everybody can write it, and where the same holds of

@@ -19,17 +19,17 @@ from .crossings import zeros
 __all__ = ["MOST_BREAKS", "CaseBreaks", "break_times", "break_times_of_cases"]
 
 MOST_BREAKS = 1_000_000
-"""How many breaks a run may have."""
+"""Largest number of breaks of a run."""
 
 _MOST_EACH = 2_000
-"""How many breaks each of many runs may have that are prepared together."""
+"""Largest number of breaks of each of many runs that are prepared together."""
 _ULP = 2.220446049250313e-16
 _TOGETHER = 16.0 * _ULP
 _PARTS, _NOTHING = 8, 1e-290
 _SHORT = 20.0
-"""How many times what is narrow must fit between its like, or in a run."""
+"""Smallest distance of a narrow pulse from its neighbours and the length of the run, in widths of the pulse."""
 _AROUND = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])
-"""Where steps end about something narrow, in its size (the standard deviation of a Gaussian)."""
+"""Ends of steps about a narrow pulse, in its width (the standard deviation of a Gaussian)."""
 _FEW_PIECES = 512
 """Pieces a run that the search for what is narrow may need: it is given up where there are more."""
 IntArray = NDArray[np.intp]

@@ -44,8 +44,8 @@ DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
 
 BUDGET, DEEP, DEEP_COST, COARSE = 8192, 20, 16, 10
-"""How many pieces one step of one case may be cut into, from which halving on a piece counts for more, for how many,
-and how often a step is halved once that is used up.
+"""Limits of the search in one step of one case: the largest number of pieces; the halvings from which a piece is deep;
+the number of pieces that a deep one counts for; the halvings of a step once the number is used up.
 
 Smooth functions need few deep pieces, jumps and double zeros one or two for each halving; a function of which nothing
 but rounding is left needs all that there are, 2**44."""

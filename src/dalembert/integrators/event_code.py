@@ -89,7 +89,7 @@ class Event:
 
     @property
     def label(self) -> str:
-        """What results call it."""
+        """Name of the event in results."""
         return str(self.expression) if self.name is None else self.name
 
 

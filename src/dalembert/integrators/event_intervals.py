@@ -17,7 +17,7 @@ from .compiled_subset import call_code, compiled_subset, fma, row
 from .crossings import BENT, FLAT
 from .workspace import EventWorkspace
 
-__all__ = ["SERIES", "SLOPE_SERIES", "sample", "simple_piece", "transformed"]
+__all__ = ["SERIES", "SLOPE_SERIES", "output_at", "sample", "simple_piece", "transformed"]
 
 _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
@@ -144,3 +144,31 @@ def simple_piece(
         if not _monotone(space.work):
             simple = False
     return simple, finite
+
+
+@compiled_subset
+def output_at(
+    code: int,
+    components: NDArray[np.int64],
+    space: EventWorkspace,
+    target: int,
+    c: int,
+    t: float,
+    h: float,
+    theta: float,
+    output: int,
+) -> float:
+    """Return an output of a compiled kernel at a fraction of the step.
+
+    The components of the state that it reads are taken from their series, and written to row `target` of ``one_point``.
+    """
+    degree = space.series.shape[1] - 1
+    for u in range(components.size):
+        m = components[u]
+        value = space.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = fma(value, theta, space.series[m, k])
+        space.one_point[target, m] = value
+    space.one_clock[0, 0] = t + theta * h
+    call_code(code, row(space.one_clock, 0), row(space.one_point, target), c, 0, row(space.one_out, 0))
+    return float(space.one_out[0, output])

@@ -1,7 +1,7 @@
-"""What is followed along Taylor steps: events that have series of their own.
+"""Events with Taylor series of their own, computed along with those of the state.
 
-Where it changes its sign is then told without evaluating it, but for one evaluation that makes up for what the series
-leave out.
+Sign changes are then located on the series. One evaluation of the expression corrects the result for the terms that the
+series leave out.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import POINTS, SLOPE_TAIL, TAIL
-from .compiled_subset import call_code, compiled_subset, fma, row, sqrt
+from .compiled_subset import compiled_subset, fma, sqrt
 from .crossings import FLAT
+from .event_intervals import output_at
 from .workspace import EventKernels, EventWorkspace
 
 __all__ = ["NOISE", "alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
@@ -28,16 +29,7 @@ def value_at(
     events: EventKernels, space: EventWorkspace, c: int, t: float, h: float, theta: float, event: int
 ) -> float:
     """Return one expression at a fraction of the step."""
-    degree = space.series.shape[1] - 1
-    for u in range(events.used.size):
-        m = events.used[u]
-        value = space.series[m, degree]
-        for k in range(degree - 1, -1, -1):
-            value = fma(value, theta, space.series[m, k])
-        space.one_point[0, m] = value
-    space.one_clock[0, 0] = t + theta * h
-    call_code(events.value, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
-    return float(space.one_out[0, event])
+    return output_at(events.value, events.used, space, 0, c, t, h, theta, event)
 
 
 @compiled_subset

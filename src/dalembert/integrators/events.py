@@ -38,7 +38,7 @@ Jump = Callable[[float, FloatArray], FloatArray | None]
 @final
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """What an event does: which sign changes count, the occurrence that ends the run (0: none), and the jump.
+    """The rule of an event: the sign changes that count, the occurrence that ends the run (0: none), and the jump.
 
     A direction of 2 or -2 says that the expression is zero where the motion begins, and leaves it the other way.
 
@@ -57,7 +57,7 @@ class Rule:
 @final
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """What is watched along a motion.
+    """Expressions whose sign changes along a motion are events.
 
     Attributes
     ----------

@@ -74,7 +74,7 @@ class ExplicitCode:
 @final
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Where a watched run was stopped: time, size of the last step, and state (n_y,)."""
+    """The point at which a run was stopped to judge its stiffness: time, size of the last step, state (n_y,)."""
 
     t: float
     step: float

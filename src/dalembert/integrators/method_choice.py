@@ -1,4 +1,4 @@
-"""Which explicit method is cheaper for a right-hand side: Taylor series or Dormand and Prince's pair of order 8(5,3).
+"""Choice of the cheaper explicit method: Taylor series, or the Runge-Kutta pair of order 8(5,3) of Dormand and Prince.
 
 A Taylor step costs about order^2/2 multiply-adds for every product of varying factors, a Runge-Kutta step twelve
 evaluations; the one wins where the right-hand side is short or the tolerance tight, the other where it is long.

@@ -51,7 +51,7 @@ class PreparedLimits(NamedTuple):
 
 
 class PreparedProgress(Record):
-    """Where a run pauses: the time, the number of steps and attempts, and the row of the state."""
+    """The point at which a run pauses: time, number of steps and attempts, row of the state."""
 
     t: float
     steps: int

@@ -95,7 +95,7 @@ class IntegrationProblem:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
-    """What an integration produced.
+    """Result of an integration.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class Settings(NamedTuple):
 
 
 class Progress(Record):
-    """How far a run has come.
+    """Progress of a run.
 
     Time, the size of the next step and the error of the last; the row of the state in the work; how many steps were
     taken and refused, evaluations made and times recorded; whether the last step was refused; the steps before the
@@ -94,7 +94,7 @@ class Progress(Record):
 
 
 class Run(NamedTuple):
-    """What a loop works on.
+    """Arrays that a loop works on.
 
     ``work`` (n_rows, width) are vectors in rows: the ends of a step in turn, then those of `packing`. ``rows``
     (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the ends of the steps of a

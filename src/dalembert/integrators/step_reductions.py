@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
-from .compiled_subset import call_code, compiled_subset, fma, row
+from .compiled_subset import compiled_subset, fma
 from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
-from .event_intervals import SERIES, SLOPE_SERIES, sample, transformed
+from .event_intervals import SERIES, SLOPE_SERIES, output_at, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
 from .workspace import QUICK, EventKernels, EventWorkspace
 
@@ -91,7 +91,7 @@ def accumulate(
             if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
                 if sign * work[2, 0] < 0.0:
                     theta = low + (high - low) * _turning(work, sign)
-                    best = max(best, sign * _value(events, space, one, t, h, theta, e))
+                    best = max(best, sign * output_at(events.at, events.read, space, 1, one, t, h, theta, e))
                 continue
             if varies + TAIL * tail <= FLAT * abs(best):
                 continue
@@ -120,17 +120,3 @@ def _turning(work: FloatArray, sign: float) -> float:
         else:
             high = middle
     return 0.25 * (low + high) + 0.5
-
-
-@compiled_subset
-def _value(events: EventKernels, space: EventWorkspace, one: int, t: float, h: float, theta: float, e: int) -> float:
-    degree = space.series.shape[1] - 1
-    for u in range(events.read.size):
-        m = events.read[u]
-        value = space.series[m, degree]
-        for k in range(degree - 1, -1, -1):
-            value = fma(value, theta, space.series[m, k])
-        space.one_point[1, m] = value
-    space.one_clock[0, 0] = t + theta * h
-    call_code(events.at, row(space.one_clock, 0), row(space.one_point, 1), one, 0, row(space.one_out, 0))
-    return float(space.one_out[0, e])

@@ -1,4 +1,4 @@
-"""Whether an explicit method is held up by modes that have long died out, and an implicit one would not be.
+"""Stiffness tests: explicit steps held small by modes that have died out, where implicit steps would not be.
 
 Three questions, each asked only where the one before was answered by yes. Does the Jacobian have an eigenvalue that is
 damped rather than oscillating, and whose time scale is far below the span? Are the explicit method's steps of the size

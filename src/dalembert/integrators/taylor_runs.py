@@ -130,7 +130,7 @@ def _unwound(y: FloatArray, low: FloatArray, angles: NDArray[np.intp]) -> FloatA
 
 @final
 class _Record:
-    """What a run keeps: its steps or the states at the times asked for, and the series if they are wanted."""
+    """The record of a run: its steps or the states at the times asked for, and the series if they are wanted."""
 
     def __init__(self, problem: IntegrationProblem, order: int, projected: bool) -> None:
         self.problem, self.order, self.projected = problem, order, projected

@@ -99,7 +99,7 @@ class Pause(Record):
 
 
 class LaneState(NamedTuple):
-    """What lanes hold, one column each.
+    """State of the lanes, one column each.
 
     ``clock`` are time, end and the next time to record; ``tally`` attempts, refused attempts, the time before the last
     step and that of the start. A step reads the state in one half of ``states`` and writes the other. Others are for

@@ -30,13 +30,13 @@ __all__ = [
 ]
 
 SOURCES = (System, KanesMethod, LagrangesMethod)
-"""What can be taken over."""
+"""Classes that can become scenes."""
 
 
 @final
 @dataclass(frozen=True)
 class _Contents:
-    """What a system of SymPy holds."""
+    """Contents of a system of SymPy."""
 
     frame: ReferenceFrame
     origin: Point | None

@@ -23,7 +23,7 @@ DECIDED = ("less", "less_equal", "sign", "floor")
 
 
 ZERO, WHOLE, NARROW = "zero", "whole", "narrow"
-"""Where a condition changes: where its function vanishes, or where it passes through a whole number. A narrow one
+"""Kinds of conditions: the condition changes where its function vanishes, or passes a whole number. A narrow one
 decides nothing: where its function vanishes, something smooth may happen within a short time."""
 
 

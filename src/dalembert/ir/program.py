@@ -20,7 +20,7 @@ __all__ = [
 @final
 @dataclass(frozen=True)
 class Layout:
-    """What the arrays of a program hold, by name.
+    """Names of the entries of the arrays of a program.
 
     Attributes
     ----------

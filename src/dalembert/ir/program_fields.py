@@ -19,7 +19,7 @@ _WIDTH, _INDENT = 100, 16
 @final
 @dataclass(frozen=True)
 class _Field:
-    """How a value is printed, as items, and read; one that is left out of a text is `default`, if that is not None."""
+    """Printer of a value, as items, and its reader; one left out of a text is `default`, if that is not None."""
 
     items: Callable[[Any], list[str]]
     read: Callable[[Reader], Any]

@@ -21,7 +21,7 @@ from .ops import OPERATIONS
 __all__ = ["TOLERANCE", "agree", "magnitude", "terms_of", "vanishes"]
 
 _ROUNDING = 0.01
-"""What an operation of this test rounds, as a share of its result: 1e-15 after `TOLERANCE`."""
+"""Rounding of an operation of this test, as a share of its result: 1e-15 after `TOLERANCE`."""
 
 _POINTS, _DRAWS = 3, 8
 _STEP = 1e-7

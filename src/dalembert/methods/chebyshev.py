@@ -70,7 +70,7 @@ BEND: FloatArray = np.concatenate([[0.0], _TOWARDS / _REST**2])
 
 
 TAIL, SLOPE_TAIL = 2.0, 2.0 * (COUNT - 1) ** 2
-"""What the last two coefficients are multiplied by, to stand for all that follow."""
+"""Factors of the last two coefficients that make them a bound of all that follow."""
 
 
 _DERIVATIVE = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(COUNT)]).T
@@ -85,7 +85,7 @@ INTEGRAL: FloatArray = np.array([1.0 / (1.0 - k * k) if k % 2 == 0 else 0.0 for 
 
 
 BEND_TAIL = 2.0 * (COUNT - 1) ** 2 * ((COUNT - 1) ** 2 - 1) / 3.0
-"""What the last two coefficients are multiplied by, to stand for what the second derivative leaves out."""
+"""Factor of the last two coefficients that makes them a bound of what the second derivative leaves out."""
 
 
 SMOOTH, CLOSE = 3e-11, 1e-8

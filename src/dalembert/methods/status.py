@@ -1,4 +1,4 @@
-"""How an integration ended."""
+"""Statuses of integrations."""
 
 import enum
 from collections.abc import Sequence

@@ -123,7 +123,7 @@ def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[
     backend = backend_named(stages.rendered.backend)
     cache = stages.options.cache
     program = variational(stages.reduced, of, wrt)
-    engine = segmented(backend.load(backend.render(program, cache=cache), cache=cache), program)
+    engine = segmented(backend.load(backend.render(program), cache=cache), program)
     return Variation(tuple(of), tuple(wrt), program, start_tangents(stages.reduced, given, wrt), engine)
 
 

@@ -26,7 +26,7 @@ __all__ += ["narrow_conditions"]
 @final
 @dataclass(frozen=True)
 class Condition:
-    """What makes a break: where `function`, of time and parameters, is zero or whole.
+    """A condition that makes breaks where `function`, of time and parameters, is zero or whole.
 
     Of a narrow one, `sharpness` is the inverse square of the time [1/s^2] within which it happens, if that is positive.
     """

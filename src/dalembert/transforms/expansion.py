@@ -64,7 +64,7 @@ class Sum:
 
 
 class _Extension(ABC):
-    """What follows from coefficients that are known: the next of every value.
+    """The next coefficient of every value, from those that are known.
 
     Attributes
     ----------

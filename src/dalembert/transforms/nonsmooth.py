@@ -1,4 +1,4 @@
-"""What is not smooth, or hardly: operations for branches alone, and those of which a power series may know nothing."""
+"""Nonsmooth and nonanalytic operations: kinks, jumps, and functions whose power series may miss what they do."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Pass(Protocol[Code]):
 
     @property
     def name(self) -> str:
-        """What `explain` calls it."""
+        """Name of the pass in `explain`."""
         ...
 
     def __call__(self, code: Code, /) -> Code:
@@ -43,7 +43,7 @@ class Pass(Protocol[Code]):
 @final
 @dataclass(frozen=True)
 class PassRecord:
-    """What a pass did.
+    """Effect of a pass.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Pipeline(Generic[Code]):
         code : Kernel or Program
             What the passes take.
         records : list of PassRecord, optional
-            What each pass did is appended to it.
+            Gets a record of each pass.
 
         Raises
         ------

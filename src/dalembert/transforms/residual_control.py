@@ -30,7 +30,7 @@ PREVIOUS = "previous_"
 _POINTS = (1e-5, 0.02, 0.22, 0.45, 0.7, 1.0)
 _GROWTH, _FIRST = 2.0, 0.01
 _ALLOWED = 1.0
-"""How far a defect may exceed that of the first term left out, as it is in steps that the coefficients limit."""
+"""Largest ratio of a residual to that of the first term left out, as it is in steps that the coefficients limit."""
 
 _LEAST = 1e-9
 """Share of a step that is taken where not even the first point is fine: what a jump at the beginning does in it is

@@ -35,10 +35,10 @@ __all__ = [
 ]
 
 SETTINGS = ("largest step", "direction of time", "rtol", "atol")
-"""What the argument s holds."""
+"""Entries of the argument s."""
 
 CONTROL = ("size of the next attempt", "log2 of the previous error", "largest growth")
-"""What follows state, size and check in the outputs; behind it come the slopes of the state, where they are carried."""
+"""Outputs behind state, size and check; behind them come the slopes of the state, where they are carried."""
 
 _ARGUMENTS = ("t", "y", "c", "s")
 _LARGEST, _DIRECTION, _RTOL, _ATOL = _SETTINGS = ("largest_", "direction_", "rtol_", "atol_")

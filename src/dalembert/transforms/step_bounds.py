@@ -25,7 +25,7 @@ _ARGUMENTS = ("t", "y", "c", "s")
 @final
 @dataclass(frozen=True)
 class StepShape:
-    """Where the outputs of a step hold its size and its polynomials; the state at its end comes first.
+    """Places of the size and the polynomials among the outputs of a step; the state at its end comes first.
 
     ``in_time`` says whether the polynomials, of a ``degree``, are in time, and not in the fraction of the step.
     """

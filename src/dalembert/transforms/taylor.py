@@ -40,7 +40,7 @@ __all__ = [
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
-"""What the argument s holds. The scale floor is atol / rtol, below which a state counts as that large."""
+"""Entries of the argument s. The scale floor is atol / rtol, below which a state counts as that large."""
 
 _GROWTH = 1.6
 """Power of the order with which the time of a step grows. Any from 1.5 to 1.8 is as good at equal error, as measured on
@@ -50,7 +50,7 @@ _FLOOR, _FLOOR_ORDER = 1.04e-16, 20
 """Tolerance up to which a step is one for the floor, and its order, which no other tolerance takes."""
 
 _FLOOR_SHARE = 3.0
-"""What takes the place of p in the size of such a step."""
+"""Exponent that takes the place of p in the size of such a step."""
 
 
 def clipped_tolerance(rtol: float, atol: float) -> float:

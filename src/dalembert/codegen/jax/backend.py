@@ -269,7 +269,7 @@ class JaxBackend(Backend):
         "kvaerno5": "implicit Runge-Kutta of order 5, for stiff scenes (Kvaerno; diffrax)",
     }
 
-    def render(self, program: Program, *, cache: bool) -> RenderedModule:
+    def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`."""
         return rendered_module(program)
 

@@ -6,42 +6,22 @@ it is first needed, for one lane or as many as a vector register has.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, final
+from pathlib import Path
+from typing import final
 
 from ...ir.program import Program
-from ..base import Backend, Engine, RenderedModule
-from ..cache import digest_of, module_folder
-from ..compiled_engine import METHODS, CompiledEngine, default_source
-from ..generator_digest import generator_digest
-from .loops import toolchain
-from .steps import StepLibrary
-from .target import target
+from ..compiled_backend import CompiledBackend
+from .library import LLVMLibrary
 
 __all__ = ["LLVMBackend"]
 
 
 @final
-class LLVMBackend(Backend):
+class LLVMBackend(CompiledBackend):
     """The default backend."""
 
     name = "llvm"
-    for_stages = ("radau",)
-    series = ("taylor",)
-    methods: ClassVar[Mapping[str, str]] = METHODS
 
-    def render(self, program: Program, *, cache: bool) -> RenderedModule:
-        """See `Backend.render`."""
-        target()  # one that does not serve is refused before anything is made for it
-        digest = digest_of(self.name, toolchain(), generator_digest(), program.name, "\n".join(map(str, program)))
-
-        def write() -> str:
-            return default_source(program, StepLibrary(program, None), self.serving(program))
-
-        return RenderedModule(self.name, program, write, digest)
-
-    def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
-        """See `Backend.load`."""
-        program = rendered.program
-        folder = module_folder(program.name, rendered.digest) if cache else None
-        return CompiledEngine(program, StepLibrary(program, folder))
+    def library(self, program: Program, folder: Path | None) -> LLVMLibrary:
+        """See `CompiledBackend.library`."""
+        return LLVMLibrary(program, folder)

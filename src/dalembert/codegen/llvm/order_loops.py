@@ -176,7 +176,7 @@ class _Step:
 
     @property
     def _rates_at(self) -> dict[str, int]:
-        """Where the coefficients of the rates begin, behind the rows."""
+        """Offset of the coefficients of the rates, behind the rows."""
         begin = len(self.rows) * (self.order + 1) * self.stride
         return {rate: begin + i * (self.order + 1) * self.one for i, rate in enumerate(self.rates)}
 

@@ -54,7 +54,7 @@ class Target:
 
     @property
     def key(self) -> str:
-        """What compiled code depends on: LLVM, the instruction set, and how it is used."""
+        """Key of compiled code: the version of LLVM, the instruction set, and how it is used."""
         return f"{llvm.llvm_version_info} {self.name} {self.cpu} {self.features} {self.lanes}"
 
 

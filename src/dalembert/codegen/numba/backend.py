@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, final
+from pathlib import Path
+from typing import final
 
 from ...ir.program import Program
-from ..base import Backend, Engine, RenderedModule
-from ..cache import digest_of, module_folder
-from ..compiled_engine import METHODS, CompiledEngine, default_source
-from ..generator_digest import generator_digest
-from ..llvm.loops import toolchain
-from ..llvm.target import target
+from ..compiled_backend import CompiledBackend
 from .library import NumbaLibrary
 from .objects import numba_version
 
@@ -19,26 +14,15 @@ __all__ = ["NumbaBackend"]
 
 
 @final
-class NumbaBackend(Backend):
+class NumbaBackend(CompiledBackend):
     """Kernels that numba compiles, one case at a time, for the same integrator loops as the default backend's."""
 
     name = "numba"
-    for_stages = ("radau",)
-    series = ("taylor",)
-    methods: ClassVar[Mapping[str, str]] = METHODS
 
-    def render(self, program: Program, *, cache: bool) -> RenderedModule:
-        """See `Backend.render`."""
-        target()  # one that does not serve is refused before anything is made for it
-        parts = (toolchain(), numba_version(), generator_digest(), program.name, repr(program.kernels))
+    def versions(self) -> str:
+        """See `CompiledBackend.versions`."""
+        return f"{super().versions()} {numba_version()}"
 
-        def write() -> str:
-            return default_source(program, NumbaLibrary(program, None), self.serving(program))
-
-        return RenderedModule(self.name, program, write, digest_of(self.name, *parts))
-
-    def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
-        """See `Backend.load`."""
-        program = rendered.program
-        folder = module_folder(program.name, rendered.digest) if cache else None
-        return CompiledEngine(program, NumbaLibrary(program, folder))
+    def library(self, program: Program, folder: Path | None) -> NumbaLibrary:
+        """See `CompiledBackend.library`."""
+        return NumbaLibrary(program, folder)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import final
 
 from ...ir.kernel import Kernel
-from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...once import once_property
 from ...transforms.recurrences import Recurrences
@@ -22,19 +20,7 @@ __all__ = ["NumbaLibrary"]
 
 @final
 class NumbaLibrary(KernelLibrary):
-    """Kernels and steps of one program, printed as Python and compiled by numba, one case at a time.
-
-    Parameters
-    ----------
-    program : Program
-        Whose right-hand side is integrated.
-    folder : Path or None
-        Where compiled code is kept; None keeps nothing.
-    """
-
-    def __init__(self, program: Program, folder: Path | None) -> None:
-        super().__init__(program)
-        self._folder = folder
+    """Kernels and steps of one program, printed as Python and compiled by numba, one case at a time."""
 
     @property
     def lanes(self) -> int:

@@ -31,7 +31,7 @@ def _line(item: Assignment | Integrated) -> Assignment:
 
 @final
 class _Step:
-    """Where the coefficients of every value lie, and the lines that compute them."""
+    """Places of the coefficients of every value, and the lines that compute them."""
 
     def __init__(self, recurrences: Recurrences, order: int) -> None:
         self.recurrences, self.order = recurrences, order

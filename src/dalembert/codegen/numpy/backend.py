@@ -134,7 +134,7 @@ class NumpyBackend(Backend):
         "lsoda": "Adams or backward differentiation, chosen on the way (SciPy)",
     }
 
-    def render(self, program: Program, *, cache: bool) -> RenderedModule:
+    def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`."""
         source = render("numpy/module.py.j2", program_variables(program, NUMPY))
         return RenderedModule(self.name, program, lambda: source, digest_of(self.name, __version__, source))

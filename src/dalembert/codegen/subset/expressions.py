@@ -18,7 +18,7 @@ from .values import Lines, Value, literal, parts, rounded, unified
 __all__ = ["UNKNOWN", "Expressions", "Functions"]
 
 UNKNOWN: Any = object()
-"""What stands for a value that is not known before the loop runs."""
+"""Placeholder of a value that is not known before the loop runs."""
 
 _WHOLE = {
     ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.LShift: "shl", ast.RShift: "ashr", ast.BitAnd: "and"
@@ -31,7 +31,7 @@ _TESTS = {
 
 
 class Functions(Protocol):
-    """What knows the other functions and the constants of a module of assembly."""
+    """The other functions and the constants of a module of assembly."""
 
     def function(self, function: Any, kinds: tuple[Kind, ...]) -> tuple[str, Kind]:
         """Return the name of a function for arguments of some kinds, and the kind of its result."""

@@ -35,7 +35,7 @@ def stacked(kernel: Function) -> OnArrays:
 
 
 CORRECTIONS = {"project_position": 3, "project_velocity": 2}
-"""How often each correction is applied after a step."""
+"""Number of times that each correction is applied after a step."""
 
 
 _QUADRATIC = 1e-8

@@ -1,4 +1,4 @@
-"""What a run that comes in legs leaves behind: plain arrays, cut to the steps that were taken."""
+"""Records of runs that are computed in blocks of steps: plain arrays, cut to the steps taken."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Record"]
 
 @final
 class Record:
-    """Collects legs, whose time is negated where the problem goes backward.
+    """Collects blocks, whose time is negated where the problem goes backward.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Record:
     ) -> None:
         self._mended, self._project = mended, project
         self.direction = 1.0 if problem.t1 >= problem.t0 else -1.0
-        self.steps = self.rejected = self.legs = 0
+        self.steps = self.rejected = self.blocks = 0
         self._problem = problem
         self._weights = weights
         y0 = np.array(problem.y0, dtype=np.float64).reshape(1, -1)
@@ -52,9 +52,9 @@ class Record:
         self._samples = [np.repeat(y0, self._sampled, axis=0)]
 
     def add(self, t: FloatArray, y: FloatArray, stages: FloatArray, rejected: int) -> None:
-        """Add a leg: its ends of steps t (k,), the states y (k, n_y) there, and the increments (k, n_stages, n_y)."""
+        """Add a block: its ends of steps t (k,), the states y (k, n_y) there, and the increments (k, n_stages, n_y)."""
         problem = self._problem
-        self.steps, self.rejected, self.legs = self.steps + len(t), self.rejected + rejected, self.legs + 1
+        self.steps, self.rejected, self.blocks = self.steps + len(t), self.rejected + rejected, self.blocks + 1
         if len(t) == 0:
             return
         knots = np.concatenate([self._knots[-1][-1:], t])
@@ -95,7 +95,7 @@ class Record:
         return np.concatenate([states[:-1, np.newaxis], powers], axis=1)
 
     def _sample(self, piece: PiecewisePolynomial, states: FloatArray) -> None:
-        """Record the times to evaluate that this leg has reached; ends of steps give their states exactly."""
+        """Record the times to evaluate that this block has reached; ends of steps give their states exactly."""
         reached = int(np.searchsorted(self._times, piece.knots[-1], side="right"))
         times = self._times[self._sampled : reached]
         if times.size:

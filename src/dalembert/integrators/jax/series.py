@@ -1,4 +1,4 @@
-"""The Taylor method for one trajectory: legs of a fixed number of steps, compiled once an order."""
+"""The Taylor method for one trajectory: blocks of a fixed number of steps, compiled once an order."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class _Span(NamedTuple):
 
 
 @final
-class _Leg(NamedTuple):
-    """Where a leg is, the size of its last step, and its steps.
+class _Block(NamedTuple):
+    """The state of a block of steps: time and state reached, size of the last step, number of steps.
 
     Their ends are t (LEG,), the states there y (LEG, n_y), the terms of the series increments (LEG, order, n_y).
     """
@@ -72,19 +72,19 @@ def _advance(
     before: Any,
     y: Any,
     limit: Any,
-) -> _Leg:
+) -> _Block:
     n = len(y)
     exponents = jnp.arange(1, order + 1)[:, None]
 
-    def body(leg: _Leg) -> _Leg:
-        rest = jnp.abs(span.t1 - leg.now)
+    def body(block: _Block) -> _Block:
+        rest = jnp.abs(span.t1 - block.now)
         settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
-        known = jnp.append(leg.state, leg.before) if step_growth_limited else leg.state
-        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(leg.now, known, span.c, settings)])
+        known = jnp.append(block.state, block.before) if step_growth_limited else block.state
+        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
         size, finite = values[n], values[n + 1] == 0.0
-        small = _SMALLEST * jnp.maximum(jnp.abs(leg.now), jnp.abs(span.t1 - span.t0) * 1e-16)
+        small = _SMALLEST * jnp.maximum(jnp.abs(block.now), jnp.abs(span.t1 - span.t0) * 1e-16)
         stuck = (size < small) & (size < rest)
-        now = jnp.where(size == rest, span.t1, leg.now + span.direction * size)
+        now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
         new = kernels.project(now, values[:n], span.c, span.atol)
         held = jnp.all(jnp.isfinite(new))
         status = jnp.where(now == span.t1, int(Status.SUCCESS), _RUNNING)
@@ -93,21 +93,21 @@ def _advance(
         status = jnp.where(finite, status, int(Status.NON_FINITE))
         moved = finite & ~stuck & held
         increments = values[n + 2 :].reshape(n, order + 1).T[1:] * (span.direction * size) ** exponents
-        return _Leg(
-            leg.count + moved,
-            jnp.where(moved, now, leg.now),
+        return _Block(
+            block.count + moved,
+            jnp.where(moved, now, block.now),
             size,
-            jnp.where(moved, new, leg.state),
+            jnp.where(moved, new, block.state),
             status,
-            leg.t.at[leg.count].set(now),
-            leg.y.at[leg.count].set(new),
-            leg.increments.at[leg.count].set(increments),
+            block.t.at[block.count].set(now),
+            block.y.at[block.count].set(new),
+            block.increments.at[block.count].set(increments),
         )
 
-    start = _Leg(
+    start = _Block(
         jnp.array(0), t, before, y, jnp.array(_RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
     )
-    return lax.while_loop(lambda leg: (leg.status == _RUNNING) & (leg.count < limit), body, start)
+    return lax.while_loop(lambda block: (block.status == _RUNNING) & (block.count < limit), body, start)
 
 
 @final
@@ -158,8 +158,8 @@ class TaylorIntegrator:
                 if limit == 0:
                     status = int(Status.MAX_STEPS)
                     break
-                leg: _Leg = jax.device_get(self._advance(span, t, before, y, np.int64(limit)))
-                count = slice(int(leg.count))
-                record.add(record.direction * leg.t[count], leg.y[count], leg.increments[count], 0)
-                t, before, y, status = leg.now, leg.before, leg.state, int(leg.status)
+                block: _Block = jax.device_get(self._advance(span, t, before, y, np.int64(limit)))
+                count = slice(int(block.count))
+                record.add(record.direction * block.t[count], block.y[count], block.increments[count], 0)
+                t, before, y, status = block.now, block.before, block.state, int(block.status)
         return record.solution(Status(status), record.steps)

@@ -1,7 +1,7 @@
-"""Integration by diffrax in legs of a fixed number of steps.
+"""Integration by diffrax in blocks of a fixed number of steps.
 
-JAX needs the size of every buffer when it compiles. A leg has room for a fixed number of steps, and a run is as many
-legs as it takes: memory grows with the steps that were taken, not with those that were allowed, and nothing is
+JAX needs the size of every buffer when it compiles. A block has room for a fixed number of steps, and a run is as many
+blocks as it takes: memory grows with the steps that were taken, not with those that were allowed, and nothing is
 compiled anew for a longer span, other tolerances or other times to evaluate.
 """
 
@@ -35,7 +35,7 @@ __all__ = ["METHODS", "Integrator", "Method", "Settings", "equation", "solver_fo
 
 LEG = 256
 _FIRST = 3
-"""Evaluations before the first leg; each leg evaluates its first slope anew."""
+"""Evaluations before the first block; each block evaluates its first slope anew."""
 
 
 @final
@@ -87,7 +87,7 @@ class Settings(NamedTuple):
 
 @final
 class Point(NamedTuple):
-    """Where a leg starts or ends."""
+    """Start or end of a block of steps."""
 
     t: Any
     y: Any
@@ -95,8 +95,8 @@ class Point(NamedTuple):
 
 
 @final
-class Leg(NamedTuple):
-    """What one leg returns.
+class Block(NamedTuple):
+    """Result of one block of steps.
 
     The first ``steps`` of ``t`` (LEG,), ``y`` (LEG, n_y) and ``stages`` (LEG, n_stages, n_y) are the ends of its steps
     and the slopes of their stages times the step size.
@@ -151,7 +151,7 @@ def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps:
     return Point(t0, y, control._replace(attempts=max_steps)), finite
 
 
-def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) -> Leg:
+def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) -> Block:
     """Take at most LEG attempts from `start` towards the end of the span."""
     term, controller = equation(kernels, settings, solver)
     solution = diffrax.diffeqsolve(
@@ -173,7 +173,7 @@ def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) ->
     ends, infos = solution.interpolation.ts[1:], solution.interpolation.infos
     t = jnp.where(steps > 0, ends[steps - 1], start.t)
     y = jnp.where(steps > 0, infos["y1"][steps - 1], start.y)
-    return Leg(
+    return Block(
         end=Point(t, y, solution.controller_state),
         hopeless=solution.result == diffrax.RESULTS.dt_min_reached,
         steps=steps,
@@ -222,13 +222,13 @@ def _status_at_start(finite: bool, problem: IntegrationProblem) -> Status | None
     return Status.SUCCESS if problem.t0 == problem.t1 else None
 
 
-def _status(leg: Leg, t1: float) -> Status | None:
+def _status(block: Block, t1: float) -> Status | None:
     """Return how the run ended, or None where it goes on."""
-    if leg.end.t == t1:
+    if block.end.t == t1:
         return Status.SUCCESS
-    if leg.hopeless:
-        return Status.STEP_TOO_SMALL if leg.end.control.finite else Status.NON_FINITE
-    return Status.MAX_STEPS if leg.end.control.attempts <= 0 else None
+    if block.hopeless:
+        return Status.STEP_TOO_SMALL if block.end.control.finite else Status.NON_FINITE
+    return Status.MAX_STEPS if block.end.control.attempts <= 0 else None
 
 
 @final
@@ -261,14 +261,14 @@ class Integrator:
             point, finite = jax.device_get(start)
             status = _status_at_start(bool(finite), problem)
             while status is None:
-                leg: Leg = jax.device_get(self._advance(settings, point))
-                steps = slice(int(leg.steps))
-                record.add(leg.t[steps], leg.y[steps], leg.stages[steps], int(leg.rejected))
-                point, status = leg.end, _status(leg, settings.t1)
+                block: Block = jax.device_get(self._advance(settings, point))
+                steps = slice(int(block.steps))
+                record.add(block.t[steps], block.y[steps], block.stages[steps], int(block.rejected))
+                point, status = block.end, _status(block, settings.t1)
             if status is Status.NON_FINITE and projected and self._regular(settings, point):
                 status = Status.PROJECTION_FAILED
         attempts = record.steps + record.rejected
-        evaluations = _FIRST + record.legs + METHODS[self._method].evaluations * attempts
+        evaluations = _FIRST + record.blocks + METHODS[self._method].evaluations * attempts
         return record.solution(status, evaluations)
 
     def _regular(self, settings: Settings, point: Point) -> bool:

@@ -1,13 +1,11 @@
-"""Steps of integrators as LLVM assembly and machine code, kept beside the generated module."""
+"""Kernels and steps of one program as LLVM assembly and machine code."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import final
 
 from ...ir.kernel import Kernel
-from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import step_kernel
@@ -20,7 +18,7 @@ from .objects import object_code
 from .order_loops import LEAST_ORDER, order_loop_assembly
 from .series_loops import series_loop_assembly
 
-__all__ = ["StepLibrary"]
+__all__ = ["LLVMLibrary"]
 
 _LARGEST_STRAIGHT = 1000
 """Lines up to which a step is unrolled. Longer code outgrows the cache of instructions: the loop over the orders is up
@@ -31,20 +29,8 @@ and ever more beyond, and is twice as fast as loops throughout (measured on chai
 
 
 @final
-class StepLibrary(KernelLibrary):
-    """Kernels and steps of one program, as LLVM assembly for any number of lanes.
-
-    Parameters
-    ----------
-    program : Program
-        Whose right-hand side is integrated.
-    folder : Path or None
-        Where object code is kept; None keeps nothing.
-    """
-
-    def __init__(self, program: Program, folder: Path | None) -> None:
-        super().__init__(program)
-        self._folder = folder
+class LLVMLibrary(KernelLibrary):
+    """Kernels and steps of one program, as LLVM assembly for any number of lanes."""
 
     @property
     def lanes(self) -> int:

@@ -1,0 +1,52 @@
+"""Backends that compile kernels to machine code: rendering and loading."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar
+
+from ..ir.program import Program
+from .base import Backend, Engine, RenderedModule
+from .cache import digest_of, module_folder
+from .compiled_engine import METHODS, CompiledEngine, default_source
+from .generator_digest import generator_digest
+from .library import KernelLibrary
+from .llvm.loops import toolchain
+from .llvm.target import target
+
+__all__ = ["CompiledBackend"]
+
+
+class CompiledBackend(Backend):
+    """A backend whose kernels are machine code, which compiled integrator loops call."""
+
+    for_stages = ("radau",)
+    series = ("taylor",)
+    methods: ClassVar[Mapping[str, str]] = METHODS
+
+    @abstractmethod
+    def library(self, program: Program, folder: Path | None) -> KernelLibrary:
+        """Return the library of a program; compiled code is kept in `folder`, None keeps nothing."""
+
+    def versions(self) -> str:
+        """Return the versions that compiled kernels depend on."""
+        return toolchain()
+
+    def render(self, program: Program) -> RenderedModule:
+        """See `Backend.render`; the text is printed when it is asked for, because nothing runs it as a whole."""
+        target()  # one that does not serve is refused before anything is made for it
+        kernels = "\n".join(map(str, program))
+        digest = digest_of(self.name, self.versions(), generator_digest(), program.name, kernels)
+
+        def write() -> str:
+            return default_source(program, self.library(program, None), self.serving(program))
+
+        return RenderedModule(self.name, program, write, digest)
+
+    def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
+        """See `Backend.load`."""
+        program = rendered.program
+        folder = module_folder(program.name, rendered.digest) if cache else None
+        return CompiledEngine(program, self.library(program, folder))
