@@ -1,8 +1,4 @@
-"""The pipeline: a list of stages, each a function from one frozen type to the next.
-
-Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSystem --lower--> Program
-      --render--> RenderedModule --load--> CompiledModel
-"""
+"""`compile_model`: the public function from a scene to a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The list of stages: scene, equations of motion, reduced system, program, rendered module, engine."""
+"""The list of stages, each a function from one frozen type to the next.
+
+Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSystem --lower--> Program
+      --render--> RenderedModule --load--> Engine
+"""
 
 from __future__ import annotations
 
