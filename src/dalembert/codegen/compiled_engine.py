@@ -24,7 +24,7 @@ from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
 from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
-from ..transforms.taylor import clipped_tolerance, order_for
+from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
 from .base import CaseRun, Engine, Prepared, growing_step_blocks
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.advance_lanes import advance_lanes
@@ -259,12 +259,11 @@ class CompiledEngine(Engine):
         With `watched` a Taylor step follows these events along.
         """
         if method == "taylor":
-            tolerance = clipped_tolerance(rtol, atol)
-            order = order_for(tolerance)
+            order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
             if watched is not None:
                 step = self.steps.following(watched.watch.joint, len(watched.events), order, lanes)
-                return (step, 0), 0, order, [max(atol / tolerance, 1e-300)]
-            return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [max(atol / tolerance, 1e-300)]
+                return (step, 0), 0, order, [floor]
+            return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [floor]
         tableau = _pair(method)
         memory = memory_size(self._sizes["rhs"], self.steps.carried)
         codes = self.steps.attempt(tableau, lanes, dense=dense)

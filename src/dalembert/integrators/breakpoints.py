@@ -14,6 +14,7 @@ from ..ir.conditions import WHOLE, ZERO, Conditions
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.intervals import INTERVAL_OPERATIONS, Interval
 from ..ir.kernel import Kernel
+from ..methods.step_constants import EPSILON, SMALLEST_NORMAL, SMALLEST_OF_TIME
 from .crossings import zeros
 
 __all__ = ["MOST_BREAKS", "CaseBreaks", "break_times", "break_times_of_cases"]
@@ -23,8 +24,6 @@ MOST_BREAKS = 1_000_000
 
 _MOST_EACH = 2_000
 """Largest number of breaks of each of many runs that are prepared together."""
-_ULP = 2.220446049250313e-16
-_TOGETHER = 16.0 * _ULP
 _PARTS, _NOTHING = 8, 1e-290
 _SHORT = 20.0
 """Smallest distance of a narrow pulse from its neighbours and the length of the run, in widths of the pulse."""
@@ -185,7 +184,7 @@ def _merged(run: IntArray, times: FloatArray, low: FloatArray, high: FloatArray)
     """Return breaks in order, one for those that rounding does not tell apart, and none at the ends of a run."""
     order = np.lexsort((times, run))
     run, times = run[order], times[order]
-    close = _TOGETHER * np.abs(times)
+    close = SMALLEST_OF_TIME * np.abs(times)
     inside = (times - low[run] > close) & (high[run] - times > close)
     run, times, close = run[inside], times[inside], close[inside]
     apart = np.ones(len(times), bool)
@@ -223,7 +222,7 @@ class _Search:
             found.append(some[1])
             total += len(some[0])
             rest = open_ & turns
-            small = high - low <= 4.0 * _ULP * np.maximum(np.abs(low), np.abs(high)) + 1e-300
+            small = high - low <= 4.0 * EPSILON * np.maximum(np.abs(low), np.abs(high)) + SMALLEST_NORMAL
             flat = bounds.high - bounds.low <= 4.0 * noise
             done = rest & (small | flat)
             if np.any(done):
@@ -302,7 +301,7 @@ class _Search:
         inside = (first != 0.0) & (last != 0.0)
         if np.any(inside):
             which, wanted, ends = row[inside], level[inside], (low[inside], high[inside])
-            least = _ULP * np.maximum(np.abs(ends[0]), np.abs(ends[1]))
+            least = EPSILON * np.maximum(np.abs(ends[0]), np.abs(ends[1]))
 
             def value(t: FloatArray) -> FloatArray:
                 return self._value(which, t) - wanted
@@ -319,7 +318,7 @@ class _Search:
         firsts = np.flatnonzero(begins)
         lasts = np.append(firsts[1:], len(row)) - 1
         row, low, high = row[firsts], low[firsts], high[lasts]
-        width = (high - low) + 16.0 * _ULP * np.maximum(np.abs(low), np.abs(high))
+        width = (high - low) + SMALLEST_OF_TIME * np.maximum(np.abs(low), np.abs(high))
         before, after = self._value(row, low - width), self._value(row, high + width)
         if self.kind == WHOLE:
             before, after = np.floor(before), np.floor(after)

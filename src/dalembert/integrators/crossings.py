@@ -17,40 +17,16 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, COEFFICIENTS, COUNT, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..methods.event_constants import BENT, BUDGET, DEEPEST, FLAT, ROOT_PRECISION, ROOT_TRIES
 
-__all__ = [
-    "BUDGET",
-    "COARSE",
-    "DEEP",
-    "DEEP_COST",
-    "Changes",
-    "Crossing",
-    "Pieces",
-    "changes",
-    "located",
-    "pieces",
-]
+__all__ = ["Changes", "Crossing", "Pieces", "changes", "located", "pieces"]
 
 IntArray = NDArray[np.intp]
 Sample = Callable[[IntArray, FloatArray], FloatArray]
 """From numbers of steps (k,) and fractions of them (k,) to the values of all functions (k, n)."""
 
 
-FLAT, BENT = 1e-12, 1e-9
-"""Slope and bend, as shares of the values, up to which a function leaves zero as if it had none."""
-
-
-DEEPEST = 44
-"""Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
-
-BUDGET, DEEP, DEEP_COST, COARSE = 8192, 20, 16, 10
-"""Limits of the search in one step of one case: the largest number of pieces; the halvings from which a piece is deep;
-the number of pieces that a deep one counts for; the halvings of a step once the number is used up.
-
-Smooth functions need few deep pieces, jumps and double zeros one or two for each halving; a function of which nothing
-but rounding is left needs all that there are, 2**44."""
-
-_MOST, _MOST_TRIES, _FIRST_BATCH = 8192, 200, 4
+_FIRST_BATCH, _PIECES_PER_STEP = 4, 64
 
 
 @final
@@ -102,7 +78,7 @@ def pieces(
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
-    budget = 64 * count + _MOST
+    budget = _PIECES_PER_STEP * count + BUDGET
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, COUNT), theta.ravel()).reshape(len(step), COUNT, -1)
@@ -276,7 +252,7 @@ def zeros(
     x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
     t = np.full_like(a, 0.5)
     best, f_best = x1, f1
-    for _ in range(_MOST_TRIES):
+    for _ in range(ROOT_TRIES):
         x = x1 + t * (x2 - x1)
         f = value(x)
         same = (f > 0.0) == (f1 > 0.0)
@@ -286,7 +262,7 @@ def zeros(
         second = np.abs(f2) < np.abs(f1)
         best, f_best = np.where(second, x2, x1), np.where(second, f2, f1)
         with np.errstate(all="ignore"):
-            room = (4e-16 * np.abs(best) + least) / np.abs(x2 - x1)
+            room = (ROOT_PRECISION * np.abs(best) + least) / np.abs(x2 - x1)
             done = (room > 0.5) | (f_best == 0.0) | ~np.isfinite(room)
             if np.all(done):
                 break

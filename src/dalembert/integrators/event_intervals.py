@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..methods.event_constants import BENT, FLAT
 from .compiled_subset import call_code, compiled_subset, fma, row
-from .crossings import BENT, FLAT
 from .workspace import EventWorkspace
 
 __all__ = ["SERIES", "SLOPE_SERIES", "output_at", "sample", "simple_piece", "transformed"]

@@ -9,12 +9,27 @@ from __future__ import annotations
 import math
 
 from ..arrays import FloatArray
+from ..methods.event_constants import (
+    BUDGET,
+    COARSE,
+    DEEP,
+    DEEP_COST,
+    DEEPEST,
+    RESIDUAL,
+    RESOLUTION,
+    ROOT_PRECISION,
+    ROOT_TRIES,
+    SHORT_SPAN,
+    SOON,
+    SOON_IN_A_ROW,
+    TIME_NOISE,
+    TOGETHER,
+)
 from ..methods.status import Status
+from ..methods.step_constants import EPSILON, SMALLEST_NORMAL
 from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import sample, simple_piece
-from .event_series import NOISE, alone, sample_curves, value_at, zero_of_curve
-from .events import RESOLUTION, SOON, SOON_IN_A_ROW, TOGETHER
+from .event_series import alone, sample_curves, value_at, zero_of_curve
 from .workspace import EventKernels, EventWorkspace
 
 __all__ = [
@@ -33,9 +48,6 @@ NOTHING, STOPPED, BROKEN = 0, 1, 2
 
 _GOES_ON, _EVENT = -1, int(Status.EVENT)
 _ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
-_ULP = 2.220446049250313e-16
-_SMALLEST = 1e-300
-_TRIES = 200
 
 
 @compiled_subset
@@ -91,9 +103,9 @@ def _zero(
 ) -> float:
     """Return the zero of an expression between two fractions of the step, NaN for a pole; see `crossings.zeros`."""
     x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
-    largest, least = max(abs(fa), abs(fb)), _ULP * max(abs(t), abs(t + h)) / abs(h)
+    largest, least = max(abs(fa), abs(fb)), EPSILON * max(abs(t), abs(t + h)) / abs(h)
     share, best, f_best = 0.5, x1, f1
-    for _ in range(_TRIES):
+    for _ in range(ROOT_TRIES):
         x = x1 + share * (x2 - x1)
         f = value_at(events, space, c, t, h, x, event)
         if (f > 0.0) == (f1 > 0.0):
@@ -102,7 +114,7 @@ def _zero(
             x3, f3, x2, f2 = x2, f2, x1, f1
         x1, f1 = x, f
         best, f_best = (x2, f2) if abs(f2) < abs(f1) else (x1, f1)
-        nearest = (4e-16 * abs(best) + least) / abs(x2 - x1)
+        nearest = (ROOT_PRECISION * abs(best) + least) / abs(x2 - x1)
         if not nearest <= 0.5 or f_best == 0.0:
             break
         xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
@@ -204,7 +216,7 @@ def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int
             rate = space.curves[e, 1] / h
         else:
             rate, noise = space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
-        noise += NOISE * abs(t) * abs(rate)
+        noise += TIME_NOISE * abs(t) * abs(rate)
         space.rates[0, e], space.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
 
 
@@ -232,9 +244,9 @@ def scan(
     _begin_step(events, space, lane, one, t, h)
     for e in range(count):
         if fresh and space.zero[lane, e] != 0.0:
-            space.zero[lane, e] = max(abs(space.rates[0, e] * h), _SMALLEST)
+            space.zero[lane, e] = max(abs(space.rates[0, e] * h), SMALLEST_NORMAL)
         space.happens[0, e] = 0.0
-    least = 4.0 * _ULP * max(abs(t), abs(t + h)) / abs(h)
+    least = TIME_NOISE * max(abs(t), abs(t + h)) / abs(h)
     space.stack[0, 0], space.stack[0, 1], space.stack[0, 2] = 0.0, 1.0, 0.0
     height, budget, deepest = 1, BUDGET, DEEPEST
     while height > 0:
@@ -358,7 +370,7 @@ def resolve(
                 space.seen[lane, e] = 1.0
     for e in range(count):
         here = space.happens[0, e] > 0.0
-        space.residual[0, e] = 4.0 * abs(space.one_out[0, 3 * e]) if here else 0.0
+        space.residual[0, e] = RESIDUAL * abs(space.one_out[0, 3 * e]) if here else 0.0
         ended = ended or space.happens[0, e] == 2.0
         seen = seen and (not here or space.seen[lane, e] != 0.0)
     for e in range(count):
@@ -392,5 +404,5 @@ def resolve(
     if math.isnan(gap):
         return _GOES_ON
     space.jumped[lane, 1] = space.jumped[lane, 1] + 1.0 if gap <= SOON * span else 0.0
-    close = gap <= RESOLUTION * max(abs(t), 1e-3 * span)
+    close = gap <= RESOLUTION * max(abs(t), SHORT_SPAN * span)
     return _ACCUMULATE if close or not seen or space.jumped[lane, 1] >= SOON_IN_A_ROW else _GOES_ON

@@ -10,17 +10,14 @@ import math
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import POINTS, SLOPE_TAIL, TAIL
+from ..methods.event_constants import FLAT, TIME_NOISE
 from .compiled_subset import compiled_subset, fma, sqrt
-from .crossings import FLAT
 from .event_intervals import output_at
 from .workspace import EventKernels, EventWorkspace
 
-__all__ = ["NOISE", "alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
+__all__ = ["alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
 
 _POINTS = POINTS.copy()
-NOISE = 4.0 * 2.220446049250313e-16
-"""Share of a time that counts as none."""
-
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 
 
@@ -104,7 +101,7 @@ def calm(space: EventWorkspace, lane: int, t: float, h: float, fresh: bool) -> b
     for e in range(space.curves.shape[0]):
         if space.open[0, e] == 0.0:
             continue
-        noise = space.level[lane, e] + NOISE * abs(t * space.curves[e, 1] / h)
+        noise = space.level[lane, e] + TIME_NOISE * abs(t * space.curves[e, 1] / h)
         first, last, sign = space.values[e, 0], space.values[e, 7], space.signs[lane, e]
         if fresh and space.zero[lane, e] != 0.0:
             first = 0.0

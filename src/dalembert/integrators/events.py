@@ -14,22 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..methods.event_constants import (
+    RESIDUAL,
+    RESOLUTION,
+    SHORT_SPAN,
+    SOON,
+    SOON_IN_A_ROW,
+    TIME_NOISE,
+    TOGETHER,
+)
 from ..methods.status import Status
 from .crossings import Crossing, Pieces, changes, located, pieces
 from .problem import DenseOutput, IntegrationProblem, JoinedOutput, Solution
 
-__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched"]
-
-SOON, SOON_IN_A_ROW = 1e-9, 4
-"""Share of the span below which a jump follows the one before it too soon, and how often that may happen in a row."""
-
-RESOLUTION = 64 * 2.220446049250313e-16
-"""Share of the time below which two jumps are not told apart."""
-
-TOGETHER = 2 * RESOLUTION
-"""Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
-
-_ULP = 2.220446049250313e-16
+__all__ = ["SOON", "SOON_IN_A_ROW", "Occurrence", "Rule", "Watched", "integrate_watched"]
 
 StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
 Jump = Callable[[float, FloatArray], FloatArray | None]
@@ -203,7 +201,7 @@ class _Run:
     def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
         _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
-        return rate, np.asarray(np.nan_to_num(noise + 4.0 * _ULP * abs(t) * np.abs(rate), posinf=0.0))
+        return rate, np.asarray(np.nan_to_num(noise + TIME_NOISE * abs(t) * np.abs(rate), posinf=0.0))
 
     def _until_jump(self) -> Status | None:
         """Integrate to the end, or to the next jump, for which None is returned."""
@@ -246,7 +244,7 @@ class _Run:
             self._take(block)
             return False, None
         rate, noise = self._noise(float(knots[0]), block.y[0])
-        least = 4.0 * _ULP * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
+        least = TIME_NOISE * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
         slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
         cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._leaves, self.signs, 0.0))
@@ -324,7 +322,7 @@ class _Run:
         self.t, self.y = t, after
         here = np.array([crossing.function for crossing in together])
         self.residual = np.zeros(len(self.counts))
-        self.residual[here] = 4.0 * np.abs(self.watched.values(np.array([t]), y[np.newaxis])[0, here])
+        self.residual[here] = RESIDUAL * np.abs(self.watched.values(np.array([t]), y[np.newaxis])[0, here])
         if status is None:
             status = self._accumulation(t, first_of_part)
         if status is None and t == self.problem.t1:
@@ -340,7 +338,7 @@ class _Run:
             return None
         gap = abs(t - before)
         self.soon = self.soon + 1 if gap <= SOON * self.span else 0
-        close = gap <= RESOLUTION * max(abs(t), 1e-3 * self.span)
+        close = gap <= RESOLUTION * max(abs(t), SHORT_SPAN * self.span)
         return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
 
     def _take(self, block: Solution) -> None:

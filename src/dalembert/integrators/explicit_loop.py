@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, final
@@ -10,7 +9,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..methods.status import Status
+from ..methods.status import RUNNING, Status
 from ..methods.step_constants import SMALLEST_PREVIOUS
 from ..methods.tableau import Tableau
 from .arguments import Address
@@ -31,25 +30,24 @@ from .recorded_runs import (
     Run,
     Settings,
     all_finite,
-    coming,
+    begin_status,
+    block_is_full,
     evaluate,
-    follow,
     pending,
+    planned_step,
     project,
     record,
-    refused,
+    retry,
+    run_in_blocks,
     settings_of,
     solution,
 )
-from .step_control import growth, reduction
-from .taylor_loop import RUNNING
+from .step_control import ACCEPTED, error_verdict, growth, reduction
 
 __all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "Held", "integrate"]
 
-_SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
-_STEP_TOO_SMALL, _NON_FINITE = int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE)
-_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
 _STOPPED = RUNNING - 1
+"""What the loop returns in place of a status where it stopped a run that is held up by stability."""
 
 
 class Addresses(NamedTuple):
@@ -119,7 +117,7 @@ def integrate(
     def loop(run: Run) -> int:
         return code.loop(ExplicitArguments(codes, packed, settings, run))
 
-    status, run, pieces = follow(loop, problem, settings, work)
+    status, run, pieces = run_in_blocks(loop, problem, settings, work)
     if status == _STOPPED:
         return Held(float(run.progress.t), float(run.progress.size), work[run.progress.row, :n].copy())
     return solution(problem, status, run, pieces)
@@ -129,22 +127,16 @@ def integrate(
 def LOOP(arguments: ExplicitArguments) -> int:
     """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
     codes, tableau, settings, run = arguments.codes, arguments.tableau, arguments.settings, arguments.run
-    progress = run.progress
-    if progress.evaluations == 0 and not _begun(codes, tableau, settings, run):
-        return _NON_FINITE
-    while progress.t != settings.t1:
-        if progress.steps == progress.limit:
-            return RUNNING
-        if progress.steps + progress.rejected >= settings.max_steps:
-            return _MAX_STEPS
+    progress, status = run.progress, RUNNING
+    if progress.evaluations == 0:
+        status = begin_status(settings, _begin(codes, tableau, settings, run))
+    while status == RUNNING and not block_is_full(progress):
         status = _attempt(codes, tableau, settings, run)
-        if status != _SUCCESS:
-            return status
-    return _SUCCESS
+    return status
 
 
 @compiled_subset
-def _begun(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> bool:
+def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> bool:
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
     t0, t1, progress = settings.t0, settings.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
@@ -162,33 +154,32 @@ def _begun(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
 
 
 @compiled_subset
-def _settled(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
-    """Judge a step, project its end, evaluate the stage there; return the verdict."""
-    if not math.isfinite(error):
-        return _NON_FINITE
-    if error > 1.0:
-        return _STEP_TOO_SMALL
+def _verdict(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Judge a step by its error, project its end, evaluate the stage there; return the verdict."""
+    verdict = error_verdict(error)
+    if verdict != ACCEPTED:
+        return verdict
     if not project(codes.position, codes.velocity, t_new, run, y_new):
-        return _PROJECTION_FAILED
+        return Status.PROJECTION_FAILED
     last = tableau.first + tableau.end
     if codes.position != 0 or codes.velocity != 0 or not tableau.fsal:
         evaluate(codes.rhs, t_new, run, y_new, last)
         run.progress.evaluations += 1
-    return _SUCCESS if all_finite(run.work, y_new, last) else _NON_FINITE
+    return ACCEPTED if all_finite(run.work, y_new, last) else Status.NON_FINITE
 
 
 @compiled_subset
 def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> int:
-    """Take a step, or refuse it; return the status."""
+    """Attempt a step, and accept or reject it; return the status."""
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t
-    h, t_new = coming(settings, progress)
+    h, t_new = planned_step(settings, progress)
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
-    failure = _settled(codes, tableau, run, error, t_new, y_new)
-    if failure != _SUCCESS:
-        return refused(settings, run, abs(h) * reduction(failure, error, tableau.exponent), failure)
+    verdict = _verdict(codes, tableau, run, error, t_new, y_new)
+    if verdict != ACCEPTED:
+        return retry(settings, run, abs(h) * reduction(verdict, error, tableau.exponent), verdict)
     if settings.watched and progress.steps >= WATCHED_FROM:  # before the point of the last stage is overwritten
         progress.at_boundary = progress.at_boundary + 1 if at_boundary(tableau, h, work, y_new, n) else 0
     piece = progress.steps - progress.begun if settings.dense else 0

@@ -9,10 +9,18 @@ from __future__ import annotations
 import math
 
 from ..arrays import FloatArray
-from ..methods.step_constants import SECOND_ERROR_WEIGHT
+from ..methods.step_constants import (
+    FIRST_BLIND,
+    FIRST_GROWTH,
+    FIRST_NEGLIGIBLE,
+    FIRST_SHARE,
+    FIRST_SLOPE,
+    SECOND_ERROR_WEIGHT,
+)
 from .compiled_subset import compiled_subset, exp, fma, log, sqrt, square
 from .packed_tableaus import POINT, PackedTableau
 from .recorded_runs import Run, evaluate
+from .step_control import error_scale
 
 __all__ = [
     "HELD_STEPS",
@@ -83,7 +91,7 @@ def error_norm(
             estimate = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate)
         for entry in range(second, last):
             estimate_second = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate_second)
-        scale = 1.0 / (atol + rtol * max(abs(work[y, m]), abs(work[y_new, m])))
+        scale = 1.0 / error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
         total += square(estimate * scale)
         total_second += square(estimate_second * scale)
     if total == 0.0 and total_second == 0.0:
@@ -124,26 +132,26 @@ def first_step_size(
     work = run.work
     size = slope = curvature = 0.0
     for m in range(n):
-        scale = 1.0 / (atol + rtol * abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
         size += square(work[y, m] * scale)
         slope += square(work[tableau.first, m] * scale)
     size, slope = sqrt(size / n), sqrt(slope / n)
-    h = 1e-6 if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
+    h = FIRST_BLIND if size < FIRST_NEGLIGIBLE or slope < FIRST_NEGLIGIBLE else FIRST_SHARE * size / slope
     h = min(h, limit)
     for m in range(n):
         work[POINT, m] = fma(direction * h, work[tableau.first, m], work[y, m])
     evaluate(rhs, t + direction * h, run, POINT, tableau.first + 1)
     for m in range(n):
-        scale = 1.0 / (atol + rtol * abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
         curvature += square((work[tableau.first + 1, m] - work[tableau.first, m]) * scale)
     curvature = sqrt(curvature / n) / h
     if not math.isfinite(curvature):
         return h
     largest = max(slope, curvature)
-    improved = max(1e-6, 1e-3 * h)
-    if largest > 1e-15:
-        improved = exp(tableau.exponent * log(0.01 / largest))
-    return min(100.0 * h, improved, limit)
+    improved = max(FIRST_BLIND, 1e-3 * h)
+    if largest > FIRST_SLOPE:
+        improved = exp(tableau.exponent * log(FIRST_SHARE / largest))
+    return min(FIRST_GROWTH * h, improved, limit)
 
 
 @compiled_subset

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.collocation import NODES
-from ..methods.status import Status
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import LARGEST_GROWTH, LARGEST_REDUCTION, SAFETY
 from .arguments import Address
 from .compiled_subset import compiled_subset, exp, log, sqrt
 from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
@@ -38,29 +39,33 @@ from .recorded_runs import (
     Run,
     Settings,
     all_finite,
-    coming,
+    begin_status,
+    block_is_full,
     evaluate,
-    follow,
     pending,
+    planned_step,
     project,
     record,
-    refused,
+    retry,
+    run_in_blocks,
     settings_of,
     solution,
+    status_of,
 )
-from .taylor_loop import RUNNING
+from .step_control import ACCEPTED, error_verdict, growth_limit
 
 __all__ = ["DEGREE", "LOOP", "Addresses", "ImplicitArguments", "ImplicitCode", "integrate"]
 
 DEGREE = 3
 
-_SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
-_STEP_TOO_SMALL, _NON_FINITE = int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE)
-_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
-
-_SAFETY, _LARGEST_GROWTH, _LARGEST_REDUCTION = 0.9, 8.0, 0.2
 _RATE_TO_KEEP_JACOBIAN, _GROWTH_TO_KEEP_FACTORS = 1e-3, 1.2
-_EPSILON = 2.2e-16
+"""Rate of convergence up to which the Jacobian is kept, and growth up to which a step keeps its size and factors."""
+
+_SMALLEST_PREVIOUS = 1e-2
+"""Least error norm that the predictive controller remembers of a step."""
+
+_UNIT = 2.2e-16
+"""Rounding in the tolerance and the rate of Newton's iteration, two digits of it as in RADAU5."""
 
 
 class Addresses(NamedTuple):
@@ -126,7 +131,7 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     def loop(run: Run) -> int:
         return code.loop(ImplicitArguments(codes, settings, space, run))
 
-    status, run, pieces = follow(loop, problem, settings, work)
+    status, run, pieces = run_in_blocks(loop, problem, settings, work)
     return solution(problem, status, run, pieces)
 
 
@@ -134,25 +139,19 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
 def LOOP(arguments: ImplicitArguments) -> int:
     """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
     codes, settings, space, run = arguments.codes, arguments.settings, arguments.workspace, arguments.run
-    progress = run.progress
-    if progress.evaluations == 0 and not _begun(codes, settings, run):
-        return _NON_FINITE
-    while progress.t != settings.t1:
-        if progress.steps == progress.limit:
-            return RUNNING
-        if progress.steps + progress.rejected >= settings.max_steps:
-            return _MAX_STEPS
+    progress, status = run.progress, RUNNING
+    if progress.evaluations == 0:
+        status = begin_status(settings, _begin(codes, settings, run))
+    while status == RUNNING and not block_is_full(progress):
         status = _attempt(codes, settings, space, run)
-        if status != _SUCCESS:
-            return status
-    return _SUCCESS
+    return status
 
 
 @compiled_subset
-def _begun(codes: Addresses, settings: Settings, run: Run) -> bool:
+def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
-    progress.previous, progress.rate, progress.known_rate = 1e-2, 1.0, 1.0
+    progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
     evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
     run.progress.evaluations += 1
     if not all_finite(run.work, 0, SLOPE):
@@ -164,19 +163,22 @@ def _begun(codes: Addresses, settings: Settings, run: Run) -> bool:
 
 
 @compiled_subset
+def _limited(quotient: float) -> float:
+    """Return what a step is divided by, within the limits of growth and reduction."""
+    return max(1.0 / LARGEST_GROWTH, min(1.0 / LARGEST_REDUCTION, quotient))
+
+
+@compiled_subset
 def _shrinkage(error: float, iterations: int) -> float:
     """Return what the step is to be divided by, were the next error as this one; slow iterations ask for more."""
     share = (2 * MAX_ITERATIONS + 1) / (2 * MAX_ITERATIONS + iterations)
-    quotient = sqrt(sqrt(error)) / (_SAFETY * share)
-    return max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, quotient))
+    return _limited(sqrt(sqrt(error)) / (SAFETY * share))
 
 
 @compiled_subset
 def _predicted(quotient: float, h: float, last: float, error: float, previous: float) -> float:
     """Return what the step is to be divided by where its error goes on to change as it last did."""
-    guess = last / abs(h) * sqrt(sqrt(error * error / previous)) / _SAFETY
-    guess = max(1.0 / _LARGEST_GROWTH, min(1.0 / _LARGEST_REDUCTION, guess))
-    return max(quotient, guess)
+    return max(quotient, _limited(last / abs(h) * sqrt(sqrt(error * error / previous)) / SAFETY))
 
 
 @compiled_subset
@@ -190,12 +192,12 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
     if progress.factored != h:
         progress.factored = h if factor_matrices(h, kept, space) else 0.0
     # Newton stops where its error does not show in the estimate of the step's.
-    tolerance = max(10.0 * _EPSILON / max(rtol, 1e-14), min(0.03, sqrt(max(rtol, 1e-14))))
+    tolerance = max(10.0 * _UNIT / max(rtol, 1e-14), min(0.03, sqrt(max(rtol, 1e-14))))
     scale_of(run.work, y, kept, h, rtol, settings.atol, tolerance)
     if progress.factored != h:
         return BROKEN, 0
     predict(run.work, progress.ratio * abs(h))
-    known_rate = exp(0.8 * log(max(progress.known_rate, _EPSILON)))
+    known_rate = exp(0.8 * log(max(progress.known_rate, _UNIT)))
     outcome, iterations, rate = newton(codes.rhs, t, h, kept, run, y, space, tolerance, known_rate)
     progress.evaluations += 3 * iterations
     if iterations > 1:
@@ -211,9 +213,9 @@ def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
     progress.known_rate = progress.rate = 1.0
     if run.progress.fresh == 0:
         run.progress.rejected += 1
-        return _SUCCESS
+        return status_of(settings, run.progress)
     progress.ratio = 0.0
-    return refused(settings, run, 0.5 * abs(h), _NON_FINITE if outcome == BROKEN else _STEP_TOO_SMALL)
+    return retry(settings, run, 0.5 * abs(h), Status.NON_FINITE if outcome == BROKEN else Status.STEP_TOO_SMALL)
 
 
 @compiled_subset
@@ -230,42 +232,41 @@ def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Ru
 
 
 @compiled_subset
-def _settled(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
-    """Judge a step, project its end and evaluate the slope there; return the verdict."""
-    if not error < np.inf:
-        return _NON_FINITE
-    if error > 1.0:
-        return _STEP_TOO_SMALL
-    failure = _PROJECTION_FAILED
+def _verdict(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Judge a step by its error, project its end and evaluate the slope there; return the verdict."""
+    verdict = error_verdict(error)
+    if verdict != ACCEPTED:
+        return verdict
+    verdict = Status.PROJECTION_FAILED
     if project(codes.position, codes.velocity, t_new, run, y_new):
         evaluate(codes.rhs, t_new, run, y_new, SLOPE)
-        failure = _SUCCESS if all_finite(run.work, y_new, SLOPE) else _NON_FINITE
+        verdict = ACCEPTED if all_finite(run.work, y_new, SLOPE) else Status.NON_FINITE
         run.progress.evaluations += 1
-    if failure != _SUCCESS:
+    if verdict != ACCEPTED:
         evaluate(codes.rhs, run.progress.t, run, run.progress.row, SLOPE)
         run.progress.evaluations += 1
-    return failure
+    return verdict
 
 
 @compiled_subset
 def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run) -> int:
-    """Take a step, or refuse it; return the status."""
+    """Attempt a step, and accept or reject it; return the status."""
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
-    h, t_new = coming(settings, progress)
+    h, t_new = planned_step(settings, progress)
     outcome, iterations = _increments(codes, settings, space, run, h)
     if outcome != CONVERGED:
         return _diverged(settings, run, h, outcome)
     for m in range(work.shape[1]):
         work[y_new, m] = work[y, m] + work[Z + 2, m]
     error = _error(codes, settings, space, run, h, y_new)
-    failure = _settled(codes, run, error, t_new, y_new)
+    verdict = _verdict(codes, run, error, t_new, y_new)
     quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
-    if failure != _SUCCESS:
+    if verdict != ACCEPTED:
         if error <= 1.0:
-            quotient = 1.0 / _LARGEST_REDUCTION
+            quotient = 1.0 / LARGEST_REDUCTION
         progress.ratio = 0.0
-        return refused(settings, run, abs(h) / max(quotient, 1.0 / _SAFETY), failure)
+        return retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), verdict)
     keep_polynomial(work)
     piece = progress.steps - progress.begun if settings.dense else 0
     if settings.dense or pending(run, t_new):
@@ -274,13 +275,11 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
     if progress.last_size != 0.0:
         quotient = _predicted(quotient, h, progress.last_size, error, progress.previous)
-    growth = 1.0 / quotient
-    if progress.retried != 0:
-        growth = min(growth, 1.0)
+    growth = min(1.0 / quotient, growth_limit(progress.retried != 0))
     slow = progress.rate > _RATE_TO_KEEP_JACOBIAN
     if slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == settings.t1:
         progress.size = abs(h) * growth
-    progress.last_size, progress.previous, progress.ratio = abs(h), max(error, 1e-2), 1.0 / abs(h)
+    progress.last_size, progress.previous, progress.ratio = abs(h), max(error, _SMALLEST_PREVIOUS), 1.0 / abs(h)
     progress.retried = progress.fresh = 0
     return status
 

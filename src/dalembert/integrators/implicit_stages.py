@@ -11,6 +11,7 @@ from .lu import solve
 from .newton import ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z
 from .packed_tableaus import DELTA, POINT
 from .recorded_runs import Run, evaluate
+from .step_control import error_scale
 
 __all__ = ["between", "estimate", "first_step", "keep_polynomial", "scale_of", "write_polynomial"]
 
@@ -49,7 +50,7 @@ def estimate(
         for m in range(n):
             work[ERROR, m] = vector[m]
             if m < differential:
-                scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
+                scale = error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
                 total += square(vector[m] / scale)
         error = sqrt(total / differential)
         if error <= 1.0 or not careful or attempt == 1 or not error < np.inf:
@@ -82,7 +83,7 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
             for i in range(3):
                 value = fma(INVERSE_POWERS[k, i], work[Z + i, m], value)
             here = theta * (value + here)
-        scale = atol + rtol * max(abs(work[y, m]), abs(work[y_new, m]))
+        scale = error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
         total += square((there - here) / (scope * scale))
     return BETWEEN * sqrt(total / differential)
 
@@ -105,10 +106,10 @@ def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float,
         largest = max(largest, size)
         noise = 1e-15 * size / tolerance
         for m in range(kind * count, (kind + 1) * count):
-            work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m]))
+            work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m])))
     noise = 1e-15 * largest / tolerance
     for m in range(differential, n):
-        work[SCALE, m] = max(noise, atol + rtol * abs(work[y, m])) / min(1.0, abs(h))
+        work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m]))) / min(1.0, abs(h))
 
 
 @compiled_subset
@@ -118,7 +119,7 @@ def first_step(
     """Size of the first step, at most ``limit``, from the sizes of the state and of its slope."""
     size = slope = 0.0
     for m in range(differential):
-        scale = 1.0 / (atol + rtol * abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
         size += square(work[y, m] * scale)
         slope += square(work[SLOPE, m] * scale)
     if size < 1e-10 * differential or slope < 1e-10 * differential:

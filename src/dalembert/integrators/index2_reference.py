@@ -14,7 +14,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..methods.collocation import ERROR_WEIGHTS, INVERSE_POWERS, METHOD, NODES, REAL
 from ..methods.status import Status
+from ..methods.step_constants import LARGEST_REDUCTION, SAFETY, SMALLEST_SCALE, STRETCH
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
+from .step_control import smallest_step
 
 __all__ = ["integrate"]
 
@@ -22,7 +24,6 @@ Function = Callable[[float, FloatArray], FloatArray]
 
 _INVERSE = np.linalg.inv(METHOD)
 _MAX_ITERATIONS = 10
-_SMALLEST = 16.0 * 2.220446049250313e-16
 
 
 def integrate(rhs: Function, jacobian: Function, problem: IntegrationProblem, multipliers: FloatArray) -> Solution:
@@ -98,20 +99,20 @@ class _Run:
             if len(self.pieces) + self.rejected >= problem.max_steps:
                 return Status.MAX_STEPS
             size = min(size, problem.max_step)
-            ends = size * (1.0 + 1e-9) >= abs(problem.t1 - self.t)
+            ends = size * STRETCH >= abs(problem.t1 - self.t)
             h = problem.t1 - self.t if ends else self.direction * size
             matrix = self.jacobian(self.t, self.y)
             z = self._newton(h, matrix) if np.all(np.isfinite(matrix)) else None
             error = np.inf if z is None else self._error(h, matrix, slope, z)
             if z is None or not error <= 1.0:
                 self.rejected += 1
-                size = abs(h) * (0.25 if not np.isfinite(error) else max(0.2, 0.9 * error**-0.25))
-                if size < _SMALLEST * max(abs(self.t), 1e-16 * span):
+                size = abs(h) * (0.25 if not np.isfinite(error) else max(LARGEST_REDUCTION, SAFETY * error**-0.25))
+                if size < smallest_step(self.t, abs(problem.t1 - self.t)):
                     return Status.STEP_TOO_SMALL if np.all(np.isfinite(matrix)) else Status.NON_FINITE
                 continue
             self._accept(problem.t1 if ends else self.t + h, z)
             slope = self._call(self.t, self.y)
-            size = abs(h) * min(5.0, 0.9 * max(error, 1e-8) ** -0.25)
+            size = abs(h) * min(5.0, SAFETY * max(error, 1e-8) ** -0.25)
         return Status.SUCCESS
 
     def _accept(self, t: float, z: FloatArray) -> None:
@@ -122,7 +123,7 @@ class _Run:
         self.states.append(self.y[: self.kept])
 
     def _scale(self, h: float) -> FloatArray:
-        scale = max(self.problem.atol, 1e-150) + self.problem.rtol * np.abs(self.y)
+        scale = max(self.problem.atol, SMALLEST_SCALE) + self.problem.rtol * np.abs(self.y)
         scaled: FloatArray = np.where(self.mass > 0.0, scale, scale / min(1.0, abs(h)))
         return scaled
 
@@ -154,7 +155,7 @@ class _Run:
         shifted = REAL / h * np.diag(self.mass) - matrix
         part = ERROR_WEIGHTS @ z / h * self.mass
         new: FloatArray = self.y + z[2]
-        scale = max(self.problem.atol, 1e-150) + self.problem.rtol * np.maximum(np.abs(self.y), np.abs(new))
+        scale = max(self.problem.atol, SMALLEST_SCALE) + self.problem.rtol * np.maximum(np.abs(self.y), np.abs(new))
         try:
             error = np.linalg.solve(shifted, slope + part)
             norm = float(np.sqrt(np.mean((error / scale)[: self.kept] ** 2)))

@@ -26,6 +26,7 @@ from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest,
 from .event_search import BROKEN, NOTHING, begin_signs, resolve, scan, starts, state_at, zeros_at_end
 from .event_series import calm, follow, keeps_signs, plain
 from .projection import FAILED, NONE, WANTED, correct
+from .step_control import smallest_step
 from .step_reductions import accumulate, advance
 from .workspace import (
     ATTEMPTS,
@@ -48,7 +49,6 @@ __all__ = ["LOOP", "SweepArguments", "sweeping"]
 _SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
 _NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
 _PROJECTION_FAILED, _EVENT_NON_FINITE = int(Status.PROJECTION_FAILED), int(Status.EVENT_NON_FINITE)
-_SMALLEST = 16.0 * 2.220446049250313e-16
 
 
 class SweepArguments(NamedTuple):
@@ -262,7 +262,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                 now, size = time[lane], states[new + size_at, lane]
                 rest = abs(end_of[lane] - now)
                 broken = states[new + size_at + 1, lane] != 0.0
-                smallest = _SMALLEST * abs(now) + 1e-30 * rest
+                smallest = smallest_step(now, rest)
                 attempts[lane] += 1.0
                 if memory > 0:
                     kept = size != 0.0
@@ -317,7 +317,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                     time[lane], sampled_of[lane] = before, sampled_before[lane]
                     refused[lane] += 1.0
                     status[lane] = _PROJECTION_FAILED
-                    if memory > 0 and size >= _SMALLEST * abs(before) + 1e-30 * abs(end_of[lane] - before):
+                    if memory > 0 and size >= smallest_step(before, abs(end_of[lane] - before)):
                         status[lane] = RUNNING if attempts[lane] < budget else _MAX_STEPS
                         states[old + n + 2, lane], states[old + n + 4, lane] = size, 1.0
             if not watched:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.collocation import COMPLEX, FROM_MODES, NODES, REAL, TO_MODES
+from ..methods.step_constants import SMALLEST_NORMAL
 from .arguments import IntVector, Matrix, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row, sqrt, square
 from .lu import factor, factor_pair, solve, solve_pair
@@ -212,7 +213,7 @@ def newton(
             hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
             if hopeless and (iteration > 1 or differential == n):
                 return DIVERGED, iteration + 1, rate
-        before = max(size, 1e-300)
+        before = max(size, SMALLEST_NORMAL)
         if factor_ * size <= tolerance:
             return CONVERGED, iteration + 1, rate
     return DIVERGED, most, rate

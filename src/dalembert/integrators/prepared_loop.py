@@ -8,18 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..methods.status import Status
-from ..methods.step_constants import REDUCTION_BLIND
+from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
 from .projection import corrected
+from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, largest_step, status_after
 
 __all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress"]
-
-_SUCCESS, _MAX_STEPS = int(Status.SUCCESS), int(Status.MAX_STEPS)
-_NON_FINITE, _STEP_TOO_SMALL = int(Status.NON_FINITE), int(Status.STEP_TOO_SMALL)
-_PROJECTION_FAILED = int(Status.PROJECTION_FAILED)
-_SMALLEST = 16.0 * 2.220446049250313e-16
 
 
 class PreparedKernels(NamedTuple):
@@ -38,8 +33,8 @@ class PreparedKernels(NamedTuple):
 class PreparedLimits(NamedTuple):
     """Start, end and largest step [s], and numbers of attempts.
 
-    After ``attempts`` the run ends; after ``patience`` of them it pauses, with the status -1. ``going`` says whether it
-    continues one that has paused.
+    After ``attempts`` the run ends; after ``patience`` of them it pauses, with the status `RUNNING`. ``going`` says
+    whether it continues one that has paused.
     """
 
     t0: float
@@ -93,68 +88,68 @@ class PreparedArguments(NamedTuple):
 @compiled_subset
 def LOOP(arguments: PreparedArguments) -> int:
     """Run from the first row of the states, where the last state is left; return the status."""
-    kernels, limits, progress = arguments.kernels, arguments.limits, arguments.progress
-    prepare, step, start = kernels.prepare, kernels.step, kernels.start
-    position, velocity = kernels.position, kernels.velocity
-    n, memory, budget = arguments.n, arguments.memory, limits.attempts
-    p, c, settings, clock = arguments.p, arguments.c, arguments.settings, arguments.clock
-    states, delta, mark = arguments.states, arguments.delta, arguments.mark
-    t, t1, largest, direction = limits.t0, limits.t1, limits.largest, settings[0, 1]
-    old = steps = attempts = 0
-    status = -1
-    if limits.going:
-        t, steps, attempts, old = progress.t, progress.steps, progress.attempts, progress.row
-    else:
-        call_code(prepare, row(p, 0), 0, 0, 0, row(c, 0))
-        states[0, n] = 0.0
-        if t == t1:
-            status = _SUCCESS
-        if start != 0 and status < 0:
-            clock[0, 0], settings[0, 0] = t, min(largest, abs(t1 - t))
-            call_code(start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
-            old = 1
-    limit = min(budget, attempts + limits.patience)
-    while status < 0:
-        if attempts == limit:
-            if attempts == budget:
-                status = _MAX_STEPS
-                break
-            progress.t, progress.steps, progress.attempts, progress.row = t, steps, attempts, old
-            return -1
-        attempts += 1
-        new, rest = 1 - old, abs(t1 - t)
-        clock[0, 0], settings[0, 0] = t, min(rest, largest)
-        call_code(step, row(clock, 0), row(states, old), row(c, 0), row(settings, 0), row(states, new))
-        size, broken = states[new, n], states[new, n + 1] != 0.0
-        smallest = _SMALLEST * abs(t) + 1e-30 * rest
-        if memory > 0:
-            kept = size != 0.0
-            stuck = not kept and not states[new, n + 2] >= smallest
-        else:
-            stuck = broken or (size < rest and size < smallest)
-            kept = not stuck
-        if stuck:
-            status = _NON_FINITE if broken else _STEP_TOO_SMALL
-            break
-        if kept:
-            last = size == rest
-            before, t = t, t1 if last else t + direction * size
-            clock[0, 0] = t
-            held = position != 0 or velocity != 0
-            if held and not corrected(position, velocity, clock, states, new, c, delta, mark):
-                # Go back, and try a smaller step where the step can.
-                smaller, t = REDUCTION_BLIND * size, before
-                if not (memory > 0 and smaller >= smallest):
-                    status = _PROJECTION_FAILED
-                    break
-                states[old, n + 2], states[old, n + 4] = smaller, 1.0
-                continue
-            steps += 1
-            if last:
-                status = _SUCCESS
-        old = new
-    if old == 1:
-        for m in range(n):
+    limits, progress, states = arguments.limits, arguments.progress, arguments.states
+    status = RUNNING if limits.going else _begin(arguments)
+    pause = min(limits.attempts, progress.attempts + limits.patience)
+    while status == RUNNING and progress.attempts < pause:
+        status = _attempt(arguments)
+    if status != RUNNING and progress.row == 1:
+        for m in range(arguments.n):
             states[0, m] = states[1, m]
-    progress.steps = steps
     return status
+
+
+@compiled_subset
+def _begin(arguments: PreparedArguments) -> int:
+    """Compute the constants and what the first step remembers; return the status."""
+    kernels, limits, progress = arguments.kernels, arguments.limits, arguments.progress
+    c, clock, settings, states = arguments.c, arguments.clock, arguments.settings, arguments.states
+    progress.t, progress.steps, progress.attempts, progress.row = limits.t0, 0, 0, 0
+    call_code(kernels.prepare, row(arguments.p, 0), 0, 0, 0, row(c, 0))
+    states[0, arguments.n] = 0.0
+    status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
+    if kernels.start != 0 and status == RUNNING:
+        clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, limits.t1, limits.largest)
+        call_code(kernels.start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
+        progress.row = 1
+    return status
+
+
+@compiled_subset
+def _attempt(arguments: PreparedArguments) -> int:
+    """Attempt a step, and accept or reject it; return the status."""
+    limits, progress, states = arguments.limits, arguments.progress, arguments.states
+    c, settings, clock, n = arguments.c, arguments.settings, arguments.clock, arguments.n
+    t, old, new, retries = progress.t, progress.row, 1 - progress.row, arguments.memory > 0
+    rest = abs(limits.t1 - t)
+    clock[0, 0], settings[0, 0] = t, largest_step(t, limits.t1, limits.largest)
+    call_code(arguments.kernels.step, row(clock, 0), row(states, old), row(c, 0), row(settings, 0), row(states, new))
+    progress.attempts += 1
+    size, proposed = states[new, n], 0.0
+    if retries:
+        proposed = states[new, n + 2]
+    verdict = attempt_verdict(size, states[new, n + 1] != 0.0, proposed, retries, t, rest)
+    if verdict != ACCEPTED and verdict != REJECTED:
+        return verdict
+    if verdict == ACCEPTED:
+        clock[0, 0] = end_of_step(t, limits.t1, settings[0, 1], size, rest)
+        if not _project(arguments, new):
+            smaller = blind_retry(size, t, rest, retries)
+            if smaller == 0.0:
+                return Status.PROJECTION_FAILED
+            states[old, n + 2], states[old, n + 4] = smaller, 1.0
+            return status_after(False, progress.attempts, limits.attempts)
+        progress.t = clock[0, 0]
+        progress.steps += 1
+    progress.row = new
+    return status_after(verdict == ACCEPTED and size == rest, progress.attempts, limits.attempts)
+
+
+@compiled_subset
+def _project(arguments: PreparedArguments, number: int) -> bool:
+    """Project a row of the states onto the constraints, where there are any; return whether that came about."""
+    position, velocity = arguments.kernels.position, arguments.kernels.velocity
+    if position == 0 and velocity == 0:
+        return True
+    clock, c, delta, mark = arguments.clock, arguments.c, arguments.delta, arguments.mark
+    return corrected(position, velocity, clock, arguments.states, number, c, delta, mark)

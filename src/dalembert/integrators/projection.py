@@ -6,16 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.step_constants import BRANCH, SLOW
+from ..methods.step_constants import (
+    BRANCH,
+    LINEAR_CHANGE,
+    LINEAR_CORRECTIONS,
+    MOST_CORRECTIONS,
+    QUADRATIC_CHANGE,
+    SLOW,
+)
 from .compiled_subset import call_code, compiled_subset, flat, row
 
 __all__ = ["FAILED", "NONE", "WANTED", "correct", "corrected"]
 
 NONE, WANTED, FAILED = 0, 1, 3
 _SETTLED = 2
-_MAX_CORRECTIONS, _LINEAR_CORRECTIONS = 10, 2
-_QUADRATIC = 1e-8
-_LINEAR = 1e-4
 
 
 @compiled_subset
@@ -34,7 +38,7 @@ def correct(
     ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is overwritten.
     """
     lanes = clock.shape[1]
-    for kernel, tries in ((position, _MAX_CORRECTIONS), (velocity, _LINEAR_CORRECTIONS)):
+    for kernel, tries in ((position, MOST_CORRECTIONS), (velocity, LINEAR_CORRECTIONS)):
         left = 0
         for lane in range(lanes):
             left += 1 if mark[lane] == WANTED else 0
@@ -54,11 +58,11 @@ def correct(
                     states[first + m, lane] += delta[m, lane]
                     change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
                     finite += 0.0 * delta[m, lane]
-                lost = attempt == 0 and tries == _LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
-                if lost or finite != 0.0 or (attempt == tries - 1 and not change <= _LINEAR):
+                lost = attempt == 0 and tries == LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
+                if lost or finite != 0.0 or (attempt == tries - 1 and not change <= LINEAR_CHANGE):
                     mark[lane] = FAILED
                     left -= 1
-                elif not change > _QUADRATIC:
+                elif not change > QUADRATIC_CHANGE:
                     mark[lane] = _SETTLED
                     left -= 1
         for lane in range(lanes):

@@ -12,34 +12,38 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..interrupts import check
-from ..methods.status import Status
-from ..methods.step_constants import SMALLEST_SCALE, STRETCH
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import SMALLEST_SCALE
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
 from .packed_tableaus import POINT
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .projection import corrected
-from .step_control import smallest_step
-from .taylor_loop import RUNNING
+from .step_control import next_step, smallest_step, status_after
 
 __all__ = [
+    "FIRST_BLOCK",
+    "LARGEST_BLOCK",
     "Progress",
     "Run",
     "Settings",
     "all_finite",
-    "coming",
+    "begin_status",
+    "block_is_full",
     "evaluate",
-    "follow",
     "pending",
+    "planned_step",
     "project",
     "record",
-    "refused",
+    "retry",
+    "run_in_blocks",
     "settings_of",
     "solution",
+    "status_of",
 ]
 
-_SUCCESS, _PROJECTION_FAILED = int(Status.SUCCESS), int(Status.PROJECTION_FAILED)
-_FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
+FIRST_BLOCK, LARGEST_BLOCK = 64, 8192
+"""Steps of the first block of a run, and at most; each block may hold twice as many as the one before."""
 
 
 class Settings(NamedTuple):
@@ -138,24 +142,44 @@ def all_finite(work: FloatArray, first: int, second: int) -> bool:
 
 
 @compiled_subset
-def coming(settings: Settings, progress: Progress) -> tuple[float, float]:
+def begin_status(settings: Settings, finite: bool) -> int:
+    """Return the status of a run before its first step."""
+    return status_after(settings.t0 == settings.t1, 0.0, settings.max_steps) if finite else Status.NON_FINITE
+
+
+@compiled_subset
+def status_of(settings: Settings, progress: Progress) -> int:
+    """Return the status of a run after an attempt."""
+    return status_after(progress.t == settings.t1, progress.steps + progress.rejected, settings.max_steps)
+
+
+@compiled_subset
+def block_is_full(progress: Progress) -> bool:
+    """Return whether the present block has no row for another step."""
+    return progress.steps == progress.limit
+
+
+@compiled_subset
+def planned_step(settings: Settings, progress: Progress) -> tuple[float, float]:
     """Return the next step, with its sign, and where it ends."""
     t, t1 = progress.t, settings.t1
-    size = min(max(progress.size, smallest_step(t, abs(t1 - settings.t0))), settings.max_step)
-    progress.size = size
-    if size * STRETCH >= abs(t1 - t):
+    size, progress.size = next_step(progress.size, t, t1, settings.max_step)
+    if size == abs(t1 - t):
         return t1 - t, t1
     h = size if t1 >= settings.t0 else -size
     return h, t + h
 
 
 @compiled_subset
-def refused(settings: Settings, run: Run, size: float, failure: int) -> int:
-    """Count a step that failed, to try a smaller one; return the failure where that is too small, else success."""
-    run.progress.rejected += 1
-    run.progress.retried = 1
-    run.progress.size = size
-    return failure if size < smallest_step(run.progress.t, abs(settings.t1 - settings.t0)) else _SUCCESS
+def retry(settings: Settings, run: Run, size: float, failure: int) -> int:
+    """Reject a step, to try another of some size; return the status, which is the failure where that is too small."""
+    progress = run.progress
+    progress.rejected += 1
+    progress.retried = 1
+    progress.size = size
+    if size < smallest_step(progress.t, abs(settings.t1 - progress.t)):
+        return failure
+    return status_of(settings, progress)
 
 
 @compiled_subset
@@ -167,13 +191,13 @@ def pending(run: Run, t_new: float) -> bool:
 
 @compiled_subset
 def record(position: int, velocity: int, settings: Settings, run: Run, piece: int, y_new: int, t_new: float) -> int:
-    """Take a step and record what is wanted of it, by its polynomial where that is `pending`; return the status."""
-    progress, t, status = run.progress, run.progress.t, _SUCCESS
+    """Accept a step and record what is wanted of it, by its polynomial where that is `pending`; return the status."""
+    progress, t, projected = run.progress, run.progress.t, True
     while pending(run, t_new):
         at = run.t_eval[progress.recorded]
         _evaluate_polynomial(run, piece, settings.degree, (at - t) / (t_new - t), settings.kept)
-        if not project(position, velocity, at, run, POINT):
-            status = _PROJECTION_FAILED
+        projected = project(position, velocity, at, run, POINT)
+        if not projected:
             break
         _store(run, progress.recorded, at, POINT)
         progress.recorded += 1
@@ -184,7 +208,7 @@ def record(position: int, velocity: int, settings: Settings, run: Run, piece: in
         _store(run, progress.steps - progress.begun, t_new, y_new)
     progress.steps += 1
     progress.row, run.progress.t = y_new, t_new
-    return status
+    return status_of(settings, progress) if projected else Status.PROJECTION_FAILED
 
 
 @compiled_subset
@@ -222,7 +246,7 @@ def settings_of(problem: IntegrationProblem, degree: int, *, watched: bool = Fal
     )
 
 
-def follow(
+def run_in_blocks(
     loop: Callable[[Run], int], problem: IntegrationProblem, settings: Settings, work: FloatArray
 ) -> tuple[int, Run, list[FloatArray]]:
     """Call a loop until its run has ended.
@@ -230,7 +254,7 @@ def follow(
     Parameters
     ----------
     loop : function from a run to a status
-        Returns `RUNNING` where a block is full.
+        Returns `RUNNING` where a block is full and the run has not ended.
     problem, settings
         Of which times to record and constants are taken.
     work : (n_rows, width)
@@ -253,7 +277,7 @@ def follow(
     same = np.zeros((1, 1)), constants, t_eval, work, np.zeros((n, 1)), np.zeros(1, np.int64), progress
     blocks, pieces = [begin.reshape(1, -1)], []
     bounded = settings.dense or not settings.sampled
-    status, size = RUNNING, _FIRST_BLOCK
+    status, size = RUNNING, FIRST_BLOCK
     while status == RUNNING:
         check()
         limit = size if bounded else settings.max_steps
@@ -266,13 +290,13 @@ def follow(
             blocks.append(rows[:count])
         if settings.dense:
             pieces.append(piece[:count])
-        size = min(2 * size, _LARGEST_BLOCK)
+        size = min(2 * size, LARGEST_BLOCK)
     recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
     return status, Run(*same, recorded, samples), pieces
 
 
 def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[FloatArray]) -> Solution:
-    """Return what `follow` found."""
+    """Return the solution of a run that has ended, from what `run_in_blocks` returned."""
     progress = run.progress
     return Solution(
         status=Status(status),

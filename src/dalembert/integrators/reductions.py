@@ -4,7 +4,7 @@ A piece of a step is cut in halves until the series is as good as the function: 
 coefficients are small; for an extremum, until the piece cannot hold a better one, or the function is monotone on it,
 or bends one way on it, where the zero of the slope of the series is where the extremum is. Where nothing but rounding
 is left of a function it ends, too: where what varies is a share of the extremum that rounding may be (`FLAT`), or where
-the budget of the step is used up (`dalembert.integrators.crossings.BUDGET`).
+the budget of the step is used up (`dalembert.methods.event_constants.BUDGET`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from ..methods.chebyshev import (
     SMOOTH,
     TAIL,
 )
-from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
+from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
+from ..methods.step_constants import EPSILON
 from .problem import DenseOutput, JoinedOutput
 
 __all__ = [
@@ -44,11 +45,11 @@ KINDS = ("minimum", "maximum", "mean")
 SHALLOW = 16
 """Halvings after which the integral of a piece is taken as it is: a jump or a kink is in it."""
 
-FLAT = 32 * 2.220446049250313e-16
+FLAT = 32 * EPSILON
 """Share of the extremum up to which what a function varies by on a piece is rounding."""
 
 DEEP_IN_MEAN = 12
-"""As `dalembert.integrators.crossings.DEEP`, for integrals."""
+"""As `dalembert.methods.event_constants.DEEP`, for integrals."""
 
 Sample = Callable[[FloatArray], FloatArray]
 Values = Callable[[int, FloatArray], FloatArray]

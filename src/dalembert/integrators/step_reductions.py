@@ -8,8 +8,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
+from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
-from .crossings import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .event_intervals import SERIES, SLOPE_SERIES, output_at, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
 from .workspace import QUICK, EventKernels, EventWorkspace

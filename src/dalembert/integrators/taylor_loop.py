@@ -13,19 +13,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..arrays import FloatArray
-from ..methods.status import Status
+from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, row
 from .projection import corrected
+from .step_control import ACCEPTED, attempt_verdict
 
-__all__ = ["LOOP", "RUNNING", "TaylorArguments", "TaylorProgress"]
-
-RUNNING = -1
-"""Status of a run whose number of steps was reached before the end of the span."""
-
-_SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
-_STEP_TOO_SMALL, _PROJECTION_FAILED = int(Status.STEP_TOO_SMALL), int(Status.PROJECTION_FAILED)
-_SMALLEST = 16.0 * 2.220446049250313e-16
+__all__ = ["LOOP", "TaylorArguments", "TaylorProgress"]
 
 
 class TaylorProgress(Record):
@@ -112,15 +106,14 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
         here = k % rows.shape[0]
         rest = abs(t1 - t - low[n])
         if rest == 0.0:
-            return _SUCCESS, k
+            return Status.SUCCESS, k
         settings[0, 0] = min(rest, largest)
         clock[0, 0] = t
         call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
         size = rows[here, n]
-        if rows[here, n + 1] != 0.0:
-            return _NON_FINITE, k
-        if size < _SMALLEST * max(abs(t), abs(t1 - progress.t) * 1e-16) and size < rest:
-            return _STEP_TOO_SMALL, k
+        verdict = attempt_verdict(size, rows[here, n + 1] != 0.0, 0.0, False, t, rest)
+        if verdict != ACCEPTED:
+            return verdict, k
         if k == 0:
             _advance(y, 0, rows, here, settings[0, 1] * size, low)
         else:
@@ -133,12 +126,12 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
         clock[0, 0] = t
         held = position != 0 or velocity != 0
         if held and not corrected(position, velocity, clock, rows, here, c, arguments.delta, arguments.mark):
-            return _PROJECTION_FAILED, k
+            return Status.PROJECTION_FAILED, k
         progress.t = t
         if k < times.size:
             times[k] = t
         if t == t1:
-            return _SUCCESS, k + 1
+            return Status.SUCCESS, k + 1
     return RUNNING, limit
 
 

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..interrupts import check
-from ..methods.status import Status
-from ..transforms.taylor import clipped_tolerance
+from ..methods.status import RUNNING, Status
+from ..transforms.taylor import scale_floor
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
-from .taylor_loop import RUNNING, TaylorArguments, TaylorProgress
+from .recorded_runs import FIRST_BLOCK, LARGEST_BLOCK
+from .taylor_loop import TaylorArguments, TaylorProgress
 
 __all__ = ["StepCode", "integrate"]
-
-_FIRST_BLOCK, _LARGEST_BLOCK = 64, 8192
 
 _LARGEST_WINDING = 256
 """Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
@@ -79,17 +78,16 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     n = len(problem.y0)
     clock, delta = np.empty((1, 1)), np.empty((n, 1))
     mark, progress = np.zeros(1, np.int64), TaylorProgress()
-    tolerance = clipped_tolerance(problem.rtol, problem.atol)
     direction = 1.0 if problem.t1 >= problem.t0 else -1.0
     progress.t, t1, largest = problem.t0, float(problem.t1), float(problem.max_step)
     codes = code.step, code.position, code.velocity
-    settings = np.array([[0.0, direction, max(problem.atol / tolerance, 1e-300)]])
+    settings = np.array([[0.0, direction, scale_floor(problem.rtol, problem.atol)]])
     y = np.append(np.asarray(problem.y0, dtype=float), 0.0).reshape(1, n + 1)
     c = np.array(problem.constants, dtype=float).reshape(1, -1)
     low = np.zeros(n + 1)
     record = _Record(problem, code.order, bool(code.position or code.velocity))
     angles, turns = np.array(code.angles, np.intp), np.zeros(n)
-    status, size = RUNNING, _FIRST_BLOCK
+    status, size = RUNNING, FIRST_BLOCK
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
         status = int(Status.NON_FINITE)
     while status == RUNNING:
@@ -109,7 +107,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         record.add(start, times[:count], y[0, :n], rows[:count], turns)
         if count:
             y = rows[count - 1, : n + 1].copy().reshape(1, n + 1)
-        size = min(2 * size, _LARGEST_WINDING if len(angles) else _LARGEST_BLOCK)
+        size = min(2 * size, _LARGEST_WINDING if len(angles) else LARGEST_BLOCK)
         if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
             step = abs(t - start) / count
             if abs(problem.t1 - t) >= _WATCHED_REST * step and watch(t, y[0, :n], step):

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..methods.event_constants import DEEPEST
+from ..methods.status import RUNNING
 from ..once import once
 from .arguments import Address, IntVector, Matrix, Record
-from .crossings import DEEPEST
 
 __all__ = [
     "ATTEMPTS",
@@ -46,8 +47,8 @@ NOW, END, NEXT = range(3)
 ATTEMPTS, REFUSED, BEFORE, FIRST = range(4)
 """Rows of ``LaneState.tally``."""
 
-RUNNING, IDLE = -1, -2
-"""Statuses of a lane whose case goes on, and of one without a case."""
+IDLE = -2
+"""Status of a lane without a case."""
 
 _LINE = 64
 

@@ -47,6 +47,9 @@ class Status(enum.IntEnum):
         return said
 
 
+RUNNING = -1
+"""What compiled loops have in place of a status while a run, or a case, goes on."""
+
 IMPLICIT_METHODS = ("radau", "bdf", "lsoda", "kvaerno5")
 """Integration methods that stiff problems do not slow down."""
 

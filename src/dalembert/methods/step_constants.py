@@ -1,22 +1,77 @@
-"""Constants of the step size control of the explicit Runge-Kutta pairs.
+"""Constants of step size control and of projection, the same for every loop, generated step and backend.
 
 Source: K. Gustafsson, ACM Transactions on Mathematical Software 17 (1991) 533-554; Hairer and Wanner, Solving
 Ordinary Differential Equations II, section IV.2, for the exponents.
 """
 
-SAFETY = 0.9
-LARGEST_REDUCTION = 0.2
-LARGEST_GROWTH = 8.0
-REDUCTION_BLIND = 0.1
-SMALLEST_PREVIOUS = 1e-4
-INTEGRAL = 0.2
-PROPORTIONAL = 0.75
-SECOND_ERROR_WEIGHT = 0.01
-# A remainder of the span below this share of a step is taken along with the step.
+from __future__ import annotations
+
+EPSILON = 2.220446049250313e-16
+"""Spacing of doubles at 1."""
+
+SMALLEST_NORMAL = 1e-300
+"""Stands for zero where a positive number is required: a divisor, or the argument of a logarithm."""
+
+SMALLEST_OF_TIME = 16.0 * EPSILON
+"""Share of the time below which a step does not advance it reliably."""
+
+SMALLEST_OF_REST = 1e-30
+"""Share of the time that is left, below which a step is too small at time 0."""
+
 STRETCH = 1.0 + 1e-9
-# The least absolute tolerance, so that nothing is divided by zero.
+"""A step that reaches this close to the end is stretched to end there."""
+
 SMALLEST_SCALE = 1e-150
-# A projection that changes the velocities by more than this share of them, or of 1e-3, corrects no error of a step: it
-# takes the motion to another branch of its constraints, where they lose rank.
-BRANCH = 0.25
-SLOW = 1e-3
+"""Least absolute tolerance, so that nothing is divided by zero."""
+
+SAFETY = 0.9
+"""Factor on the step size that the error estimate asks for."""
+
+LARGEST_REDUCTION = 0.2
+"""Least factor from one step size to the next where the error is known."""
+
+LARGEST_GROWTH = 8.0
+"""Largest factor from one step size to the next."""
+
+REDUCTION_BLIND = 0.1
+"""Factor for another attempt after a failure that says nothing of a better size: NaN, or a failed projection."""
+
+SMALLEST_PREVIOUS = 1e-4
+"""Least error norm that the controller remembers of a step."""
+
+INTEGRAL = 0.2
+"""Exponent of the previous error, in units of 1/(order of the error estimate + 1)."""
+
+PROPORTIONAL = 0.75
+"""Share of the exponent of the previous error that is taken from the exponent of the error."""
+
+SECOND_ERROR_WEIGHT = 0.01
+"""Weight of the second error estimate beside the first, in pairs that have two (DOP853)."""
+
+FIRST_NEGLIGIBLE = 1e-5
+"""Norm of the state or of its slope, over the tolerances, below which they say nothing of the first step."""
+
+FIRST_BLIND = 1e-6
+"""Size of the trial step where they say nothing."""
+
+FIRST_SHARE = 0.01
+"""Share of the state, over the tolerances, that the trial step may change, and the error aimed at by the first step."""
+
+FIRST_GROWTH = 100.0
+"""Largest factor from the trial step to the first step."""
+
+FIRST_SLOPE = 1e-15
+"""Slope and curvature, over the tolerances, that count as none."""
+
+BRANCH, SLOW = 0.25, 1e-3
+"""A projection that changes the velocities by more than the share `BRANCH` of them, or of `SLOW`, corrects no error of
+a step: it takes the motion to another branch of its constraints, where they lose rank."""
+
+MOST_CORRECTIONS, LINEAR_CORRECTIONS = 10, 2
+"""Largest numbers of corrections of positions, which are Newton steps, and of velocities, which are linear."""
+
+QUADRATIC_CHANGE = 1e-8
+"""Relative change below which a correction is the last: the next one would change nothing."""
+
+LINEAR_CHANGE = 1e-4
+"""Relative change that the last correction allowed may still make."""

@@ -43,8 +43,7 @@ CONTROL = ("size of the next attempt", "log2 of the previous error", "largest gr
 _ARGUMENTS = ("t", "y", "c", "s")
 _LARGEST, _DIRECTION, _RTOL, _ATOL = _SETTINGS = ("largest_", "direction_", "rtol_", "atol_")
 _PROPOSAL, _PREVIOUS, _GROWTH = _CONTROL = ("proposal_", "previous_", "growth_")
-_TINY, _HUGE = 1e-300, 1.7976931348623157e308
-_SMALLEST = 16.0 * 2.220446049250313e-16
+_HUGE = 1.7976931348623157e308
 _LOG2_PREVIOUS = math.log2(gains.SMALLEST_PREVIOUS)
 
 Vector = list[Operand]
@@ -216,17 +215,17 @@ class _Start(_Parts):
     def _trial(self) -> Operand:
         """Return the size of the Euler step."""
         lines, size, slope = self.lines, self._norm(self.y), self._norm(self.slopes[0])
-        flat = lines.op("less", lines.op("min", size, slope), 1e-5)
-        share = lines.op("div", lines.mul(size, 0.01), lines.op("max", slope, 1e-5))
-        return lines.op("min", lines.op("select", flat, 1e-6, share), _LARGEST)
+        flat = lines.op("less", lines.op("min", size, slope), gains.FIRST_NEGLIGIBLE)
+        share = lines.op("div", lines.mul(size, gains.FIRST_SHARE), lines.op("max", slope, gains.FIRST_NEGLIGIBLE))
+        return lines.op("min", lines.op("select", flat, gains.FIRST_BLIND, share), _LARGEST)
 
     def outputs(self) -> Vector:
         lines, h, slope = self.lines, self._trial(), self._norm(self.slopes[0])
         change = self._norm([lines.sub(b, a) for a, b in zip(self.slopes[0], self.slopes[1], strict=True)])
         curvature = lines.op("div", change, h)
-        largest = lines.op("max", lines.op("max", slope, curvature), 1e-15)
-        power = lines.mul(lines.op("sub", math.log2(0.01), lines.op("rough_log2", largest)), self.exponent)
-        improved = lines.op("min", lines.mul(h, 100.0), lines.op("rough_exp2", power))
+        largest = lines.op("max", lines.op("max", slope, curvature), gains.FIRST_SLOPE)
+        power = lines.mul(lines.op("sub", math.log2(gains.FIRST_SHARE), lines.op("rough_log2", largest)), self.exponent)
+        improved = lines.op("min", lines.mul(h, gains.FIRST_GROWTH), lines.op("rough_exp2", power))
         h = lines.op("select", _finite(lines, curvature), lines.op("min", improved, _LARGEST), h)
         h = lines.op("select", _finite(lines, slope), h, 0.0)
         return [*self.y, 0.0, 0.0, h, _LOG2_PREVIOUS, gains.LARGEST_GROWTH, *(self.slopes[0] if self.carried else [])]
@@ -244,7 +243,7 @@ class _Attempt(_Parts):
             self.slopes[0] = _names("k_first", self.n)
             self.loads += _array(self.slopes[0], "y", self.n + 2 + len(CONTROL))
         lines = self.lines
-        least = lines.mul(lines.op("abs", "t_"), _SMALLEST)
+        least = lines.mul(lines.op("abs", "t_"), gains.SMALLEST_OF_TIME)
         proposed = lines.op("max", _PROPOSAL, least)
         ends = lines.op("less_equal", _LARGEST, lines.mul(proposed, gains.STRETCH))
         self.size = lines.op("select", ends, _LARGEST, proposed)
@@ -313,7 +312,7 @@ class _Attempt(_Parts):
         square = lines.mul(lines.mul(self.size, self.size), 1.0 / self.n)
         if len(totals) == 1:
             return lines.mul(totals[0], square)
-        below = lines.add(lines.fma(totals[1], gains.SECOND_ERROR_WEIGHT, totals[0]), _TINY)
+        below = lines.add(lines.fma(totals[1], gains.SECOND_ERROR_WEIGHT, totals[0]), gains.SMALLEST_NORMAL)
         share = lines.op("div", totals[0], below)
         return lines.mul(lines.mul(share, totals[0]), square)
 

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.lines import Lines
+from ..methods.step_constants import SMALLEST_NORMAL
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
@@ -34,6 +35,7 @@ __all__ = [
     "closing_loads",
     "ending",
     "order_for",
+    "scale_floor",
     "series_kernel",
     "step_kernel",
 ]
@@ -56,6 +58,11 @@ _FLOOR_SHARE = 3.0
 def clipped_tolerance(rtol: float, atol: float) -> float:
     """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
     return min(max(rtol or atol, 1e-18), 0.5)
+
+
+def scale_floor(rtol: float, atol: float) -> float:
+    """Return the size below which a state counts as that large, which is the scale floor of `SETTINGS`."""
+    return max(atol / clipped_tolerance(rtol, atol), SMALLEST_NORMAL)
 
 
 def order_for(tolerance: float) -> int:

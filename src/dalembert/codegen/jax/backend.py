@@ -16,7 +16,7 @@ from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
 from ...transforms.recurrences import Recurrences, recurrences
-from ...transforms.taylor import order_for, step_kernel
+from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
 from ..base import Backend, Engine, Prepared, RenderedModule, growing_step_blocks
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.series import TaylorIntegrator, clipped_tolerance
+from ...integrators.jax.series import TaylorIntegrator
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import compile_kernel
@@ -189,7 +189,7 @@ class JaxEngine(Engine):
             t0=_padded(block.spans[:, 0]),
             t1=_padded(block.spans[:, 1]),
             t_eval=np.asarray(block.t_eval, dtype=np.float64),
-            floor=np.float64(max(block.atol / tolerance, 1e-300)),
+            floor=np.float64(scale_floor(block.rtol, block.atol)),
             rtol=np.float64(block.rtol),
             atol=np.float64(max(block.atol, SMALLEST_SCALE)),
             max_step=np.float64(block.max_step),

@@ -14,10 +14,10 @@ from ...integrators.jax.compiling import compiled
 from ...integrators.jax.lanes import Batch
 from ...integrators.jax.motion import Pieces, ended
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.series import clipped_tolerance
 from ...integrators.problem import IntegrationProblem
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
+from ...transforms.taylor import scale_floor
 from ..base import Prepared, PreparedStates
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
 
 def prepared_run(function: Final, problem: IntegrationProblem) -> Prepared:
     """Return a prepared run of a function that `final_function` made."""
-    floor = max(problem.atol / clipped_tolerance(problem.rtol, problem.atol), 1e-300)
+    floor = scale_floor(problem.rtol, problem.atol)
     scale = max(problem.atol, SMALLEST_SCALE)
     settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
     with double_precision():

@@ -14,13 +14,12 @@ from ...errors import OptionError, UnknownNameError, ValueInputError, list_names
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, following, middles
-from ...integrators.jax.series import clipped_tolerance
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
 from ...transforms.nonsmooth import decisions
-from ...transforms.taylor import order_for
+from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
 from ...values import times_of
 from ..printers import JAX
 from .breaks import traced_breaks
@@ -197,10 +196,10 @@ class Solve:
                 y0, c = _held(y0), _held(c)
             return implicit_motion(self._elapsed, self._method, t, y0, c, **options)
         rtol, atol = options["rtol"], options["atol"]
-        tolerance = clipped_tolerance(rtol, atol)
-        floor = max(atol / tolerance, 1e-300)
-        limits = Limits(rtol, max(atol, SMALLEST_SCALE), floor, options["max_step"], options["max_steps"])
-        order = order_for(tolerance) if self._method == "taylor" else 0
+        limits = Limits(
+            rtol, max(atol, SMALLEST_SCALE), scale_floor(rtol, atol), options["max_step"], options["max_steps"]
+        )
+        order = order_for(clipped_tolerance(rtol, atol)) if self._method == "taylor" else 0
         pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
         return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c, course.breaks, course.moved)
 

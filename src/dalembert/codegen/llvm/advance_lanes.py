@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ...once import once
 from ..rendering import render
 from .assembly import Compiled
@@ -9,9 +10,6 @@ from .lane_types import bits, constant, suffix, vector
 from .loops import library_code
 
 __all__ = ["advance_lanes", "advance_lanes_assembly"]
-
-_SMALLEST_OF_TIME = 16.0 * 2.220446049250313e-16
-_SMALLEST_OF_REST = 1e-30
 
 
 def advance_lanes_assembly(lanes: int) -> str:
@@ -30,8 +28,8 @@ def advance_lanes_assembly(lanes: int) -> str:
         "suffix": suffix(lanes),
         "zero": constant(0.0, lanes),
         "one": constant(1.0, lanes),
-        "smallest_of_time": constant(_SMALLEST_OF_TIME, lanes),
-        "smallest_of_rest": constant(_SMALLEST_OF_REST, lanes),
+        "smallest_of_time": constant(SMALLEST_OF_TIME, lanes),
+        "smallest_of_rest": constant(SMALLEST_OF_REST, lanes),
     }
     return render("llvm/advance_lanes.ll.j2", variables)
 

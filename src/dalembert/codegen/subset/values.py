@@ -33,7 +33,7 @@ def literal(number: bool | int | float) -> Value:
     """Return a constant."""
     if isinstance(number, bool):
         return Value(FLAG, ("true" if number else "false",))
-    return Value(INTEGER, (str(number),)) if isinstance(number, int) else Value(NUMBER, (rounded(number),))
+    return Value(INTEGER, (str(int(number)),)) if isinstance(number, int) else Value(NUMBER, (rounded(number),))
 
 
 def parts(value: Value) -> list[Value]:

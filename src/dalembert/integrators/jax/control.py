@@ -9,19 +9,15 @@ import diffrax
 import jax.numpy as jnp
 from jax import lax
 
-__all__ = ["Control", "Controller", "smallest_step"]
+from ...methods.step_constants import SMALLEST_SCALE
+from .step_limits import smallest_step
+
+__all__ = ["Control", "Controller"]
 
 # K. Gustafsson, ACM Transactions on Mathematical Software 17 (1991) 533-554, as the compiled loops have them: the
 # factor of the next step is error**(-0.85/order) * previous_error**(0.2/order).
 _PROPORTIONAL = 0.2
 _INTEGRAL = 0.65
-_SMALLEST_SCALE = 1e-150
-_EPSILON = 2.220446049250313e-16
-
-
-def smallest_step(t: Any, span: Any) -> Any:
-    """Step size below which time no longer advances reliably."""
-    return 16.0 * _EPSILON * jnp.maximum(jnp.abs(t), _EPSILON * span)
 
 
 @final
@@ -74,7 +70,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
     def __init__(self, rtol: Any, atol: Any, max_step: Any, span: Any) -> None:
         self.rtol = rtol
-        self.atol = jnp.maximum(atol, _SMALLEST_SCALE)
+        self.atol = jnp.maximum(atol, SMALLEST_SCALE)
         self.max_step = max_step
         self.span = span
         self.inner = diffrax.PIDController(

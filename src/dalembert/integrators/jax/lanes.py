@@ -15,9 +15,10 @@ from typing import Any, NamedTuple, Protocol, final
 import jax.numpy as jnp
 from jax import lax
 
-from ...methods.status import Status
-from ...methods.step_constants import BRANCH, SLOW
+from ...methods.status import RUNNING, Status
+from ...methods.step_constants import BRANCH, LINEAR_CORRECTIONS, QUADRATIC_CHANGE, SLOW
 from .compiling import compiled
+from .step_limits import smallest_step
 
 __all__ = [
     "RUNNING",
@@ -35,12 +36,6 @@ __all__ = [
     "project",
     "run_batch",
 ]
-
-RUNNING = -1
-_QUADRATIC = 1e-8
-LINEAR_CORRECTIONS = 2
-_SMALLEST = 16.0 * 2.220446049250313e-16
-
 
 Rows = tuple[Any, ...]
 Function = Callable[..., Rows]
@@ -122,7 +117,7 @@ class TaylorAttempts:
         """Take a step; one that is too small to advance the time is not accepted."""
         values = self._step(t, (*y, *memory), batch.c, (largest, direction, batch.floor))
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
-        accepted = finite & ~((size < largest) & (size < _least(t, batch.t1)))
+        accepted = finite & ~((size < largest) & (size < smallest_step(t, jnp.abs(batch.t1 - t))))
         return Attempted(
             tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,)
         )
@@ -157,11 +152,6 @@ def run_batch(attempts: Attempts, projections: Projections, operations: int) -> 
     return run
 
 
-def _least(t: Any, t1: Any) -> Any:
-    """Return the size below which a step does not advance the time."""
-    return _SMALLEST * jnp.abs(t) + 1e-30 * jnp.abs(t1 - t)
-
-
 def direction_of(batch: Batch) -> Any:
     """Return 1 where time runs forward, -1 where it runs backward."""
     return jnp.where(batch.t1 >= batch.t0, 1.0, -1.0)
@@ -178,9 +168,9 @@ def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, A
                 held &= _on_branch(y, corrections, t)
             y = tuple(a + b for a, b in zip(y, corrections, strict=True))
         for value, correction in zip(y, corrections, strict=True):
-            share = jnp.abs(correction) / (1e-3 + jnp.abs(value))
+            share = jnp.abs(correction) / (SLOW + jnp.abs(value))
             change = jnp.maximum(change, share if share.ndim <= change.ndim else jnp.max(share))
-        held &= change <= _QUADRATIC
+        held &= change <= QUADRATIC_CHANGE
     return y, held
 
 
@@ -236,7 +226,7 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     moved = running & found.accepted & held
     t = jnp.where(moved, after, state.t)
     tried = state.attempts + running
-    stuck = ~found.accepted & (found.following < _least(state.t, batch.t1))
+    stuck = ~found.accepted & (found.following < smallest_step(state.t, jnp.abs(batch.t1 - state.t)))
     failed = jnp.where(found.finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
     status = jnp.where(tried >= batch.max_steps, int(Status.MAX_STEPS), RUNNING)
     status = jnp.where(stuck, failed, status)

@@ -22,8 +22,6 @@ from .lanes import Attempted, Batch, Rows
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]
 
-_SMALLEST = 16.0 * 2.220446049250313e-16
-
 
 def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
     """Return the rates of a state, shaped like it."""
@@ -85,13 +83,18 @@ class PairAttempts:
             return jnp.sqrt(_mean(tuple((v * s) ** 2 for v, s in zip(values, scales, strict=True)), t))
 
         size, slope = norm(y), norm(first)
-        h = jnp.where(jnp.minimum(size, slope) < 1e-5, 1e-6, 0.01 * size / jnp.maximum(slope, 1e-5))
+        h = jnp.where(
+            jnp.minimum(size, slope) < gains.FIRST_NEGLIGIBLE,
+            gains.FIRST_BLIND,
+            gains.FIRST_SHARE * size / jnp.maximum(slope, gains.FIRST_NEGLIGIBLE),
+        )
         h = jnp.minimum(h, jnp.minimum(batch.max_step, jnp.abs(batch.t1 - t)))
         moved = tuple(a + direction * h * rate for a, rate in zip(y, first, strict=True))
         second = slopes_of(self._rhs, t + direction * h, moved, batch.c)
-        change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(h, 1e-300)
-        largest = jnp.maximum(jnp.maximum(slope, change), 1e-15)
-        improved = jnp.minimum(100.0 * h, (0.01 / largest) ** (1.0 / (self._tableau.error_order + 1)))
+        change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(h, gains.SMALLEST_NORMAL)
+        largest = jnp.maximum(jnp.maximum(slope, change), gains.FIRST_SLOPE)
+        exponent = 1.0 / (self._tableau.error_order + 1)
+        improved = jnp.minimum(gains.FIRST_GROWTH * h, (gains.FIRST_SHARE / largest) ** exponent)
         h = jnp.where(jnp.isfinite(change), improved, h)
         previous = jnp.full(jnp.shape(t), gains.SMALLEST_PREVIOUS)
         return jnp.where(jnp.isfinite(slope), h, 0.0), previous, first if self._goes_on else ()
@@ -99,7 +102,7 @@ class PairAttempts:
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Attempt a step of at most `largest`."""
         proposal, previous, first = memory
-        proposed = jnp.maximum(proposal, _SMALLEST * jnp.abs(t))
+        proposed = jnp.maximum(proposal, gains.SMALLEST_OF_TIME * jnp.abs(t))
         size = jnp.where(largest <= proposed * gains.STRETCH, largest, proposed)
         h = direction * size
         slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
@@ -135,4 +138,4 @@ class PairAttempts:
         if len(squares) == 1:
             return size * jnp.sqrt(squares[0])
         below = squares[0] + gains.SECOND_ERROR_WEIGHT * squares[1]
-        return size * squares[0] / jnp.sqrt(jnp.maximum(below, 1e-300))
+        return size * squares[0] / jnp.sqrt(jnp.maximum(below, gains.SMALLEST_NORMAL))

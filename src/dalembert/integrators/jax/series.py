@@ -11,25 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...methods.status import Status
+from ...methods.status import RUNNING, Status
+from ...transforms.taylor import scale_floor
 from ..problem import IntegrationProblem, Solution
 from .compiling import compiled
 from .precision import double_precision
 from .record import Record
+from .step_limits import smallest_step
 
 if TYPE_CHECKING:
     from .kernels import Kernels
 
-__all__ = ["TaylorIntegrator", "clipped_tolerance"]
+__all__ = ["TaylorIntegrator"]
 
 LEG = 64
-_RUNNING = -1
-_SMALLEST = 16.0 * 2.220446049250313e-16
-
-
-def clipped_tolerance(rtol: float, atol: float) -> float:
-    """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
-    return min(max(rtol or atol, 1e-18), 0.5)
 
 
 @final
@@ -82,12 +77,11 @@ def _advance(
         known = jnp.append(block.state, block.before) if step_growth_limited else block.state
         values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
         size, finite = values[n], values[n + 1] == 0.0
-        small = _SMALLEST * jnp.maximum(jnp.abs(block.now), jnp.abs(span.t1 - span.t0) * 1e-16)
-        stuck = (size < small) & (size < rest)
+        stuck = (size < smallest_step(block.now, rest)) & (size < rest)
         now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
         new = kernels.project(now, values[:n], span.c, span.atol)
         held = jnp.all(jnp.isfinite(new))
-        status = jnp.where(now == span.t1, int(Status.SUCCESS), _RUNNING)
+        status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
         status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
         status = jnp.where(stuck, int(Status.STEP_TOO_SMALL), status)
         status = jnp.where(finite, status, int(Status.NON_FINITE))
@@ -105,9 +99,9 @@ def _advance(
         )
 
     start = _Block(
-        jnp.array(0), t, before, y, jnp.array(_RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
+        jnp.array(0), t, before, y, jnp.array(RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
     )
-    return lax.while_loop(lambda block: (block.status == _RUNNING) & (block.count < limit), body, start)
+    return lax.while_loop(lambda block: (block.status == RUNNING) & (block.count < limit), body, start)
 
 
 @final
@@ -138,22 +132,21 @@ class TaylorIntegrator:
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
         record = Record(problem, np.eye(self._order), True, self._kernels.onto if self._kernels.projected else None)
-        tolerance = clipped_tolerance(problem.rtol, problem.atol)
         span = _Span(
             np.float64(problem.t0),
             np.float64(problem.t1),
             np.float64(record.direction),
             np.float64(problem.max_step),
-            np.float64(max(problem.atol / tolerance, 1e-300)),
+            np.float64(scale_floor(problem.rtol, problem.atol)),
             np.float64(problem.atol),
             np.array(problem.constants, dtype=np.float64),
         )
         t, before, y = span.t0, np.float64(0.0), np.array(problem.y0, dtype=np.float64)
-        status = _RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)
-        if status == _RUNNING and problem.t0 == problem.t1:
+        status = RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)
+        if status == RUNNING and problem.t0 == problem.t1:
             status = int(Status.SUCCESS)
         with double_precision():
-            while status == _RUNNING:
+            while status == RUNNING:
                 limit = min(LEG, problem.max_steps - record.steps)
                 if limit == 0:
                     status = int(Status.MAX_STEPS)

@@ -15,7 +15,14 @@ from dalembert.errors import OptionError
 from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
 from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.methods.status import Status
-from dalembert.methods.step_constants import BRANCH, SLOW, SMALLEST_SCALE
+from dalembert.methods.step_constants import (
+    BRANCH,
+    LINEAR_CHANGE,
+    MOST_CORRECTIONS,
+    QUADRATIC_CHANGE,
+    SLOW,
+    SMALLEST_SCALE,
+)
 
 from ...arrays import FloatArray
 
@@ -24,9 +31,6 @@ IMPLICIT = ("radau", "lsoda", "bdf")
 PROJECTABLE = ("dop853", "rk45", "radau")
 
 _ATTEMPT_EVALUATIONS = {"dop853": 12, "rk45": 6}
-_MAX_CORRECTIONS = 10
-_QUADRATIC = 1e-8
-_LINEAR = 1e-4
 
 
 class _NonFiniteError(Exception):
@@ -244,17 +248,17 @@ class _Run:
         projected = y.copy()
         if self.kernels.project_position is not None:
             size = magnitude = 0.0
-            for _ in range(_MAX_CORRECTIONS):
+            for _ in range(MOST_CORRECTIONS):
                 size, magnitude = self._correct(self.kernels.project_position, t, projected)
-                if size <= _QUADRATIC * magnitude or not np.isfinite(size):
+                if size <= QUADRATIC_CHANGE * magnitude or not np.isfinite(size):
                     break
-            if not (size <= _QUADRATIC * magnitude or size <= self.problem.atol):
+            if not (size <= QUADRATIC_CHANGE * magnitude or size <= self.problem.atol):
                 return None
         if self.kernels.project_velocity is not None:
             size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
             if size > BRANCH * (SLOW + magnitude):
                 return None
-            if _LINEAR * magnitude < size < np.inf:
+            if LINEAR_CHANGE * magnitude < size < np.inf:
                 size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
             if not np.isfinite(size):
                 return None
