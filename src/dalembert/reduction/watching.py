@@ -14,6 +14,7 @@ from typing import Any, final
 from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_name
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
+from ..methods.step_constants import EPSILON
 from ..naming import unwritable
 from ..once import once_property
 from ..scene.scene import Scene
@@ -24,7 +25,7 @@ from .base import ReducedSystem
 
 __all__ = ["Watch", "expanding", "jumping", "watching"]
 
-_ROUNDINGS = 64 * 2.220446049250313e-16
+_ROUNDINGS = 64 * EPSILON
 _ARGUMENTS = ("t", "y", "c")
 
 
