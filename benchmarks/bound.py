@@ -135,7 +135,7 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     """Return two rows: what a step consists of, and how long it takes."""
     batch = BATCHES[name](CASES[0])
     model = da.compile_model(PROBLEMS[name].build())
-    program, steps = model.stages.program, model._engine.steps
+    program, steps = model.stages.program, model.engine.steps
     order = order_for(clipped_tolerance(rtol, absolute(rtol)))
     kernel = step_kernel(recurrences(program.kernel("rhs")), order, dense=False)
     counts, flops = census(kernel), flops_of_step(model, rtol)

@@ -5,6 +5,8 @@ Every message says what is wrong, where, what is allowed and what to do.
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import wraps
@@ -14,6 +16,7 @@ __all__ = [
     "AssumptionWarning",
     "BreakTimesError",
     "CacheWarning",
+    "CapabilityError",
     "ConstraintError",
     "DalembertError",
     "EnergyWarning",
@@ -31,6 +34,7 @@ __all__ = [
     "list_names",
     "nesting_named",
     "unknown_name",
+    "warn_caller",
 ]
 
 P = ParamSpec("P")
@@ -76,6 +80,10 @@ class FormulationError(DalembertError, ValueError):
 
 class OptionError(DalembertError, ValueError):
     """An option has a value that is not allowed."""
+
+
+class CapabilityError(OptionError):
+    """The backend or the scene does not offer what was asked for; the message says which does."""
 
 
 class BreakTimesError(DalembertError, ValueError):
@@ -139,6 +147,14 @@ def nesting_named(function: Callable[P, T]) -> Callable[P, T]:
             raise ExpressionError(TOO_DEEP) from None
 
     return call
+
+
+def warn_caller(message: str, category: type[Warning]) -> None:
+    """Warn where the package was called from, however deep inside it the reason was found."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 def list_names(names: Iterable[str]) -> str:

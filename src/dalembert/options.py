@@ -1,4 +1,4 @@
-"""Options of a compilation and of a simulation, declared once."""
+"""Options of compilation and of all kinds of runs: names, defaults and checks."""
 
 from __future__ import annotations
 
@@ -7,8 +7,19 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from .errors import OptionError, unknown_name
+from .values import flag, option, times_of, tolerances, whole
 
-__all__ = ["DEFAULT_TOLERANCES", "ORIENTATIONS", "CompileOptions"]
+__all__ = [
+    "DEFAULT_TOLERANCES",
+    "ORIENTATIONS",
+    "CompileOptions",
+    "PrepareOptions",
+    "RunOptions",
+    "SensitivityOptions",
+    "SimulateOptions",
+    "StepOptions",
+    "SweepOptions",
+]
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
 """Relative and absolute tolerance of a run that is not told another."""
@@ -68,3 +79,202 @@ class CompileOptions:
                 "'baumgarte' with them, or leave them out"
             )
         object.__setattr__(self, "gains", (alpha, beta))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunOptions:
+    """What every kind of run takes.
+
+    Attributes
+    ----------
+    method : str
+        A name in `methods` of the model, or "auto".
+    rtol, atol : float
+        Tolerances of the local error of every component of the state.
+    max_steps : int
+        Attempted steps after which a run ends with a status.
+
+    Raises
+    ------
+    OptionError
+        For values that are not numbers, or not of the kind that is needed.
+    """
+
+    method: str = "auto"
+    rtol: float = DEFAULT_TOLERANCES[0]
+    atol: float = DEFAULT_TOLERANCES[1]
+    max_steps: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        rtol, atol = tolerances(self.rtol, self.atol)
+        _set(self, rtol=rtol, atol=atol, max_steps=whole("max_steps", self.max_steps))
+
+    @property
+    def automatic(self) -> bool:
+        """Whether the model chooses the method."""
+        given: object = self.method
+        return isinstance(given, str) and given == "auto"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StepOptions(RunOptions):
+    """What runs take whose steps may be limited.
+
+    Attributes
+    ----------
+    max_step : float
+        Largest step [s].
+
+    Raises
+    ------
+    OptionError
+        For values that are not of the kind that is needed.
+    """
+
+    max_step: float = math.inf
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _set(self, max_step=option("max_step", self.max_step))
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SimulateOptions(StepOptions):
+    """Options of one trajectory; the keyword arguments of `CompiledModel.simulate`.
+
+    Attributes
+    ----------
+    t_eval : ndarray (n_t,) or None
+        Times to record [s]; None records the accepted steps.
+    first_step : float or None
+        First step [s]; None lets the method choose it.
+    dense : bool
+        Whether the trajectory can be evaluated between the recorded times.
+    error_estimate : bool
+        Whether a second run at a hundredth of the tolerances estimates the global error.
+    events : sequence of Event, SymPy expressions or names
+        What to watch for.
+    project_invariants : bool, str or sequence of str
+        First integrals to keep at their initial values.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For values that are not of the kind that is needed.
+    """
+
+    t_eval: Any = None
+    first_step: float | None = None
+    dense: bool = True
+    error_estimate: bool = False
+    events: Any = ()
+    project_invariants: Any = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.t_eval is not None:
+            _set(self, t_eval=times_of("t_eval", self.t_eval))
+        if self.first_step is not None:
+            _set(self, first_step=option("first_step", self.first_step))
+        _set(self, dense=flag("dense", self.dense), error_estimate=flag("error_estimate", self.error_estimate))
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SweepOptions(StepOptions):
+    """Options of many cases; the keyword arguments of `CompiledModel.sweep`.
+
+    Attributes
+    ----------
+    grid : Grid or None
+        Combinations of some parameters and initial values.
+    t_eval : ndarray (n_t,) or None
+        Times to record for all cases [s]; None records final states only.
+    threads : int or None
+        Threads to use; None takes as many as there are processors.
+    progress : bool
+        Whether to show a bar with cases per second.
+    error_estimate : bool
+        Whether every case runs once more at a hundredth of the tolerances.
+    events : sequence of Event, SymPy expressions or names
+        What to watch for in every case.
+    reduce : mapping of str to reductions, sequence of expressions or names, or None
+        What to keep of every motion.
+    project_invariants : bool, str or sequence of str
+        First integrals to keep at their initial values.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For values that are not of the kind that is needed.
+    """
+
+    grid: Any = None
+    t_eval: Any = None
+    threads: int | None = None
+    progress: bool = False
+    error_estimate: bool = False
+    events: Any = ()
+    reduce: Any = None
+    project_invariants: Any = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.t_eval is not None:
+            _set(self, t_eval=times_of("t_eval", self.t_eval))
+        if self.threads is not None:
+            _set(self, threads=whole("threads", self.threads))
+            if self.threads < 1:
+                raise OptionError(f"threads must be at least 1, not {self.threads!r}")
+        _set(self, progress=flag("progress", self.progress))
+        _set(self, error_estimate=flag("error_estimate", self.error_estimate))
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PrepareOptions(StepOptions):
+    """Options of prepared runs; the keyword arguments of `CompiledModel.prepare`.
+
+    Attributes
+    ----------
+    project_invariants : bool, str or sequence of str
+        First integrals to keep at their initial values.
+    """
+
+    project_invariants: Any = False
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensitivityOptions(RunOptions):
+    """Options of a run with derivatives; the keyword arguments of `CompiledModel.sensitivity`.
+
+    Attributes
+    ----------
+    wrt : iterable of symbols or names
+        Parameters and given initial values with respect to which is differentiated.
+    of : iterable of symbols or names, or None
+        What is differentiated; None takes all coordinates and rates.
+    t_eval : ndarray (n_t,) or None
+        Times to record [s]; None records the accepted steps.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For values that are not of the kind that is needed.
+    """
+
+    wrt: Any
+    of: Any = None
+    t_eval: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.t_eval is not None:
+            _set(self, t_eval=times_of("t_eval", self.t_eval))
+
+
+def _set(options: RunOptions, **values: Any) -> None:
+    """Write checked values into options that are being made."""
+    options.__dict__.update(values)

@@ -54,6 +54,11 @@ class Stages:
     kept: tuple[str, ...] = ()
     passes: tuple[PassRecord, ...] = ()
 
+    @property
+    def compile_seconds(self) -> float:
+        """Seconds of all stages."""
+        return sum(self.seconds.values())
+
 
 @final
 @dataclass(frozen=True)

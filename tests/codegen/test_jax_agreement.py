@@ -30,7 +30,7 @@ def compiled(scene, formulation, backend):
 @SCENES
 def test_rates_and_accelerations_are_those_of_numpy(scene, formulation):
     parameters = MOTIONS[scene][0]  # gains are no parameters of a scene
-    model, reference = (compiled(scene, formulation, backend)._engine for backend in ("jax", "numpy"))
+    model, reference = (compiled(scene, formulation, backend).engine for backend in ("jax", "numpy"))
     program = compiled(scene, formulation, "numpy").stages.program
     c = np.array(
         interpret(program.kernel("prepare"), {"p": [parameters.get(name, 5.0) for name in program.layout.parameters]})

@@ -56,7 +56,7 @@ def test_kernels_equal_the_interpreter(scene, formulation, backend):
         t = rng.uniform(-1, 1, ROWS)
         y = rng.uniform(0.4, 1.4, (ROWS, width))  # away from the poles of the angles
         expected = np.array([interpret(kernel, {"t": t[i], "y": y[i].tolist(), "c": c}) for i in range(ROWS)])
-        found = np.asarray(model._engine.evaluate(kernel.name, t, y, c))
+        found = np.asarray(model.engine.evaluate(kernel.name, t, y, c))
         scale = np.abs(expected).max(initial=1.0)
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13 * scale, err_msg=kernel.name)
         np.testing.assert_allclose(interpret_rows(kernel, t, y, c), expected, rtol=1e-12, atol=1e-13 * scale)

@@ -31,7 +31,7 @@ def run_complex(kernel, **arguments):
 def derivatives(model, t, initial, parameters, wrt, of):
     """Return values (n_t, n_of) at times t and their derivatives (n_t, n_of, n_wrt)."""
     program, layout = model.stages.program, model.layout
-    start = model._start(initial)
+    start = model.derived.start(initial)
     columns = []
     for varied in wrt:
         p = [parameters[name] + 1j * STEP * (name == varied) for name in layout.parameters]

@@ -182,10 +182,10 @@ def test_grids():
 
 
 def test_what_was_chosen_is_explained():
-    keeper = model_of("edge plate falling flat", "projected")._keepers
-    if not keeper:
+    keepers = model_of("edge plate falling flat", "projected").variants.invariant_models
+    if not keepers():
         simulate("edge plate falling flat", "projected", 0.1, project_invariants=True)
-    text = next(iter(model_of("edge plate falling flat", "projected")._keepers.values())).explain()
+    text = keepers()[0].explain()
     assert "kept at their initial values after every step: " in text
 
 

@@ -88,7 +88,7 @@ def test_numbers_of_jax_are_right(name, tolerances):
     model = da.compile_model(scene(CASES[name][0]), backend="jax")
     for rtol in tolerances:
         check(model, name, "taylor", rtol)
-    assert model._method("auto", 1e-6, 1e-8, many=True) == "taylor"
+    assert model.choose_method("auto", 1e-6, 1e-8, many=True) == "taylor"
 
 
 def test_prepared_runs_and_runs_back():

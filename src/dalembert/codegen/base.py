@@ -6,13 +6,14 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import FormulationError, OptionError
+from ..errors import FormulationError
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
@@ -27,12 +28,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Backend",
+    "Capability",
     "CaseRun",
     "Engine",
+    "FunctionEngine",
     "LoopCall",
     "Prepared",
     "PreparedStates",
     "RenderedModule",
+    "TracedEngine",
     "growing_step_blocks",
     "watched_case",
 ]
@@ -219,19 +223,6 @@ class Engine(ABC):
 
         return PreparedStates(run)
 
-    @property
-    def functions(self) -> Any:
-        """The kernels as functions that people's own compiled code can call, where the backend has such."""
-        raise OptionError('model.kernels are functions of numba: compile with backend="numba"')
-
-    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
-        """Return the rate of the state as a traced function, where the backend traces."""
-        raise OptionError('vector_field is for programs in JAX: compile with backend="jax"')
-
-    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
-        """Return a traced function that solves from given values, or from the state where `start` is None."""
-        raise OptionError('solve_fn is for programs in JAX: compile with backend="jax"')
-
     cuts: ClassVar[bool] = False
     """Whether runs are cut in segments, also those without a state."""
 
@@ -324,6 +315,35 @@ def watched_case(
         result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3] = row
 
 
+class FunctionEngine(Protocol):
+    """An engine whose backend declares `Capability.KERNEL_FUNCTIONS`."""
+
+    @property
+    def functions(self) -> Any:
+        """The kernels as functions that people's own compiled code can call."""
+        ...
+
+
+class TracedEngine(Protocol):
+    """An engine whose backend declares `Capability.VECTOR_FIELD` and `Capability.SOLVE_FUNCTION`."""
+
+    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+        """Return the rate of the state as a traced function."""
+        ...
+
+    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
+        """Return a traced function that solves from given values, or from the state where `start` is None."""
+        ...
+
+
+class Capability(Enum):
+    """What some backends offer beyond simulation; the value is what a refusal says."""
+
+    KERNEL_FUNCTIONS = 'model.kernels are functions of numba: compile with backend="numba"'
+    VECTOR_FIELD = 'vector_field is for programs in JAX: compile with backend="jax"'
+    SOLVE_FUNCTION = 'solve_fn is for programs in JAX: compile with backend="jax"'
+
+
 class Backend(ABC):
     """A way to print, load and integrate. Adding one is one module, one template folder, one registry line."""
 
@@ -336,6 +356,9 @@ class Backend(ABC):
 
     series: ClassVar[tuple[str, ...]] = ()
     """Methods of the backend that take one power series over a whole step."""
+
+    capabilities: ClassVar[frozenset[Capability]] = frozenset()
+    """What it offers beyond simulation."""
 
     def serving(self, program: Program) -> Mapping[str, str]:
         """Return the methods that can integrate a program.

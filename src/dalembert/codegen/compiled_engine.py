@@ -76,9 +76,8 @@ class CompiledEngine(Engine):
 
     @property
     def functions(self) -> Any:
-        """See `Engine.functions`."""
-        functions = self.steps.functions
-        return super().functions if functions is None else functions
+        """See `FunctionEngine.functions`; None where the library has none."""
+        return self.steps.functions
 
     @property
     def _rhs(self) -> Kernel:

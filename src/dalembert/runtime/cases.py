@@ -17,14 +17,15 @@ from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.event_code import EventCode
 from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows
-from ..ir.program import Program
+from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..reduction.starting import Start
+from ..results.grid import Grid
 from ..values import array_of, times_of, whole
 from . import inputs
 from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 
-__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of"]
+__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of", "with_grid"]
 
 
 def available_threads() -> int:
@@ -323,3 +324,20 @@ def single_problem(cases: Cases, settings: Settings, number: int) -> Integration
     if not len(status) or status[0] >= 0:
         return None
     return block.problem(0)
+
+
+def with_grid(
+    layout: Layout, grid: Grid, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Return initial values and parameters with the columns of a grid, each where it belongs."""
+    if not isinstance(grid, Grid):
+        raise ValueInputError(f"grid must be made by dalembert.grid(name=values, ...), not {grid!r}")
+    initial, parameters = dict(initial), dict(parameters)
+    for name, column in grid.columns().items():
+        home = parameters if name in layout.parameters else initial
+        if name not in (*layout.parameters, *layout.initial):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.initial)))
+        if any(layout.aliases.get(str(key), str(key)) == name for key in home):
+            raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
+        home[name] = column
+    return initial, parameters

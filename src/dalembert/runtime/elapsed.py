@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.model import SymbolTable
 from .reductions import Reduction, reduction_table
 
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
 __all__ = [
     "Asked",
     "asked",
@@ -29,9 +32,11 @@ __all__ = [
     "elapsed_times",
     "extension",
     "far",
+    "in_elapsed_time",
     "noted_from",
     "offset_columns",
     "offset_values",
+    "with_offsets",
 ]
 
 FAR = 16.0
@@ -100,6 +105,34 @@ def asked(symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any 
     watched = tuple(e for e in dict.fromkeys(every) if not isinstance(e, str) and timed(e))
     other = symbols.timed or bool(watched)
     return None if other and not np.any(far(*span)) else Asked(other, watched, own, reductions)
+
+
+def in_elapsed_time(
+    model: CompiledModel, t0: Any, t1: Any, events: Any = (), reduce: Any = None
+) -> tuple[CompiledModel | None, Any, Any]:
+    """Return the model that runs a span, or many, in the time since its start; None where time is left as it is.
+
+    Events and reductions are returned as that model takes them.
+    """
+    found = asked(model.stages.equations.symbols, (t0, t1), events, reduce)
+    if found is None:
+        return None, events, reduce
+    if not found.other:
+        return model, events, reduce
+    if found.watched:
+        model.derived.events(events, reduce)  # what is wrong with them is said of them as they were given
+    return model.variants.in_elapsed_time(found.watched), found.events, found.reductions
+
+
+def with_offsets(
+    model: CompiledModel, other: CompiledModel, start: float, parameters: Mapping[Any, Any]
+) -> Mapping[Any, Any]:
+    """Return parameters with those that another model of the scene has for a start."""
+    offsets = other.stages.equations.symbols.offsets
+    if not offsets:
+        return parameters
+    values = dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
+    return {**parameters, **offset_values(offsets, start, values)}
 
 
 def offset_values(offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]) -> dict[str, float]:

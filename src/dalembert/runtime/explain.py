@@ -15,13 +15,20 @@ from ..transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
 
 if TYPE_CHECKING:
     from ..pipeline import Stages
+    from .model import CompiledModel
 
-__all__ = ["describe_passes", "explain"]
+__all__ = ["explain"]
 
 
-def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:
-    """Return the explanation of a compiled model as text; `automatic` are methods that auto takes, by rtol."""
+_RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+"""Tolerances at which the method that auto takes is told."""
+
+
+def explain(model: CompiledModel, *, passes: bool) -> str:
+    """Return the explanation of a compiled model as text; see `CompiledModel.explain`."""
+    stages, methods = model.stages, model.method_descriptions
     program, layout = stages.program, stages.program.layout
+    automatic = {rtol: model.choose_method("auto", rtol, rtol) for rtol in _RTOL}
     taken = dict.fromkeys(automatic.values())
     others = [name for name in methods if name not in taken]
     lines = [
@@ -44,7 +51,7 @@ def explain(stages: Stages, methods: Mapping[str, str], automatic: Mapping[float
         "formulations  " + "; ".join(f"{name}: {count}" for name, count in _formulations(stages).items()),
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(_passes(stages) if passes else [])])
 
 
 def _automatic(methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:
@@ -160,7 +167,7 @@ def _formulations(stages: Stages) -> dict[str, str]:
     return counts
 
 
-def describe_passes(stages: Stages) -> list[str]:
+def _passes(stages: Stages) -> list[str]:
     """Return a line for each pass that made the program: its name, its time in all kernels, what it did to each."""
     seconds: dict[str, float] = {}
     removed: dict[str, Counter[str]] = {}

@@ -8,6 +8,7 @@ dT/dqdot after - dT/dqdot before = J^T (impulses).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import final
 
@@ -19,8 +20,9 @@ from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
+from ..reduction.starting import Start
 
-__all__ = ["Impulses", "impulses_of"]
+__all__ = ["Impulses", "impulses_of", "landing_of"]
 
 _JUMP = 1e-10
 """Share of rates, or of positions, from which on a change at a break is no rounding."""
@@ -108,3 +110,30 @@ def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | No
     graph = equations.graph
     moved = bool(equations.kinetic_energy.deps & graph.input(CONDITION_TIME).deps)
     return Impulses(program, moved) if moved or "velocity_residual" in program else None
+
+
+def landing_of(
+    equations: EquationsOfMotion, program: Program, start: Callable[[Iterable[str]], Start]
+) -> Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray] | None:
+    """Return the function that gives the state with which a run goes on from a break; None where none jumps.
+
+    Its arguments are a time, a state (n_y,) and the constants (n_c,) before and after it. `start` gives the kernel
+    from given values to the state.
+    """
+    impulses, layout = impulses_of(equations, program), program.layout
+    if impulses is None:
+        return None
+
+    def landed(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+        time = np.array([t])
+        x = interpret_rows(program.kernel("expand"), time, y[np.newaxis], before)
+        rates = impulses.rates(t, x[0], before, after)
+        if rates is None:
+            return y
+        x[0, len(layout.coordinates) :] = rates
+        names = (*layout.coordinates, *layout.rates)
+        own = start(names)
+        given = x[:, [names.index(name) for name in own.given]]
+        return interpret_rows(own.kernel, time, given, after)[0, : len(y)]
+
+    return landed

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from ..errors import (
     ValueInputError,
     list_names,
     unknown_name,
+    warn_caller,
 )
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
@@ -38,6 +38,7 @@ __all__ = [
     "prepare_rows",
     "resolve",
     "resolve_names",
+    "span_of",
     "vanishing_pivots",
     "warn_below_floor",
 ]
@@ -50,6 +51,21 @@ IMPLICIT_FLOOR = 1e-13
 
 MULTIPLIERS_FLOOR = 1e-10
 """The same with multipliers in the stages, which rounding of the constraints over the step reaches."""
+
+
+def span_of(t_span: Sequence[float]) -> tuple[float, float]:
+    """Return start and end of a run as numbers.
+
+    Raises
+    ------
+    ValueInputError
+        For what is not two numbers.
+    """
+    try:
+        t0, t1 = (number(t) for t in t_span)
+    except (TypeError, ValueError):
+        raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
+    return t0, t1
 
 
 def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]) -> dict[str, float]:
@@ -104,9 +120,7 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
     return names
 
 
-def warn_below_floor(
-    rtol: float, atol: float, program: Program | None = None, method: str = "", *, stacklevel: int = 3
-) -> None:
+def warn_below_floor(rtol: float, atol: float, program: Program | None = None, method: str = "") -> None:
     """Warn of tolerances below what a method reaches in double precision, for components of size 1."""
     floor, what = FLOOR, "double precision"
     if program is not None and "stages" in program:
@@ -114,12 +128,11 @@ def warn_below_floor(
     elif method == "radau":
         floor, what = IMPLICIT_FLOOR, f"{method!r}, which solves for its stages,"
     if 0.0 <= rtol < floor and 0.0 <= atol < floor and (rtol or atol):
-        warnings.warn(
+        warn_caller(
             f"rtol = {rtol:g} with atol = {atol:g} asks for less than {what} gives: its floor is {floor:g} of"
             " the size of the state, and below it steps get shorter while errors do not. Give one of them at least"
             f" {floor:g}",
             PrecisionWarning,
-            stacklevel=stacklevel,
         )
 
 

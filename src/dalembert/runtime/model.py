@@ -1,155 +1,408 @@
-"""`CompiledModel`: what `dalembert.compile_model` hands back."""
+"""`CompiledModel`: the result of `dalembert.compile_model`."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast, final
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..codegen import backend_named
-from ..codegen.base import Engine
-from ..errors import OptionError, nesting_named
-from ..integrators.problem import IntegrationProblem
-from ..once import derived_once
-from ..options import CompileOptions
+from ..codegen.base import Capability, Engine
+from ..errors import OptionError, list_names, nesting_named, unknown_name
+from ..ir.interpret import interpret_rows
+from ..ir.program import Layout
+from ..options import (
+    CompileOptions,
+    PrepareOptions,
+    SensitivityOptions,
+    SimulateOptions,
+    SweepOptions,
+)
 from ..pipeline import Compiled, Stages, compile_stages
 from ..reduction.modes import Mode
 from ..results.comparison import Comparison
+from ..results.grid import Grid
 from ..results.linearization import Linearization
 from ..results.sensitivity import Sensitivity
+from ..results.sweep import Sweep
+from ..results.trajectory import Trajectory
 from ..scene import Scene
-from ..values import option, times_of, tolerances, whole
+from ..values import option, tolerances
 from . import inputs
-from .comparing import compare
-from .elapsed import begins_elsewhere, elapsed_times, noted_from
-from .held import span_of
-from .linear import linearized
-from .segments import at_time, segmented, starting_constants
-from .sensitivity import Variation, chosen_names, through_offsets, vary
-from .swept import Swept
+from .assembly import assembled
+from .capabilities import require
+from .compare_formulations import compare_formulations
+from .derived import Derived
+from .evaluation import Evaluated, rows_of
+from .explain import explain
+from .impulses import landing_of
+from .linearize import linearize
+from .monitors import conserved
+from .prepare import prepare
+from .prepared import PreparedRun
+from .segments import at_time, segmented
+from .sensitivity import sensitivity
+from .simulate import simulate
+from .sweep import sweep
+from .variants import Variants
+
+if TYPE_CHECKING:
+    from ..codegen.base import FunctionEngine, TracedEngine
 
 __all__ = ["CompiledModel", "compiled_mode"]
 
 
 @final
-class CompiledModel(Swept):
+@dataclass(frozen=True, eq=False, repr=False)
+class CompiledModel(Evaluated):
     """A scene compiled for one backend in one formulation.
+
+    It holds what was compiled and does not change; `simulate`, `sweep`, `prepare`, `sensitivity`, `linearize` and
+    `explain` are functions over it, in modules of these names.
 
     Attributes
     ----------
     stages : Stages
         Every object of the pipeline, from the scene to the rendered module.
+    engine : Engine
+        The loaded module: compiled kernels, and integrators that call them.
+    method_descriptions : mapping of str to str
+        Integration methods by name, each with one line of description.
+    dropped : tuple of int
+        Constraints that are not enforced, because they follow from the others around the start of a run.
     layout : Layout
         Names of everything that arrays hold.
+    derived : Derived
+        Kernels and facts that are derived on demand, and kept.
+    variants : Variants
+        Other models of the scene that runs need, compiled on demand, and kept.
     """
 
-    def __init__(self, stages: Stages, engine: Engine, methods: Mapping[str, str]) -> None:
-        super().__init__(stages, engine, methods)
-        engine.accept_as_static(CompiledModel)
-        self._others: dict[str, CompiledModel] = {}
-        self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
+    stages: Stages
+    engine: Engine
+    method_descriptions: Mapping[str, str]
+    dropped: tuple[int, ...]
+    derived: Derived
+    variants: Variants
+    layout: Layout = field(init=False)
+    _chosen: dict[tuple[float, float, bool], str] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "layout", self.stages.program.layout)
+        self.engine.accept_as_static(CompiledModel)
 
     @classmethod
-    def of(cls, compiled: Compiled) -> CompiledModel:
+    def of(cls, compiled: Compiled, dropped: tuple[int, ...] = ()) -> CompiledModel:
         """Return the model of a scene that went through all stages."""
         stages = compiled.stages
-        return cls(stages, segmented(compiled.engine, stages.program), compiled.methods)
+        derived, variants = Derived(stages), Variants(stages, dropped, cls.of)
+        landing = landing_of(stages.equations, stages.program, derived.start)
+        engine = segmented(compiled.engine, stages.program, landing)
+        return cls(stages, engine, compiled.methods, dropped, derived, variants)
 
-    def _recompiled(self, without: tuple[int, ...], kept: tuple[str, ...] | None = None) -> CompiledModel:
-        """See `Held._recompiled`."""
-        stages = self.stages
-        options = replace(stages.options, formulation=stages.program.formulation)
-        return compiled_mode(stages.scene, options, stages.mode, without, stages.kept if kept is None else kept)
+    # -- what was compiled -----------------------------------------------------------------
 
-    def _in_elapsed_time(self, watched: Sequence[Any]) -> CompiledModel:
-        """See `Held._in_elapsed_time`."""
-        stages = self.stages
-        return compiled_mode(stages.scene.in_elapsed_time(watched), stages.options, stages.mode, (), stages.kept)
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.stages.program.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self.stages.rendered.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation."""
+        return self.stages.program.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods of the backend; "auto" takes the first."""
+        return tuple(self.method_descriptions)
+
+    @property
+    def note(self) -> str:
+        """Which constraints are not enforced and why; nothing where all are."""
+        labels = [self.layout.constraints[i] for i in self.dropped]
+        if not labels:
+            return ""
+        return f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
+
+    @property
+    def source(self) -> str:
+        """The generated code that runs by default, by the method "auto" at the default tolerances."""
+        return self.stages.rendered.source
+
+    def source_of(self, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+        """Return the generated code that `simulate` runs by a method at some tolerances.
+
+        Raises
+        ------
+        OptionError
+            For a method that the backend does not have, or tolerances that are not positive.
+        """
+        rtol, atol = tolerances(rtol, atol)
+        return self.engine.source_of(self.choose_method(method, rtol, atol), rtol, atol) or self.source
+
+    def choose_method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
+        """Return the method that a run takes, checked; `many` says whether it is to run many cases at once.
+
+        Raises
+        ------
+        OptionError
+            For a method that the model does not have, with those that it has.
+        """
+        if isinstance(method, str) and method == "auto":
+            key = rtol, atol, many
+            if key not in self._chosen:
+                self._chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
+            return self._chosen[key]
+        if isinstance(method, str) and method in self.method_descriptions:
+            return method
+        why = backend_named(self.backend).refusal(self.stages.program, str(method))
+        if why:
+            raise OptionError(f"{why}. Take one of: {list_names(['auto', *self.methods])}")
+        raise OptionError(
+            unknown_name("method", str(method), ["auto", *self.methods]) + f" (of the backend {self.backend!r})"
+        )
+
+    @property
+    def kernels(self) -> Any:
+        """The generated kernels as functions of numba, by name, for people's own compiled code (backend "numba").
+
+        ``prepare(p, c)`` computes constants c (``layout.constants``,) from parameters p (n_p,), ``rhs(t, y, c, out)``
+        the rate of the state, and so on: see `source`. numba compiles each when it is first called.
+
+        Raises
+        ------
+        CapabilityError
+            For another backend, and for scenes whose functions of time a run takes piece by piece.
+        """
+        require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
+        return cast("FunctionEngine", self.engine).functions
+
+    def explain(self, *, passes: bool = False) -> str:
+        """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
+
+        Parameters
+        ----------
+        passes : bool
+            Whether to list the passes that made the program, each with its time in all kernels and the operations that
+            it removed from each. Passes on steps of integrators, which are made when a run needs them, are not among
+            them.
+        """
+        return explain(self, passes=passes)
+
+    def __repr__(self) -> str:
+        return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return compiled_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)
+
+    # -- motions ---------------------------------------------------------------------------
 
     @nesting_named
-    def compare_formulations(
+    def simulate(
         self,
         t_span: tuple[float, float],
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
-        formulations: Sequence[str] | None = None,
-        method: str | Mapping[str, str] = "auto",
+        t_eval: Any = None,
+        method: str = "auto",
         rtol: float = 1e-8,
         atol: float = 1e-10,
-    ) -> Comparison:
-        """Run one motion in every formulation and return a table of errors, violations, energy drift, steps and time.
+        first_step: float | None = None,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        dense: bool = True,
+        error_estimate: bool = False,
+        events: Any = (),
+        project_invariants: Any = False,
+    ) -> Trajectory:
+        """Simulate one trajectory.
 
         Parameters
         ----------
-        t_span, initial, parameters, rtol, atol
-            As for `simulate`.
-        formulations : sequence of str, optional
-            Which to compare; all by default.
-        method : str or mapping of str to str
-            The method for all formulations, or one each; a formulation that does not have it takes "auto".
+        t_span : (float, float)
+            Start and end [s]; the end may lie before the start. A run is computed in the time since its start, so that
+            what is rounded of late times is no more than each ``t - t0`` as given, and the times of events, which are
+            rounded to doubles: 2e-7 s where seconds are counted from 1970. A scene that contains time itself is
+            compiled once more for runs whose times are more than 16 times as large as their spans.
+        initial : mapping of symbols or names to numbers
+            Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
+            be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t_eval : array_like (n_t,), optional
+            Times to record; without it, the accepted steps.
+        method : str
+            A name in `methods`, or "auto".
+        rtol, atol : float
+            Tolerances of the local error of every component of the state.
+        first_step, max_step : float, optional
+            First and largest step [s].
+        max_steps : int
+            Attempted steps after which the run ends with a status.
+        dense : bool
+            Whether the trajectory can be evaluated between the recorded times.
+        error_estimate : bool
+            Whether to run a twin at a hundredth of the tolerances beside it, from which
+            ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
+            ``trajectory.events``, by name. A sign change at the very start is none.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep at their initial values by a correction after every step, together with the
+            constraints: names as in ``trajectory.invariants``, or True for all that are conserved.
 
         Returns
         -------
-        Comparison
-            One row a formulation, also for those that cannot serve the scene; ``print`` shows it.
+        Trajectory
+            Numerical failure is its `status`, never an exception.
 
         Raises
         ------
-        OptionError
-            For unknown formulations and methods, and as `simulate`.
+        UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
+            For input that is wrong, each naming what, what is allowed and what to do.
         """
-        run, known = (t_span, initial, parameters), backend_named(self.backend).methods
-        return compare(self._in_formulation, self.name, formulations, run, tolerances(rtol, atol), method, known)
+        options = SimulateOptions(
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+            t_eval=t_eval,
+            first_step=first_step,
+            dense=dense,
+            error_estimate=error_estimate,
+            events=events,
+            project_invariants=project_invariants,
+        )
+        return simulate(self, t_span, initial, parameters, options)
 
     @nesting_named
-    def linearize(
+    def sweep(
         self,
-        t: float,
+        t_span: tuple[Any, Any],
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
-        states: Sequence[str] | None = None,
-    ) -> Linearization:
-        """Linearise the motion about a state, in independent coordinates and speeds.
+        grid: Grid | None = None,
+        t_eval: Any = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        threads: int | None = None,
+        progress: bool = False,
+        error_estimate: bool = False,
+        events: Any = (),
+        reduce: Any = None,
+        project_invariants: Any = False,
+    ) -> Sweep:
+        """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
         Parameters
         ----------
-        t : float
-            Time [s].
-        initial, parameters : mapping of symbols or names to numbers
-            The state and the parameters, as for `simulate`: what the constraints fix may be left out.
-        states : sequence of str, optional
-            Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
-            that the constraints fix least.
+        t_span : (float or array_like (n_case,), float or array_like (n_case,))
+            Start and end [s], for all cases or one each. Late times lose no digits, as for `simulate`.
+        initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
+            Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
+            status of its case, not an error.
+        grid : Grid, optional
+            From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
+        t_eval : array_like (n_t,), optional
+            Times to record for all cases; without it, final states only.
+        method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        threads : int, optional
+            Threads to use; by default as many as there are processors.
+        progress : bool
+            Whether to show a bar with cases per second (needs tqdm).
+        error_estimate : bool
+            Whether to run every case once more at a hundredth of the tolerances, from which
+            ``sweep.error_estimate["x"]`` estimates the global errors.
+        events : sequence of Event, SymPy expressions or names
+            What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+            and when first and last.
+        reduce : mapping of str to reductions, or sequence of expressions or names
+            What to keep of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
+            expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
+            for cases that failed.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
 
         Returns
         -------
-        Linearization
-            With named rows and columns, and `eigenvalues`.
+        Sweep
+            After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED.
 
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError
-            For input that is wrong.
+            For input that is wrong for all cases.
         """
-        p = self.parameter_vector(parameters)
-        c = inputs.constants(self._program, p)
-        values = inputs.given_values(self.layout, initial)
-        time = option("t", t)
-        c = at_time(self._program, c, time)
-        y = inputs.initial_state(self._start(values), time, values, c, self._program)
-        return linearized(self._program, time, y, p, c, states)
+        options = SweepOptions(
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+            grid=grid,
+            t_eval=t_eval,
+            threads=threads,
+            progress=progress,
+            error_estimate=error_estimate,
+            events=events,
+            reduce=reduce,
+            project_invariants=project_invariants,
+        )
+        return sweep(self, t_span, initial, parameters, options)
 
-    def _in_formulation(self, name: str) -> CompiledModel:
-        """Return the scene's model in another formulation, on the same backend, compiled once."""
-        if name == self.formulation:
-            return self
-        options = CompileOptions(backend=self.backend, formulation=name)
-        return derived_once(self._others, name, lambda: compiled_mode(self.stages.scene, options, self.stages.mode))
+    @nesting_named
+    def prepare(
+        self,
+        t_span: tuple[float, float],
+        *,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        project_invariants: Any = False,
+    ) -> PreparedRun:
+        """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
+
+        Parameters
+        ----------
+        t_span, method, rtol, atol, max_step, max_steps
+            As for `simulate`.
+        project_invariants : bool, str or sequence of str
+            First integrals to keep, as for `simulate`: those that are conserved from the first state that the function
+            is called with, which also compiles it. Their initial values are computed before each run, which takes some
+            hundred microseconds.
+
+        Raises
+        ------
+        OptionError, FormulationError, UnknownNameError
+            For options that do not exist, and integrals that are not known or that the formulation cannot keep.
+        """
+        options = PrepareOptions(
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+            project_invariants=project_invariants,
+        )
+        return prepare(self, t_span, options)
 
     @nesting_named
     def sensitivity(
@@ -190,78 +443,150 @@ class CompiledModel(Swept):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong.
         """
-        t0, t1 = span_of(t_span)
-        options: dict[str, Any] = {"of": of, "method": method, "rtol": rtol, "atol": atol, "max_steps": max_steps}
-        other = self._counting(t0, t1)[0] if begins_elsewhere(t0, t1) else None
-        if other is None:
-            return self._sensitivity((t0, t1), initial, parameters, wrt=wrt, t_eval=t_eval, **options)
-        assert isinstance(other, CompiledModel)
-        times = None if t_eval is None else times_of("t_eval", t_eval)
-        options["t_eval"] = elapsed_times(t0, t1, times)
-        given = self._with_offsets(other, t0, parameters)
-        wanted = wrt if isinstance(wrt, str) else list(wrt)
-        names = {self.layout.aliases.get(str(w), str(w)) for w in ([wanted] if isinstance(wanted, str) else wanted)}
-        every = other.stages.equations.symbols.offsets
-        offsets = [offset for offset in every if any(symbol.name in names for symbol in offset.symbols)]
-        more = (*([wanted] if isinstance(wanted, str) else wanted), *(offset.name for offset in offsets))
-        try:
-            found = other._sensitivity((0.0, t1 - t0), initial, given, wrt=more if offsets else wanted, **options)
-        except OptionError as refusal:
-            raise OptionError(noted_from(str(refusal), t0)) from None
-        if offsets:
-            p = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
-            found = through_offsets(found, offsets, t0, p)
-        return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
+        options = SensitivityOptions(
+            method=method, rtol=rtol, atol=atol, max_steps=max_steps, wrt=wrt, of=of, t_eval=t_eval
+        )
+        return sensitivity(self, t_span, initial, parameters, options)
 
-    def _sensitivity(
+    @nesting_named
+    def linearize(
+        self,
+        t: float,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        states: Sequence[str] | None = None,
+    ) -> Linearization:
+        """Linearise the motion about a state, in independent coordinates and speeds.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        initial, parameters : mapping of symbols or names to numbers
+            The state and the parameters, as for `simulate`: what the constraints fix may be left out.
+        states : sequence of str, optional
+            Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
+            that the constraints fix least.
+
+        Returns
+        -------
+        Linearization
+            With named rows and columns, and `eigenvalues`.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong.
+        """
+        return linearize(self, t, initial, parameters, states)
+
+    @nesting_named
+    def compare_formulations(
         self,
         t_span: tuple[float, float],
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
-        wrt: Iterable[Any],
-        of: Iterable[Any] | None,
-        t_eval: Any,
-        method: str,
-        rtol: float,
-        atol: float,
-        max_steps: int,
-    ) -> Sensitivity:
-        """Simulate with derivatives, as `sensitivity` does, in the time of this model."""
-        t0, t1 = t_span
-        rtol, atol = tolerances(rtol, atol)
-        p = self.parameter_vector(parameters)
+        formulations: Sequence[str] | None = None,
+        method: str | Mapping[str, str] = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+    ) -> Comparison:
+        """Run one motion in every formulation and return a table of errors, violations, energy drift, steps and time.
+
+        Parameters
+        ----------
+        t_span, initial, parameters, rtol, atol
+            As for `simulate`.
+        formulations : sequence of str, optional
+            Which to compare; all by default.
+        method : str or mapping of str to str
+            The method for all formulations, or one each; a formulation that does not have it takes "auto".
+
+        Returns
+        -------
+        Comparison
+            One row a formulation, also for those that cannot serve the scene; ``print`` shows it.
+
+        Raises
+        ------
+        OptionError
+            For unknown formulations and methods, and as `simulate`.
+        """
+        run = t_span, initial, parameters
+        return compare_formulations(self, run, tolerances(rtol, atol), formulations, method)
+
+    # -- states ----------------------------------------------------------------------------
+
+    @nesting_named
+    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+        """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
+        program, time = self.stages.program, option("t", t)
+        c = inputs.constants(program, inputs.parameter_vector(self.layout, parameters))
         values = inputs.given_values(self.layout, initial)
-        options: dict[str, Any] = {"t_eval": t_eval, "method": method, "rtol": rtol, "atol": atol}
-        options |= {"max_steps": max_steps}
-        divisible = self._divisible(t0, initial, parameters)
-        if divisible is not self and isinstance(divisible, CompiledModel):
-            return divisible._sensitivity(t_span, initial, parameters, wrt=wrt, of=of, **options)
-        start = self._start(values)
-        names = chosen_names(self._program, start.given, of, wrt)
-        c = starting_constants(self._program, inputs.constants(self._program, p), t0, t1)
-        problem = IntegrationProblem(
-            t0=t0,
-            t1=t1,
-            y0=inputs.initial_state(start, t0, values, c, self._program),
-            constants=c,
-            rtol=rtol,
-            atol=atol,
-            t_eval=None if t_eval is None else times_of("t_eval", t_eval),
-            max_steps=whole("max_steps", max_steps),
-        )
-        able = self._independent(problem, method, time.perf_counter())
-        if able is not self and isinstance(able, CompiledModel):
-            return able._sensitivity(t_span, initial, parameters, wrt=names[1], of=names[0], **options)
-        key = (start.given, *names)
-        variation = derived_once(self._variations, key, lambda: vary(self.stages, start.given, *names))
-        named: object = method
-        if isinstance(named, str) and named == "auto":
-            chosen = variation.engine.automatic(self.methods, rtol, atol)
-        else:
-            chosen = self._method(method, rtol, atol)
-        given = np.array([values[name] for name in start.given])
-        return replace(variation.run(problem, given, p, chosen), aliases=self.layout.aliases)
+        return inputs.initial_state(self.derived.start(values), time, values, at_time(program, c, time), program)
+
+    def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
+        """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
+        program, time = self.stages.program, option("t", t)
+        c = inputs.constants(program, inputs.parameter_vector(self.layout, parameters))
+        state = rows_of("y", y, len(self.layout.state))
+        c = at_time(program, c, time)
+        return interpret_rows(program.kernel("expand"), np.array([time]), state[np.newaxis], c)[0]
+
+    @nesting_named
+    def assemble(
+        self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
+    ) -> dict[str, float]:
+        """Return the consistent initial values nearest to a rough guess, for `simulate`.
+
+        Parameters
+        ----------
+        guess : mapping of symbols or names to numbers
+            Every coordinate, roughly. Rates may be given too; those that the constraints fix may be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        t : float
+            Time [s], where constraints depend on it.
+        fixed : iterable of symbols or names
+            What keeps exactly the value of the guess, such as the angle of a crank.
+
+        Returns
+        -------
+        dict of str to float
+            Coordinates, and rates where the guess has any. Nearest is meant by the sum of the squares of the changes.
+
+        Raises
+        ------
+        InitialStateError
+            When the loops cannot close, with what is left of each constraint at the best position found.
+        UnknownNameError, ValueInputError
+            For input that is wrong.
+        """
+        program, time = self.stages.program, option("t", t)
+        c = inputs.constants(program, self.parameter_vector(parameters))
+        values = inputs.given_values(self.layout, guess, plain=True)
+        held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
+        return assembled(program, at_time(program, c, time), time, values, held)
+
+    def monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
+        """Return the first integrals along a motion, as arrays (n_t,) by name.
+
+        Parameters
+        ----------
+        c : ndarray (n_c,) or (n_t, n_c)
+            Constants.
+        t, q, qdot : ndarray (n_t,), (n_t, n_q), (n_t, n_q)
+            Times [s], coordinates and rates.
+        """
+        return conserved(self.stages.program, self.derived.invariants, c, t, q, qdot)
+
+    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
+        c = inputs.constants(self.stages.program, p)
+        return self.engine.evaluate(kernel, t, x, c) if kernel in self.stages.program else None
+
+    # -- programs in JAX -------------------------------------------------------------------
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
         """Return dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), traced: made for ``diffrax.ODETerm``.
@@ -271,10 +596,11 @@ class CompiledModel(Swept):
 
         Raises
         ------
-        OptionError
+        CapabilityError
             For a backend other than "jax".
         """
-        return self._engine.vector_field(t, y, args)
+        require(self.backend, self.stages.program, Capability.VECTOR_FIELD)
+        return cast("TracedEngine", self.engine).vector_field(t, y, args)
 
     def solve_fn(
         self,
@@ -311,20 +637,21 @@ class CompiledModel(Swept):
 
         Raises
         ------
+        CapabilityError
+            For a backend other than "jax".
         OptionError
-            For a backend other than "jax", and for options that do not exist.
+            For options that do not exist.
         UnknownNameError, InitialStateError
             For names that are not known or not enough.
         """
+        require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
         start = None
         if given is not None:
             names = [self.layout.aliases.get(str(name), str(name)) for name in given]
-            start = self._start(inputs.given_values(self.layout, dict.fromkeys(names, 0.0)))
+            start = self.derived.start(inputs.given_values(self.layout, dict.fromkeys(names, 0.0)))
         options = {"mode": mode, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
-        return self._engine.solve_fn(start, self._method(method, rtol, atol), options)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)
+        method = self.choose_method(method, rtol, atol)
+        return cast("TracedEngine", self.engine).solve_fn(start, method, options)
 
 
 def compiled_mode(

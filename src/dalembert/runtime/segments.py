@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..codegen.base import Engine, Final, Prepared, PreparedStates
-from ..errors import OptionError
 from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.problem import (
@@ -38,7 +37,7 @@ from ..reduction.starting import Start
 from .inputs import prepare_rows
 
 if TYPE_CHECKING:
-    from ..codegen.base import CaseRun
+    from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
 
 __all__ = ["SegmentedEngine", "at_time", "segmented", "segments_of", "starting_constants"]
 
@@ -88,19 +87,21 @@ def at_time(program: Program, c: FloatArray, t: float) -> FloatArray:
     return _prepared(program, c[: len(program.layout.parameters)], np.array([t]))[0]
 
 
-def segmented(engine: Engine, program: Program) -> Engine:
-    """Return an engine that ends steps where conditions on time change, or the engine itself where there are none."""
-    return engine if program.conditions is None else SegmentedEngine(engine, program)
+def segmented(engine: Engine, program: Program, landing: Landing | None = None) -> Engine:
+    """Return an engine that ends steps where conditions on time change, or the engine itself where there are none.
+
+    `landing` gives the state with which a run goes on from a break; None leaves it as it is.
+    """
+    return engine if program.conditions is None else SegmentedEngine(engine, program, landing)
 
 
 @final
 class SegmentedEngine(Engine):
     """An engine that runs every segment with another."""
 
-    def __init__(self, inner: Engine, program: Program) -> None:
-        self.inner, self._program = inner, program
+    def __init__(self, inner: Engine, program: Program, landing: Landing | None = None) -> None:
+        self.inner, self._program, self.landing = inner, program, landing
         self._kept: dict[tuple[bytes, float, float], Segments] = {}
-        self.landing: Landing | None = None
         self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
 
     cuts: ClassVar[bool] = True
@@ -134,14 +135,8 @@ class SegmentedEngine(Engine):
 
     @property
     def functions(self) -> Any:
-        """See `Engine.functions`."""
-        functions = self.inner.functions  # refused where the backend has none
-        if not self._conditions.decides:
-            return functions
-        raise OptionError(
-            f"{self._program.name!r} has no model.kernels: its functions of time have kinks or jumps, and a run decides"
-            " from piece to piece which branch holds. Use simulate, sweep or prepare"
-        )
+        """See `FunctionEngine.functions`."""
+        return cast("FunctionEngine", self.inner).functions
 
     def source_of(self, method: str, rtol: float, atol: float) -> str:
         """See `Engine.source_of`."""
@@ -236,12 +231,12 @@ class SegmentedEngine(Engine):
         return PreparedStates(run)
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
-        """See `Engine.vector_field`."""
-        return self.inner.vector_field(t, y, args)
+        """See `TracedEngine.vector_field`."""
+        return cast("TracedEngine", self.inner).vector_field(t, y, args)
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
-        """See `Engine.solve_fn`."""
-        return self.inner.solve_fn(start, method, options)
+        """See `TracedEngine.solve_fn`."""
+        return cast("TracedEngine", self.inner).solve_fn(start, method, options)
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""

@@ -9,7 +9,6 @@ the start of another.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import AssumptionWarning, ValueInputError
+from ..errors import AssumptionWarning, ValueInputError, warn_caller
 
 __all__ = ["ROUNDING", "contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]
 
@@ -109,7 +108,6 @@ def warn_of_motion(
     names: Sequence[str],
     t: FloatArray,
     of: Callable[[str], FloatArray],
-    stacklevel: int = 4,
 ) -> None:
     """Warn where coordinates left, along motions, the sign that they were declared to have.
 
@@ -124,8 +122,6 @@ def warn_of_motion(
         Times [s].
     of : function of a name
         Gives the values (k,) of a coordinate at these times.
-    stacklevel : int
-        As for ``warnings.warn``.
     """
     for name in names:
         signs = [what for what in assumptions.get(name, ()) if what in _SIGNED]
@@ -136,11 +132,10 @@ def warn_of_motion(
         broken = np.flatnonzero(contradicts(signs, values) & (np.abs(values) > _SLACK * size))
         if len(broken):
             first = broken[0]
-            warnings.warn(
+            warn_caller(
                 f"{name} = {values[first]:g} at t = {t[first]:g} ({len(broken)} of {len(values)} records): the"
                 f" coordinate was declared with {signs[0]}=True, and SymPy has simplified the scene with that (as"
                 " sqrt(k**2) to k for positive k), so that motions may be wrong beyond it. Declare it without, or end"
                 " the run there with a terminal event",
                 AssumptionWarning,
-                stacklevel=stacklevel,
             )

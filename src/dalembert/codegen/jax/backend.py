@@ -17,7 +17,7 @@ from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
-from ..base import Backend, Engine, Prepared, RenderedModule, growing_step_blocks
+from ..base import Backend, Capability, Engine, Prepared, RenderedModule, growing_step_blocks
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
@@ -158,14 +158,14 @@ class JaxEngine(Engine):
         return prepared_run(computed_once(self._finals, key, make), problem)
 
     def vector_field(self, t: Any, y: Any, args: Any) -> Any:
-        """See `Engine.vector_field`; args are the parameters p (n_p,)."""
+        """See `TracedEngine.vector_field`; args are the parameters p (n_p,)."""
         conditions = self._program.conditions
         if conditions is not None:
             args = jax.numpy.asarray(args).at[conditions.place].set(t)
         return self.kernels["rhs"](t, y, self.kernels.constants(args))
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Solve:
-        """See `Engine.solve_fn`."""
+        """See `TracedEngine.solve_fn`."""
         return Solve(self._program, start, method, **options)
 
     whole_blocks: ClassVar[bool] = True
@@ -262,6 +262,7 @@ class JaxBackend(Backend):
 
     name = "jax"
     series = ("taylor",)
+    capabilities = frozenset({Capability.VECTOR_FIELD, Capability.SOLVE_FUNCTION})
     methods: ClassVar[Mapping[str, str]] = {
         "dopri8": "explicit Runge-Kutta of order 8 (Prince and Dormand; diffrax, in sweeps DOP853)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras; diffrax, in sweeps a loop of our own)",

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import final
 
 from ...ir.program import Program
+from ..base import Capability
 from ..compiled_backend import CompiledBackend
 from .library import NumbaLibrary
 from .objects import numba_version
@@ -18,6 +19,7 @@ class NumbaBackend(CompiledBackend):
     """Kernels that numba compiles, one case at a time, for the same integrator loops as the default backend's."""
 
     name = "numba"
+    capabilities = frozenset({Capability.KERNEL_FUNCTIONS})
 
     def versions(self) -> str:
         """See `CompiledBackend.versions`."""

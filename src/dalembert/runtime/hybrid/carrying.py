@@ -116,7 +116,7 @@ class Carrier:
         given = {name: columns[name] for name in model.layout.parameters}
         initial = {name: cases.x[some, i] for i, name in enumerate(self.rows.states)}
         try:
-            ready = Cases(model.stages.program, model._start, (cases.t[some], cases.t1[some]), initial, given)
+            ready = Cases(model.stages.program, model.derived.start, (cases.t[some], cases.t1[some]), initial, given)
         except ValueInputError:  # a value that its symbol excludes, which is told where the phase is run
             return None
         return fitting_method(model, ready, self.settings, self.options["method"])
@@ -213,7 +213,7 @@ class Carrier:
     def _line(self, station: Station, points: Sequence[Watchpoint]) -> list[int]:
         paradox = sum(1 << i for i, point in enumerate(points) if point.kind == "paradox")
         plain = -1 if not len(self.cases.t_eval) else self._station(station.mode, (None, ()))
-        expand, _ = station.model._engine.code(self.modes.expansion(station.mode))
+        expand, _ = station.model.engine.code(self.modes.expansion(station.mode))
         return [station.size, len(station.events), len(station.model.layout.parameters), expand, plain, paradox]
 
     def _attempts(self, verdict: Verdict, cause: int) -> list[list[int]]:

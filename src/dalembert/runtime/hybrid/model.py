@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
-from ...errors import ExpressionError, OptionError, ValueInputError, list_names
+from ...errors import CapabilityError, ExpressionError, OptionError, ValueInputError, list_names
 from ...integrators.event_code import Event, event_list
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
@@ -27,15 +27,14 @@ from ...results.hybrid_sweep import HybridSweep
 from ...scene import Scene
 from ...values import option, times_of, tolerances, whole
 from .. import inputs
-from ..cases import Cases, agreed, spans_of
+from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
 from ..events import compiled_events
-from ..held import span_of
+from ..inputs import span_of
 from ..model import CompiledModel, compiled_mode
 from ..reductions import reduction_table
 from ..segments import at_time
-from ..swept import with_grid
 from .campaign import Campaign
 from .kernels import outputs
 from .modes import Modes
@@ -105,7 +104,7 @@ class HybridModel(Evaluated):
         return self._engine().rows(kernel, t, y, c)
 
     def _engine(self) -> Engine:
-        return self._model(self._plain(OPEN))._engine
+        return self._model(self._plain(OPEN)).engine
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.
@@ -168,10 +167,10 @@ class HybridModel(Evaluated):
 
         Raises
         ------
-        OptionError
+        CapabilityError
             Always.
         """
-        raise OptionError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
+        raise CapabilityError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
 
     def explain(self, *, passes: bool = False) -> str:
         """Return what the contacts may do, and what was chosen for the modes compiled so far.
@@ -412,7 +411,7 @@ class HybridModel(Evaluated):
         if other is not self:
             whole = (initial, parameters) if grid is None else with_grid(self.layout, grid, initial, parameters)
             model = self._model(self._plain(CLOSED))
-            cases = Cases(model.stages.program, model._start, t_span, *whole)
+            cases = Cases(model.stages.program, model.derived.start, t_span, *whole)
             given = {**parameters, **offset_columns(other._equations.symbols.offsets, starts, cases.parameters)}
         spans = (starts - starts, lasts - starts)
         run = other._sweep(spans, initial, given, t_eval=wanted, events=own, reduce=table, **options)
@@ -454,11 +453,11 @@ class HybridModel(Evaluated):
         known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
         model = self._model(self._plain(OPEN if self._complete(known) else CLOSED))
         program = model.stages.program
-        cases = Cases(program, model._start, t_span, initial, parameters)
+        cases = Cases(program, model.derived.start, t_span, initial, parameters)
         settings = agreed(
             cases,
             t_eval=t_eval,
-            method=model._method(method, rtol, atol, many=True),
+            method=model.choose_method(method, rtol, atol, many=True),
             rtol=rtol,
             atol=atol,
             max_step=max_step,
@@ -512,7 +511,7 @@ class HybridModel(Evaluated):
         model = self._model(self._plain(OPEN))
         program = model.stages.program
         c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
-        code = compiled_events(model.stages, (replace(event, terminal=False),), model._start)
+        code = compiled_events(model.stages, (replace(event, terminal=False),), model.derived.start)
 
         def apply(t: float, x: FloatArray) -> FloatArray | None:
             time, own = np.array([t]), at_time(program, c, t)

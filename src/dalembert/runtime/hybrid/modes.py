@@ -94,15 +94,15 @@ class Modes:
         p = np.empty((len(t), len(columns)))
         for i, column in enumerate(columns.values()):
             p[:, i] = column
-        return self.model(mode)._engine.rows(self.expansion(mode), t, y, p)
+        return self.model(mode).engine.rows(self.expansion(mode), t, y, p)
 
     def states(self, mode: Mode, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the states (k, n_y) of a mode with coordinates and rates (k, 2 n_q), for its constants (k, n_c)."""
         model = self.model(mode)
-        start = model._start((*model.layout.coordinates, *model.layout.rates))
+        start = model.derived.start((*model.layout.coordinates, *model.layout.rates))
         names = [*model.layout.coordinates, *model.layout.rates]
         given = x[:, [names.index(name) for name in start.given]]
-        return np.ascontiguousarray(model._engine.rows(start.kernel, t, given, c)[:, : len(model.layout.state)])
+        return np.ascontiguousarray(model.engine.rows(start.kernel, t, given, c)[:, : len(model.layout.state)])
 
     def expansion(self, mode: Mode) -> Kernel:
         """Return the kernel of coordinates and rates in a mode."""

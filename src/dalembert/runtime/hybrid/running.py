@@ -16,12 +16,14 @@ from ...integrators.events import SOON, SOON_IN_A_ROW
 from ...ir.program import Layout
 from ...mechanics.equations import Watchpoint
 from ...methods.status import Status
+from ...options import SimulateOptions
 from ...reduction.modes import SLIP, Mode
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from .. import inputs
+from ..simulate import simulate_from_state, simulate_in_own_time
 from .instants import Instants, Settled
 from .looking import Lookout
 from .modes import Modes
@@ -203,9 +205,8 @@ class _Run:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        return model._simulate(
-            (self.t, t1), initial, self._parameters(self.now, mode), events=events, **self._options()
-        )
+        options = SimulateOptions(events=events, **self._options())
+        return simulate_in_own_time(model, (self.t, t1), initial, self._parameters(self.now, mode), options)
 
     def _parameters(self, now: Instants, mode: Mode) -> dict[str, float]:
         """Return the parameters of a mode."""
@@ -266,7 +267,8 @@ class _Run:
         """Run one phase that ends at a time; return its status."""
         mode = self.mode
         assert mode is not None
-        run = self.modes.model(mode)._from_state((self.t, t1), begun.y, begun.c, self._options())
+        options = SimulateOptions(**self._options())
+        run = simulate_from_state(self.modes.model(mode), (self.t, t1), begun.y, begun.c, options)
         self._add(run, mode, float(run.t[-1]))
         return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
 
@@ -359,7 +361,8 @@ class _Run:
         model = self.modes.model(mode)
         names = (*model.layout.coordinates, *model.layout.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
-        run = model._simulate((self.t, self.t), initial, self.request.parameters, method=self.request.options["method"])
+        options = SimulateOptions(method=self.request.options["method"])
+        run = simulate_in_own_time(model, (self.t, self.t), initial, self.request.parameters, options)
         self.parts.append(Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode)))
 
     def _joined(self, status: Status) -> HybridTrajectory:

@@ -20,6 +20,7 @@ from ...mechanics.equations import ContactRow
 from ...reduction.modes import Mode, direction_names, side_name
 from .. import inputs
 from ..cases import Cases, Settings
+from ..sweep import runs_unchecked
 from ..sweeping import fitted
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class Station:
         Its next case is `turn` (1,).
         """
         model, names, gathered, k = self.model, tuple(rows.states), room.gathered, room.gathered.shape[1]
-        start = model._start(names)
+        start = model.derived.start(names)
         columns = CaseColumns(
             count=k,
             spans=(gathered[0], gathered[1]),
@@ -79,25 +80,25 @@ class Station:
             given=tuple(gathered[rows.states[name]] for name in start.given),
             start=start,
             t_eval=np.empty(0),
-            watch=model._events(self.events),
+            watch=model.derived.events(self.events),
             **self.settings,
         )
         happened = room.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = room.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, room.ends, np.empty((k, 0, self.size)), happened, np.empty((k, 0)))
-        run = model._engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
+        run = model.engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         return None if run is None or run.call is None else run.call(turn)
 
 
 def fitting_method(model: CompiledModel, cases: Cases, settings: Mapping[str, Any], method: str) -> str | None:
     """Return the method for cases of a mode, None where they take more than runs of the engine."""
-    if not model._straight or any(name not in cases.parameters for name in model.layout.parameters):
+    if not runs_unchecked(model) or any(name not in cases.parameters for name in model.layout.parameters):
         return None
-    chosen = model._method(method, settings["rtol"], settings["atol"], many=True)
+    chosen = model.choose_method(method, settings["rtol"], settings["atol"], many=True)
     inputs.warn_below_floor(settings["rtol"], settings["atol"], model.stages.program, chosen)
     if method == "auto":
         common = Settings(None, chosen, **settings, threads=1, progress=False)
-        chosen = fitted(model._engine, cases, common).method
+        chosen = fitted(model.engine, cases, common).method
     return chosen
 
 

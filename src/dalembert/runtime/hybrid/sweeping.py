@@ -17,9 +17,11 @@ from ...integrators.phase_tables import NOTHING_FIRED, Fleet, case_numbers
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Watchpoint
 from ...methods.status import Status
+from ...options import SweepOptions
 from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
+from ..sweep import begin_sweep
 from ..sweeping import meter
 from ..symbol_assumptions import warn_of_motion
 from .campaign import Campaign, Value
@@ -225,13 +227,12 @@ class _Sweep:
         options = {**self.campaign.options}
         if rounds % _BETWEEN_FITS:
             options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
-        return model._begin_sweep(
+        return begin_sweep(
+            model,
             (self.now.t[some], self._goal(some)),
             {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
-            events=self.watched[key],
-            reduce=self.campaign.reductions,
-            **options,
+            SweepOptions(events=self.watched[key], reduce=self.campaign.reductions, **options),
         )
 
     def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:

@@ -7,8 +7,9 @@ z' = P f(x(z)) has the derivative A = P f_x G, at every state, in equilibrium or
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,14 +21,35 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..results.linearization import Linearization
 from ..transforms.partials import jacobian_kernel
-from ..values import listed
+from ..values import listed, option
+from . import inputs
+from .segments import at_time
 
-__all__ = ["linearized"]
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["linearize"]
 
 _DEPENDENT = 1e-9
 
 
-def linearized(
+def linearize(
+    model: CompiledModel,
+    t: float,
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
+    states: Sequence[str] | None,
+) -> Linearization:
+    """Return the linearisation about given values; see `CompiledModel.linearize`."""
+    program, time = model.stages.program, option("t", t)
+    p = model.parameter_vector(parameters)
+    c = at_time(program, inputs.constants(program, p), time)
+    values = inputs.given_values(model.layout, initial)
+    y = inputs.initial_state(model.derived.start(values), time, values, c, program)
+    return _linearized(program, time, y, p, c, states)
+
+
+def _linearized(
     program: Program, t: float, y: FloatArray, p: FloatArray, c: FloatArray, chosen: Sequence[str] | None
 ) -> Linearization:
     """Return the linearisation at a state y (n_y,).

@@ -1,9 +1,9 @@
-"""First integrals that a run is asked to keep: which they are, their initial values, and a time scale of the motion."""
+"""First integrals that a run keeps: which they are, their initial values, and the model that projects onto them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,15 +17,56 @@ from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariants import Candidates, why_not
 from ..reduction.keeping import TIME_SCALE, initial_name
 from ..values import listed
+from . import inputs
 from .monitors import conserved
+from .segments import starting_constants
 
-__all__ = ["Rows", "case_by_case", "kept_names", "kept_values", "refuse_jumps", "refuse_unknown"]
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = [
+    "Rows",
+    "case_by_case",
+    "keeping_from",
+    "keeping_model",
+    "kept_names",
+    "kept_values",
+    "refuse_jumps",
+    "refuse_unknown",
+]
 
 Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 """Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
 
 _SMALL = 1e-5
 """Share of the state by which it is moved for differences."""
+
+
+def keeping_from(
+    model: CompiledModel,
+    wanted: Any,
+    span: tuple[float, float],
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
+) -> tuple[CompiledModel, dict[str, float]]:
+    """Return the model that keeps first integrals after every step, and its further parameters for a start."""
+    t0, program = span[0], model.stages.program
+    c = inputs.constants(program, model.parameter_vector(parameters))
+    c = starting_constants(program, c, *span)
+    values = inputs.given_values(model.layout, initial)
+    y = inputs.initial_state(model.derived.start(values), t0, values, c, program)
+    keeper, names = keeping_model(model, wanted, c, t0, y)
+    found = kept_values(names, program, model.derived.invariants, c[np.newaxis], np.array([t0]), y[np.newaxis])
+    return keeper, {name: float(column[0]) for name, column in found.items()}
+
+
+def keeping_model(
+    model: CompiledModel, wanted: Any, c: FloatArray, t0: float, y: FloatArray
+) -> tuple[CompiledModel, tuple[str, ...]]:
+    """Return the model that keeps first integrals, and their names; `wanted` and errors as for `kept_names`."""
+    stages = model.stages
+    names = kept_names(wanted, stages.equations, stages.program, model.derived.invariants, c, t0, y)
+    return model.variants.keeping_invariants(names), names
 
 
 def kept_names(

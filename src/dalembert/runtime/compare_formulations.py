@@ -1,13 +1,14 @@
-"""One scene in every formulation, run alike."""
+"""Comparison of formulations: one run of one scene in each of them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..codegen import backend_named
 from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
 from ..reduction import FORMULATIONS
 from ..results.comparison import Comparison, ComparisonRow
@@ -16,36 +17,30 @@ from ..values import listed
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["compare"]
+__all__ = ["compare_formulations"]
 
 
-def compare(
-    compiled: Callable[[str], CompiledModel],
-    scene: str,
-    chosen: Sequence[str] | None,
+def compare_formulations(
+    model: CompiledModel,
     run: tuple[Any, Mapping[Any, Any], Mapping[Any, Any]],
     tolerances: tuple[float, float],
+    chosen: Sequence[str] | None,
     methods: str | Mapping[str, str],
-    known: Collection[str],
 ) -> Comparison:
-    """Return the comparison of a run (span, initial values, parameters).
+    """Return the comparison of a run (span, initial values, parameters); see `CompiledModel.compare_formulations`.
 
     Parameters
     ----------
-    compiled : callable
-        Gives the scene's model in a formulation.
-    scene : str
-        Its name.
-    chosen : sequence of str or None
-        Formulations; None takes all.
+    model : CompiledModel
+        The scene in one of its formulations.
     run : tuple
         Arguments of `CompiledModel.simulate`.
     tolerances : (float, float)
         rtol and atol.
+    chosen : sequence of str or None
+        Formulations; None takes all.
     methods : str or mapping of str to str
         The method for all, or by formulation; those that a formulation does not have become "auto".
-    known : collection of str
-        Methods of the backend.
 
     Raises
     ------
@@ -58,7 +53,7 @@ def compare(
             raise OptionError(unknown_name("formulation", str(name), FORMULATIONS))
     if not isinstance(methods, str | Mapping):
         raise OptionError(f"method must be a name, or a mapping from formulations to names, not {methods!r}")
-    table = {} if isinstance(methods, str) else dict(methods)
+    table, known = {} if isinstance(methods, str) else dict(methods), backend_named(model.backend).methods
     strange = [unknown_name("formulation", str(name), FORMULATIONS) for name in table if name not in FORMULATIONS]
     strange += [
         unknown_name("method", str(name), ["auto", *known])
@@ -71,13 +66,13 @@ def compare(
     for name in names:
         method = methods if isinstance(methods, str) else methods.get(name, "auto")
         try:
-            model = compiled(name)
+            other = model if name == model.formulation else model.variants.in_formulation(name)
         except (FormulationError, ConstraintError) as reason:
             nothing = (float("nan"),) * 4
             rows.append(ComparisonRow(name, "", "cannot serve", *nothing, 0, 0, float("nan"), str(reason)))
             continue
-        rows.append(_row(name, model, run, tolerances, method if method in model.methods else "auto"))
-    return Comparison(scene, *tolerances, tuple(rows))
+        rows.append(_row(name, other, run, tolerances, method if method in other.methods else "auto"))
+    return Comparison(model.name, *tolerances, tuple(rows))
 
 
 def _row(

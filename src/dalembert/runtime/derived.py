@@ -1,0 +1,92 @@
+"""Kernels and facts of one model that are derived when they are first needed, and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, final
+
+from ..integrators.event_code import Event, EventCode, event_list
+from ..once import DERIVING, derived_once, derived_property
+from ..pipeline import Stages
+from ..reduction.gimbal import Gimbals, gimbals
+from ..reduction.invariants import Candidates, candidates
+from ..reduction.rank import rank_margins
+from ..reduction.starting import Start, starting
+from .events import compiled_events
+from .reductions import reduction_table
+from .variation import Variation, vary
+
+__all__ = ["Derived"]
+
+_MOST_WATCHES = 64
+"""Sets of events of which the kernels are kept."""
+
+
+@final
+class Derived:
+    """What is derived from the stages of a model on demand.
+
+    Attributes
+    ----------
+    enforced : tuple of int
+        Numbers of the constraints that a run enforces and that may depend on each other; none where they are known to
+        be independent.
+    """
+
+    def __init__(self, stages: Stages) -> None:
+        reduced = stages.reduced
+        rows = range(len(stages.program.layout.constraints))
+        self._stages = stages
+        self.enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
+        self._starts: dict[frozenset[str], Start] = {}
+        self._events: dict[str, EventCode] = {}
+        self._by_tuple: dict[int, tuple[Any, EventCode]] = {}
+        self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
+
+    def start(self, given: Iterable[str]) -> Start:
+        """Return the kernel from given initial values to the state, made once for each set of names."""
+        key = frozenset(given)
+        return derived_once(self._starts, key, lambda: starting(self._stages.reduced, sorted(key)))
+
+    def events(self, events: Any, reduce: Any = None, *, ranks: bool = False) -> EventCode | None:
+        """Return the kernels of events and reductions, made once for each set of them; None where there are none.
+
+        With `ranks` the rank of the constraints is watched too.
+        """
+        same = isinstance(events, tuple) and reduce is None and not ranks
+        same = same and all(isinstance(event, Event) and event.apply is None for event in events)
+        kept = self._by_tuple.get(id(events)) if same else None
+        if kept is not None and kept[0] is events:
+            return kept[1]
+        aliases = self._stages.program.layout.aliases
+        listed, reductions = event_list(events, aliases), reduction_table(reduce, aliases)
+        with DERIVING:
+            margins = rank_margins(self._stages.reduced) if ranks else {}
+            if not listed and not reductions and not margins:
+                return None
+            key = repr((listed, reductions, ranks))
+            code = derived_once(
+                self._events,
+                key,
+                lambda: compiled_events(self._stages, listed, self.start, reductions, margins),
+                most=_MOST_WATCHES,
+            )
+            if same:  # a tuple is kept, so that no other can have its number
+                if len(self._by_tuple) >= _MOST_WATCHES:
+                    self._by_tuple.clear()
+                self._by_tuple[id(events)] = events, code
+        return code
+
+    def variation(self, given: tuple[str, ...], of: tuple[str, ...], wrt: tuple[str, ...]) -> Variation:
+        """Return the variational equations of values by parameters and given values, made once for each set of them."""
+        return derived_once(self._variations, (given, of, wrt), lambda: vary(self._stages, given, of, wrt))
+
+    @derived_property
+    def gimbals(self) -> Gimbals | None:
+        """The angles that may lock."""
+        return gimbals(self._stages.reduced)
+
+    @derived_property
+    def invariants(self) -> Candidates:
+        """First integrals that may be conserved."""
+        return candidates(self._stages.equations)

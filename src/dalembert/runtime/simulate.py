@@ -1,0 +1,137 @@
+"""Simulation of one trajectory of a compiled model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ..arrays import FloatArray
+from ..errors import OptionError
+from ..integrators.problem import IntegrationProblem
+from ..options import SimulateOptions
+from ..results.estimate import TIGHTER
+from ..results.trajectory import Trajectory
+from . import inputs
+from .constraint_choice import divisible_model, independent_model
+from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
+from .gains import with_gains
+from .inputs import span_of
+from .invariant_projection import keeping_from, refuse_jumps
+from .segments import starting_constants
+from .single_run import integrate
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["NO_ESTIMATE", "simulate", "simulate_from_state", "simulate_in_own_time"]
+
+NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
+
+Given = Mapping[Any, Any]
+
+
+def simulate(
+    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+) -> Trajectory:
+    """Return one trajectory; see `CompiledModel.simulate`."""
+    t0, t1 = span_of(t_span)
+    if not begins_elsewhere(t0, t1):
+        return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
+    other, events, _ = in_elapsed_time(model, t0, t1, options.events)
+    options = replace(options, events=events)
+    if other is None:
+        return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
+    times = options.t_eval
+    options = replace(options, t_eval=elapsed_times(t0, t1, times))
+    given = with_offsets(model, other, t0, parameters)
+    run = simulate_in_own_time(other, (0.0, t1 - t0), initial, given, options)
+    return run.counted_from(t0, times, noted_from(run.stats.note, t0))
+
+
+def simulate_in_own_time(
+    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+) -> Trajectory:
+    """Return one trajectory in the time of the model, whatever the span."""
+    if options.project_invariants is not False:
+        refuse_jumps(options.events, model.layout.aliases)
+        keeper, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
+        options = replace(options, project_invariants=False)
+        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options)
+    begin = time.perf_counter()
+    method = model.choose_method(options.method, options.rtol, options.atol)
+    able = divisible_model(model, t_span[0], initial, parameters)
+    if able is not model:
+        return simulate_in_own_time(able, t_span, initial, parameters, options)
+    problem = _problem(model, t_span, initial, parameters, options, method)
+    watch = model.derived.events(options.events)
+    if watch is not None and options.error_estimate:
+        raise OptionError(NO_ESTIMATE)
+    found = independent_model(model, problem, method, begin)
+    if isinstance(found, Trajectory):
+        return found
+    if found is not model:
+        return simulate_in_own_time(found, t_span, initial, parameters, options)
+    engine = model.engine
+    problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
+    run = integrate(model, problem, method, begin, watch, automatic=options.automatic)
+    return run.with_twin(_twin(model, problem, run, options)) if options.error_estimate else run
+
+
+def simulate_from_state(
+    model: CompiledModel, t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions
+) -> Trajectory:
+    """Return the trajectory from a state (n_y,) with constants (n_c,), which are known to be consistent."""
+    begin = time.perf_counter()
+    problem = _limited(t_span, y, c, options)
+    method = model.choose_method(options.method, options.rtol, options.atol)
+    return integrate(model, problem, method, begin, automatic=options.automatic)
+
+
+def _problem(
+    model: CompiledModel,
+    t_span: tuple[float, float],
+    initial: Given,
+    parameters: Given,
+    options: SimulateOptions,
+    method: str,
+) -> IntegrationProblem:
+    """Return the problem of a run from given values.
+
+    Raises
+    ------
+    UnknownNameError, ValueInputError, InitialStateError, OptionError
+        For values and options that are wrong.
+    """
+    program, (t0, t1) = model.stages.program, t_span
+    c = inputs.constants(program, model.parameter_vector(parameters))
+    values = inputs.given_values(model.layout, initial)
+    inputs.warn_below_floor(options.rtol, options.atol, program, method)
+    c = starting_constants(program, c, t0, t1)
+    return _limited(t_span, inputs.initial_state(model.derived.start(values), t0, values, c, program), c, options)
+
+
+def _limited(t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions) -> IntegrationProblem:
+    """Return the problem of a run over a span from a state (n_y,) with constants (n_c,)."""
+    return IntegrationProblem(
+        t0=t_span[0],
+        t1=t_span[1],
+        y0=y,
+        constants=c,
+        rtol=options.rtol,
+        atol=options.atol,
+        t_eval=options.t_eval,
+        first_step=options.first_step,
+        max_step=options.max_step,
+        max_steps=options.max_steps,
+        dense=options.dense,
+    )
+
+
+def _twin(model: CompiledModel, problem: IntegrationProblem, run: Trajectory, options: SimulateOptions) -> Trajectory:
+    """Return a run at tighter tolerances, recorded at the times of another."""
+    rtol, atol = problem.rtol * TIGHTER, problem.atol * TIGHTER
+    finer = replace(problem, rtol=rtol, atol=atol, t_eval=run.t, dense=False)
+    method = model.choose_method(options.method, rtol, atol)
+    return integrate(model, finer, method, time.perf_counter(), automatic=options.automatic)

@@ -1,0 +1,164 @@
+"""One integration of a compiled model: its method, its events, where it has to end, and its trajectory."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..integrators.event_code import EventCode
+from ..integrators.events import Occurrence, integrate_watched
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..ir.interpret import interpret_rows
+from ..methods.status import Status
+from ..results.motion import RunStatistics
+from ..results.trajectory import Trajectory
+from .gimbal import locked, remedy
+from .recording import Record
+from .singular import indeterminate, judged, searched, still_redundant
+from .symbol_assumptions import warn_of_motion
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["integrate"]
+
+
+def integrate(
+    model: CompiledModel,
+    problem: IntegrationProblem,
+    method: str,
+    begin: float,
+    watch: EventCode | None = None,
+    *,
+    automatic: bool = False,
+) -> Trajectory:
+    """Return the trajectory of one problem; its run time counts from `begin`, less what was compiled.
+
+    Where the method was chosen automatically, a stiff run without events changes to an implicit one.
+    """
+    ready = time.perf_counter()
+    if model.layout.state:
+        model.engine.prepare(problem, method)
+    compiled = time.perf_counter() - ready
+    solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic)
+    solution, where = _ended_where_singular(model, problem, method, solution)
+    notes = [note, where]
+    if model.dropped:
+        solution, broken = _ended_where_constraints_matter(model, problem, solution)
+        notes = [model.note, *notes, broken]
+    statistics = RunStatistics(
+        method=method,
+        steps=solution.steps,
+        rejected=solution.rejected,
+        evaluations=solution.evaluations,
+        compile_seconds=model.stages.compile_seconds + compiled,
+        run_seconds=time.perf_counter() - begin - compiled,
+        note="; ".join(text for text in notes if text),
+    )
+    program, c = model.stages.program, model.engine.course(problem)
+    run = Trajectory(program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+    run.ended_at(solution.end)
+    warn_of_motion(model.layout.assumptions, model.layout.coordinates, run.t, run.__getitem__)
+    run.with_monitors(model.monitors).with_near(solution.near).of_scene(model.stages.scene)
+    return run if watch is None else run.with_events(watch.labels, occurrences)
+
+
+def _integrated(
+    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode | None, automatic: bool
+) -> tuple[Solution, list[Occurrence], str, str]:
+    """Return the solution of a problem, its events, the method taken, and why it is another one than was chosen."""
+    note, engine = "", model.engine
+    if watch is not None:
+        if automatic and model.layout.state:
+            method, note = engine.fit(problem, method)
+        return *_watched(model, problem, method, watch), method, note
+    if not model.layout.state:
+        return prescribed(problem), [], method, note
+    if model.derived.enforced and searched(model.stages.program) and not problem.dense:
+        if automatic:
+            method, note = engine.fit(problem, method)
+        solution, crossed = _searched(model, problem, method)
+        return solution, [], method, "; ".join(text for text in (note, crossed) if text)
+    if automatic:
+        solution, method, note = engine.integrate_automatic(problem, method)
+        return solution, [], method, note
+    return engine.integrate(problem, method), [], method, note
+
+
+def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
+    """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
+    program, enforced = model.stages.program, model.derived.enforced
+    record, where, span = Record(program, problem), "", (problem.t0, problem.t1)
+    for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
+        found, where = judged(program, part, problem.constants, enforced, part, span)
+        record.add(found)
+        if found.status is Status.SINGULAR_CONFIGURATION:
+            break
+    return record.solution(), where
+
+
+def _watched(
+    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode
+) -> tuple[Solution, list[Occurrence]]:
+    """Integrate one problem with events."""
+    engine = model.engine
+
+    def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
+        if model.layout.state or engine.cuts:
+            return engine.step_blocks(part, method)
+        return iter([prescribed(part)])
+
+    # what ends modes is watched again and again, so that compiling it pays
+    rows = engine.rows if watch.smooth else interpret_rows
+    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows))
+
+
+def _ended_where_singular(
+    model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution
+) -> tuple[Solution, str]:
+    """Return a run ended where its angles lock or its constraints lose rank, and a note on where that is."""
+    program, enforced, gimbals = model.stages.program, model.derived.enforced, model.derived.gimbals
+    if gimbals is None and not enforced:
+        return solution, ""
+    c, steps, span = problem.constants, _steps(model, problem, method, solution), (problem.t0, problem.t1)
+    if gimbals is not None:
+        solution, where = locked(program, gimbals, solution, c, steps, span)
+        if where:
+            return solution, f"{where}; {remedy(model.stages.scene)}"
+    if not enforced:
+        return solution, ""
+    where = ""
+    if solution.status is not Status.SINGULAR_CONFIGURATION:
+        solution, where = judged(program, solution, c, enforced, steps, span)
+    loose = indeterminate(program, problem.t0, problem.y0, c)
+    return solution, "; ".join(text for text in (where, loose) if text)
+
+
+def _ended_where_constraints_matter(
+    model: CompiledModel, problem: IntegrationProblem, solution: Solution
+) -> tuple[Solution, str]:
+    """Return a run ended where constraints that were dropped no longer follow from the others, and where that is."""
+    tolerance = max(1e3 * (problem.rtol + problem.atol), 1e-6)
+    left_out, span = model.stages.reduced.left_out, (problem.t0, problem.t1)
+    return still_redundant(model.stages.program, solution, problem.constants, left_out, tolerance, span)
+
+
+def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:
+    """Return a run with its accepted steps for records, as far as that says more of it.
+
+    Of a run that failed they are integrated once more, from what it recorded last.
+    """
+    if problem.t_eval is None or not model.layout.state:
+        return solution
+    if solution.dense is not None:
+        return replace(solution, t=solution.dense.knots, y=solution.dense(solution.dense.knots))
+    if solution.success:
+        return solution
+    t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+    again = model.engine.integrate(replace(problem, t0=float(t), y0=y, t_eval=None, first_step=None), method)
+    t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
+    return replace(solution, t=t, y=y)

@@ -1,0 +1,296 @@
+"""Simulation of many cases of a compiled model, each with its own steps and status."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import InitialStateError, OptionError, ValueInputError
+from ..integrators.cases import BlockResult, CaseBlock
+from ..methods.status import Status
+from ..options import SweepOptions
+from ..results.estimate import TIGHTER
+from ..results.grid import Grid
+from ..results.sweep import Sweep, SweepStatistics
+from . import inputs
+from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
+from .constraint_choice import divisible_model, independent_model
+from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
+from .gains import give_gains
+from .gimbal import locked_cases
+from .invariant_projection import keeping_model, kept_values, refuse_jumps
+from .reductions import reduction_table
+from .simulate import NO_ESTIMATE
+from .singular import judged_cases, searched, unlike
+from .sweeping import begin_cases, fitted
+from .symbol_assumptions import warn_of_motion
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["begin_sweep", "runs_unchecked", "sweep"]
+
+Given = Mapping[Any, Any]
+
+
+def sweep(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Sweep:
+    """Return the results of many cases; see `CompiledModel.sweep`."""
+    starts, lasts = spans_of(t_span)
+    together = len(starts) == len(lasts) == 1
+    if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
+        return _in_own_time(model, t_span, initial, parameters, options)
+    other, events, reduce = in_elapsed_time(model, starts, lasts, options.events, options.reduce)
+    if other is None:
+        return _in_own_time(model, t_span, initial, parameters, options)
+    times = options.t_eval
+    since = None if times is None else elapsed_times(float(starts[0]), float(lasts[0]), times)
+    given = _with_offset_columns(model, other, t_span, initial, parameters, options.grid)
+    near = ~far(starts, lasts) if other is not model else np.zeros(1, bool)
+    begins = np.where(near, np.nan, starts) - starts  # NaN is not run
+    own = replace(options, t_eval=since, events=events, reduce=reduce)
+    run = _in_own_time(other, (begins, lasts - starts), initial, given, own)
+    table = reduction_table(options.reduce, model.layout.aliases)
+    crossings = [name for name, each in table.items() if each.kind == "first crossing"]
+    run = run.counted_from(starts, times, model.layout.parameters, crossings)
+    if not np.any(near):
+        return run
+    rest = _in_own_time(model, (np.where(near, starts, np.nan), lasts), initial, parameters, options)
+    return run.with_cases(np.broadcast_to(near, len(run)), rest, starts)
+
+
+def _with_offset_columns(
+    model: CompiledModel,
+    other: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    grid: Grid | None,
+) -> Given:
+    """Return parameters with those that another model of the scene has for the start of each case."""
+    offsets = other.stages.equations.symbols.offsets
+    if not offsets:
+        return parameters
+    whole = (initial, parameters) if grid is None else with_grid(model.layout, grid, initial, parameters)
+    cases = Cases(model.stages.program, model.derived.start, t_span, *whole)
+    return {**parameters, **offset_columns(offsets, cases.span["start"], cases.parameters)}
+
+
+def _in_own_time(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Sweep:
+    """Return the results of many cases, in the time of the model."""
+    if options.project_invariants is False:
+        return begin_sweep(model, t_span, initial, parameters, options)()
+    refuse_jumps(options.events, model.layout.aliases)
+    keeper, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
+    options = replace(options, project_invariants=False)
+    return _in_own_time(keeper, t_span, initial, {**parameters, **further}, options)
+
+
+def _keeping_cases(
+    model: CompiledModel,
+    wanted: Any,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    grid: Grid | None,
+) -> tuple[CompiledModel, dict[str, FloatArray]]:
+    """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
+    if grid is not None:
+        initial, parameters = with_grid(model.layout, grid, initial, parameters)
+    program = model.stages.program
+    cases = Cases(program, model.derived.start, t_span, initial, parameters)
+    y, c, t, status = cases.starts()
+    able = np.flatnonzero(status < 0)
+    if not len(able):
+        raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
+    first = able[0]
+    keeper, names = keeping_model(model, wanted, c[first], float(t[first]), y[first])
+    return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
+
+
+def begin_sweep(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Callable[..., Sweep]:
+    """Begin to run many cases in the time of the model; return what waits for their results.
+
+    That takes one argument, whether to stop (see `dalembert.runtime.sweeping.begin_cases`).
+    """
+    begin, given = time.perf_counter(), (t_span, initial, parameters)
+    method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+    inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+    if options.grid is not None:
+        initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
+    cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters)
+    able = _divisible_cases(model, cases)
+    if able is not model:
+        return begin_sweep(able, *given, options)
+    settings = _settings(model, cases, options, method)
+    able = _independent_cases(model, cases, settings, begin)
+    if able is not model:
+        return begin_sweep(able, *given, options)
+    if options.automatic:
+        settings = fitted(model.engine, cases, settings)
+    if _ranked(model) and settings.method != "radau":
+        settings = replace(settings, watch=model.derived.events(options.events, options.reduce, ranks=True))
+    give_gains(model.engine, cases, settings, parameters)
+    axes = {} if options.grid is None else options.grid.axes
+    settings = _unlike_left_out(model, cases, settings)
+    waiting = _begin_cases(model, cases, settings, axes, begin)
+    if not options.error_estimate:
+        return waiting
+
+    def estimated() -> Sweep:
+        done = waiting()
+        rtol, atol = options.rtol * TIGHTER, options.atol * TIGHTER
+        method = model.choose_method(options.method, rtol, atol, many=True)
+        finer = replace(settings, rtol=rtol, atol=atol, method=method)
+        if options.automatic:
+            finer = fitted(model.engine, cases, finer)
+        done.with_twin(_begin_cases(model, cases, finer, axes, time.perf_counter())())
+        return done
+
+    return estimated
+
+
+def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> Settings:
+    """Return what all cases have in common, checked.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For options that make no sense with these cases, or with each other.
+    """
+    settings = agreed(
+        cases,
+        t_eval=options.t_eval,
+        method=method,
+        rtol=options.rtol,
+        atol=options.atol,
+        max_step=options.max_step,
+        max_steps=options.max_steps,
+        threads=options.threads,
+        progress=options.progress,
+    )
+    watch = model.derived.events(options.events, options.reduce)
+    if watch is not None and options.error_estimate:
+        raise OptionError(NO_ESTIMATE)
+    return replace(settings, watch=watch)
+
+
+def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
+    """Return the model without the constraints that this one divides by what vanishes in every case.
+
+    Where it vanishes in some cases only, those have a status.
+    """
+    if not model.stages.reduced.pivots or not np.any(cases.lost_pivots(slice(0, 1))):
+        return model
+    if not np.all(cases.lost_pivots(slice(0, cases.count))):
+        return model
+    initial, parameters = ({n: float(v[0]) for n, v in t.items()} for t in (cases.initial, cases.parameters))
+    try:
+        return divisible_model(model, float(cases.span["start"][0]), initial, parameters)
+    except (InitialStateError, ValueInputError):
+        return model
+
+
+def _independent_cases(model: CompiledModel, cases: Cases, settings: Settings, begin: float) -> CompiledModel:
+    """Return the model that enforces no constraint which follows from others around the first start."""
+    if not model.derived.enforced:
+        return model
+    tried = (single_problem(cases, settings, i) for i in range(cases.count))
+    first = next((problem for problem in tried if problem is not None), None)
+    able = model if first is None else independent_model(model, first, settings.method, begin)
+    return able if isinstance(able, type(model)) else model
+
+
+def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> Settings:
+    """Return settings that do not run cases in which other constraints follow from others than in the first."""
+    enforced, dropped = model.derived.enforced, model.dropped
+    rows = sorted({*enforced, *dropped})
+    if dropped and not enforced:  # `minimal` enforces all others
+        rows = list(range(len(model.layout.constraints)))
+    if cases.count < 2 or len(rows) < 2 or not model.layout.state:
+        return settings
+    block, status = cases.block(slice(0, cases.count), settings)
+    different = unlike(model.stages.program, block.spans[:, 0], block.y, block.c, rows, lost=bool(dropped))
+    different &= status < 0
+    count = int(np.sum(different))
+    if not count:
+        return settings
+    note = (
+        f"in {count} of {cases.count} cases other constraints follow from each other around the start than in the"
+        " first: these were not run; give them a sweep of their own"
+    )
+    return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
+
+
+def _begin_cases(
+    model: CompiledModel, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
+) -> Callable[..., Sweep]:
+    """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
+    if model.derived.gimbals is not None or _ranked(model):
+        settings = replace(settings, judge=lambda block, part: _judge(model, settings.method, block, part))
+    waiting = begin_cases(model.engine, cases, settings)
+
+    def wait(stop: bool = False) -> Sweep:
+        done = waiting(stop)
+        if settings.apart is not None:
+            done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
+        if cases.refused is not None:
+            done.refuse(cases.refused, Status.ASSUMPTION)
+        return _results(model, cases, settings, done, axes, time.perf_counter() - begin)
+
+    return wait
+
+
+def _results(
+    model: CompiledModel,
+    cases: Cases,
+    settings: Settings,
+    done: BlockResult,
+    axes: Mapping[str, FloatArray],
+    seconds: float,
+) -> Sweep:
+    """Return what came of all cases."""
+    statistics = SweepStatistics(
+        method=settings.method,
+        threads=settings.threads,
+        steps=int(done.ends[:, 2].sum()),
+        compile_seconds=model.stages.compile_seconds,
+        run_seconds=seconds,
+        note=settings.note,
+    )
+    samples = None if settings.t_eval is None else done.samples
+    varied, program = (cases.initial, cases.parameters), model.stages.program
+    run = Sweep(program, cases.constants_at, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics)
+    warn_of_motion(model.layout.assumptions, model.layout.coordinates, run.t, run._final)
+    watch = settings.watch
+    return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+
+
+def runs_unchecked(model: CompiledModel) -> bool:
+    """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
+    derived = model.derived
+    return bool(model.layout.state) and not derived.enforced and not model.dropped and derived.gimbals is None
+
+
+def _ranked(model: CompiledModel) -> bool:
+    """Whether the cases of sweeps are searched for a rank that the constraints lose."""
+    return bool(model.derived.enforced) and bool(model.layout.state) and searched(model.stages.program)
+
+
+def _judge(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
+    """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
+    program = model.stages.program
+    if _ranked(model):
+        judged_cases(program, model.engine, method, model.derived.enforced, block, done)
+    if model.derived.gimbals is not None:
+        locked_cases(program, model.derived.gimbals, block, done)

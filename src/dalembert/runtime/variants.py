@@ -1,0 +1,98 @@
+"""Other models of the same scene that runs need: fewer constraints, kept invariants, elapsed time, formulations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, final
+
+from ..once import derived_once
+from ..options import CompileOptions
+from ..pipeline import Compiled, Stages, compile_stages
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["Variants"]
+
+
+@final
+class Variants:
+    """Other models of the scene of one model, each compiled when it is first needed.
+
+    Parameters
+    ----------
+    stages : Stages
+        Of the model.
+    dropped : tuple of int
+        Constraints that the model does not enforce, because they follow from the others around the start of a run.
+    make : function of compiled stages and dropped constraints
+        Makes a model.
+    """
+
+    def __init__(
+        self, stages: Stages, dropped: tuple[int, ...], make: Callable[[Compiled, tuple[int, ...]], CompiledModel]
+    ) -> None:
+        self._stages, self._dropped, self._make = stages, dropped, make
+        self._tables: dict[tuple[str, tuple[Any, ...]], CompiledModel] = {}
+
+    def without_constraints(self, numbers: Sequence[int]) -> CompiledModel:
+        """Return the model that does not enforce some constraints besides those that this one does not enforce."""
+        left_out = tuple(sorted({*numbers, *self._stages.reduced.left_out}))
+        dropped = tuple(sorted({*numbers, *self._dropped}))
+        return self._once(
+            "without", left_out, lambda: self._make(self._recompiled(left_out, self._stages.kept), dropped)
+        )
+
+    def keeping_invariants(self, names: tuple[str, ...]) -> CompiledModel:
+        """Return the model that keeps first integrals at their initial values.
+
+        Raises
+        ------
+        FormulationError
+            Where the formulation cannot keep first integrals.
+        """
+        left_out = self._stages.reduced.left_out
+        return self._once("keeping", names, lambda: self._make(self._recompiled(left_out, names), ()))
+
+    def in_elapsed_time(self, watched: tuple[Any, ...]) -> CompiledModel:
+        """Return the model in which time is counted from the start of each run.
+
+        `watched` are expressions of events and reductions in which time itself occurs.
+        """
+        stages = self._stages
+
+        def make() -> CompiledModel:
+            scene = stages.scene.in_elapsed_time(watched)
+            return self._make(_compiled(scene, stages.options, stages, (), stages.kept), ())
+
+        return self._once("elapsed", watched, make)
+
+    def in_formulation(self, name: str) -> CompiledModel:
+        """Return the model in another formulation on the same backend, without requested outputs."""
+        stages = self._stages
+        options = CompileOptions(backend=stages.rendered.backend, formulation=name, cache=stages.options.cache)
+        return self._once(
+            "formulation", (name,), lambda: self._make(_compiled(stages.scene, options, stages, (), ()), ())
+        )
+
+    def invariant_models(self) -> list[CompiledModel]:
+        """Return the models that keep first integrals and have been compiled."""
+        return [model for (kind, _), model in self._tables.items() if kind == "keeping"]
+
+    def _once(self, kind: str, key: tuple[Any, ...], make: Callable[[], CompiledModel]) -> CompiledModel:
+        return derived_once(self._tables, (kind, key), make)
+
+    def _recompiled(self, left_out: tuple[int, ...], kept: tuple[str, ...]) -> Compiled:
+        """Return the same scene without some constraints, and with kept first integrals, compiled."""
+        stages = self._stages
+        options = replace(stages.options, formulation=stages.program.formulation)
+        return _compiled(stages.scene, options, stages, left_out, kept)
+
+
+def _compiled(
+    scene: Any, options: CompileOptions, stages: Stages, left_out: tuple[int, ...], kept: tuple[str, ...]
+) -> Compiled:
+    compiled = compile_stages(scene, options, left_out, stages.mode, kept)
+    assert isinstance(compiled, Compiled)
+    return compiled

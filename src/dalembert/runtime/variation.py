@@ -1,0 +1,165 @@
+"""Variational equations of a model: their program, and runs of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..codegen import backend_named
+from ..codegen.base import Engine
+from ..errors import OptionError, UnknownNameError, unknown_name
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.segments import Constants, constants_at
+from ..ir.conditions import CONDITION_TIME
+from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..once import deriving
+from ..reduction.starting import start_tangents
+from ..reduction.variational import variational
+from ..results.sensitivity import Sensitivity
+from ..scene.elapsed import Offset
+from ..transforms.nonsmooth import decisions
+from ..values import listed
+from . import inputs
+from .jumps import moved_breaks, refuse_jumps_at, refuse_jumps_between
+from .segments import segmented, starting_constants
+
+if TYPE_CHECKING:
+    from ..pipeline import Stages
+
+__all__ = ["Variation", "chosen_names", "through_offsets", "vary"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """What it takes to run a model with its derivatives.
+
+    Attributes
+    ----------
+    of, wrt : tuple of str
+        Names of values, and of parameters and initial values.
+    program : Program
+        See `dalembert.reduction.variational`.
+    start : Kernel
+        Derivatives of the initial state.
+    engine : Engine
+        The program, loaded.
+    """
+
+    of: tuple[str, ...]
+    wrt: tuple[str, ...]
+    program: Program
+    start: Kernel
+    engine: Engine
+
+    def _solved(self, problem: IntegrationProblem, method: str, course: Constants) -> Solution:
+        """Return the solution of a problem, unless its rates jump where what is differentiated by moves that."""
+        if not len(problem.y0):
+            return prescribed(problem)
+        size = len(problem.y0) // (1 + len(self.wrt))
+        moved = moved_breaks(self.program, self.wrt, problem.constants, problem.t0, problem.t1)
+        jumping, wanted = decisions(self.program), problem.t_eval
+        if wanted is not None and len(moved):
+            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+            wanted = forward * np.sort(forward * np.concatenate([wanted, moved[~np.isin(moved, wanted)]]))
+        problem = replace(problem, t_eval=wanted, dense=problem.dense or jumping is not None)
+        self.engine.prepare(problem, method)
+        solution = self.engine.integrate(problem, method)
+        refuse_jumps_at(self.program, moved, solution, course, size, self.wrt)
+        if jumping is not None:
+            refuse_jumps_between(self.program, jumping, solution, course, size, self.wrt)
+        return solution
+
+    def run(self, problem: IntegrationProblem, given: FloatArray, p: FloatArray, method: str) -> Sensitivity:
+        """Return values and derivatives along the run of a problem whose y0 (n_y,) starts at `given` (n_given,)."""
+        c = starting_constants(self.program, inputs.constants(self.program, p), problem.t0, problem.t1)
+        p = c[: len(p)]
+        first = interpret_rows(self.start, np.array([problem.t0]), given.reshape(1, -1), p)[0]
+        varied = replace(problem, y0=np.concatenate([problem.y0, first]), constants=c)
+        course = self.engine.course(varied)
+        solution = self._solved(varied, method, course)
+        if problem.t_eval is not None:
+            asked = np.isin(solution.t, problem.t_eval)
+            solution = replace(solution, t=solution.t[asked], y=solution.y[asked], near=None)
+        out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, constants_at(course, solution.t))
+        count = len(self.of)
+        table = out[:, count:].reshape(len(out), len(self.wrt), count)
+        return Sensitivity(
+            solution.t,
+            self.of,
+            self.wrt,
+            out[:, :count],
+            np.ascontiguousarray(table.transpose(0, 2, 1)),
+            solution.status,
+            method,
+            solution.steps,
+            {},
+        )
+
+
+def through_offsets(
+    found: Sensitivity, offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]
+) -> Sensitivity:
+    """Return derivatives by what was asked for, of which the parameters `offsets`, last in `wrt`, are functions."""
+    count = len(found.wrt) - len(offsets)
+    jacobians = found.jacobians[:, :, :count].copy()
+    for place, offset in enumerate(offsets, start=count):
+        depends = {symbol.name for symbol in offset.symbols}
+        for i, name in enumerate(found.wrt[:count]):
+            if name in depends:
+                jacobians[:, :, i] += found.jacobians[:, :, place] * offset.derivative(name, start, parameters)
+    return replace(found, wrt=found.wrt[:count], jacobians=jacobians)
+
+
+@deriving
+def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[str]) -> Variation:
+    """Return the variation of a model; its code is generated, loaded and cached as that of the model itself."""
+    backend = backend_named(stages.rendered.backend)
+    cache = stages.options.cache
+    program = variational(stages.reduced, of, wrt)
+    engine = segmented(backend.load(backend.render(program), cache=cache), program)
+    return Variation(tuple(of), tuple(wrt), program, start_tangents(stages.reduced, given, wrt), engine)
+
+
+def chosen_names(
+    program: Program, given: Iterable[str], of: Iterable[Any] | None, wrt: Iterable[Any]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of values and of what they are differentiated with respect to, checked.
+
+    Raises
+    ------
+    UnknownNameError
+        For names that are not known, all of them at once.
+    OptionError
+        Where there is nothing to differentiate.
+    """
+    layout = program.layout
+    known_of = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)
+    known_wrt = (*(name for name in layout.parameters if name != CONDITION_TIME), *given)
+
+    def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
+        found, wrong = [], []
+        for key in listed("wrt" if kind.startswith("parameter") else "of", names, "names or symbols"):
+            choices = (str(key), layout.aliases.get(str(key), str(key)))
+            name = next((choice for choice in choices if choice in known), None)
+            if name is None:
+                wrong.append(unknown_name(kind, str(key), dict.fromkeys(known)))
+            else:
+                found.append(name)
+        return tuple(dict.fromkeys(found)), wrong
+
+    values, wrong = resolved("output", (*layout.coordinates, *layout.rates) if of is None else of, known_of)
+    sources, unknown = resolved("parameter or given initial value", wrt, known_wrt)
+    if wrong or unknown:
+        raise UnknownNameError("\n".join([*wrong, *unknown]))
+    if not sources or not values:
+        raise OptionError(
+            "wrt must name parameters or given initial values, of what is to be differentiated: at least one each"
+        )
+    return values, sources
