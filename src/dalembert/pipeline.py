@@ -2,21 +2,24 @@
 
 Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSystem --lower--> Program
       --render--> RenderedModule --load--> Engine
+
+Modes of contacts, models that keep first integrals or drop constraints, and other formulations begin at the equations
+of motion that have been derived, of which each takes a copy.
 """
 
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, final
 
 from .codegen import backend_named
 from .codegen.base import Engine, RenderedModule
-from .errors import EnergyWarning
+from .errors import EnergyWarning, warn_caller
 from .ir.program import Program
 from .lowering.programs import lower
+from .mechanics.copying import copied
 from .mechanics.derive import derive
 from .mechanics.equations import EquationsOfMotion
 from .once import deriving
@@ -29,9 +32,35 @@ from .scene.model import SceneModel
 from .scene.reading import read
 from .transforms.pipelines import PassRecord
 
-__all__ = ["Compiled", "SeveralModes", "Stages", "Stopwatch", "compile_stages", "output_names"]
+__all__ = [
+    "Compiled",
+    "Derivation",
+    "SeveralModes",
+    "Stages",
+    "Stopwatch",
+    "compile_equations",
+    "compile_mode",
+    "compile_stages",
+    "derive_scene",
+    "output_names",
+]
 
 T = TypeVar("T")
+
+
+@final
+@dataclass(frozen=True)
+class Derivation:
+    """A scene and its equations of motion, in all modes of its contacts.
+
+    `equations` are as they were derived: later stages, which give the values of a graph other forms, take copies of
+    them. `seconds` are those of the stages up to here.
+    """
+
+    scene: Scene
+    model: SceneModel
+    equations: EquationsOfMotion
+    seconds: Mapping[str, float]
 
 
 @final
@@ -39,7 +68,8 @@ T = TypeVar("T")
 class Stages:
     """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for.
 
-    `passes` are records of the passes that made the program, one for each pass and kernel, in their order.
+    `passes` are records of the passes that made the program, one for each pass and kernel, in their order. `derivation`
+    has the equations in all modes, before any formulation.
     """
 
     scene: Scene
@@ -48,8 +78,9 @@ class Stages:
     reduced: ReducedSystem
     program: Program
     rendered: RenderedModule
-    seconds: dict[str, float]
+    seconds: Mapping[str, float]
     options: CompileOptions
+    derivation: Derivation
     mode: Mode | None = None
     kept: tuple[str, ...] = ()
     passes: tuple[PassRecord, ...] = ()
@@ -73,11 +104,15 @@ class Compiled:
 @final
 @dataclass(frozen=True)
 class SeveralModes:
-    """A scene whose contacts have several modes, each of which is compiled when it is first needed."""
+    """A scene whose contacts have several modes, each of which is compiled when it is first needed.
+
+    `equations` are a copy of those of the derivation.
+    """
 
     scene: Scene
     options: CompileOptions
     equations: EquationsOfMotion
+    derivation: Derivation
 
 
 @final
@@ -96,14 +131,8 @@ class Stopwatch:
 
 
 @deriving
-def compile_stages(
-    scene: Scene,
-    options: CompileOptions,
-    without: tuple[int, ...] = (),
-    mode: Mode | None = None,
-    kept: tuple[str, ...] = (),
-) -> Compiled | SeveralModes:
-    """Run the stages.
+def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralModes:
+    """Return a compiled scene, or what its modes are compiled from.
 
     Parameters
     ----------
@@ -111,24 +140,64 @@ def compile_stages(
         Must not change later.
     options : CompileOptions
         Options of the compilation.
-    without : tuple of int
-        Constraints that a run found to follow from the others; they are watched, but not enforced.
-    mode : Mode or None
-        What each contact does; None where there is only one possibility, or for all of them.
-    kept : tuple of str
-        First integrals that are kept at their initial values.
     """
-    names = output_names(options.outputs)
+    derivation = derive_scene(scene, options)
+    contacts, mode = derivation.equations.contacts, None
+    if contacts:
+        mode = always(contacts)
+        if mode is None:
+            return SeveralModes(scene, options, copied(derivation.equations), derivation)
+    return compile_equations(derivation, options, mode, seconds=derivation.seconds)
+
+
+@deriving
+def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
+    """Return the equations of motion of a scene."""
     watch = Stopwatch()
-    backend = watch("backend", lambda: backend_named(options.backend))
+    watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
     equations = watch("derive", lambda: derive(model))
-    if equations.contacts:
-        mode = mode or always(equations.contacts)
-        if mode is None:
-            return SeveralModes(scene, options, equations)
-        single = mode
-        equations = watch("mode", lambda: in_mode(equations, single))
+    return Derivation(scene, model, equations, watch.seconds)
+
+
+def compile_mode(several: SeveralModes, mode: Mode) -> Compiled:
+    """Return a scene in one of the modes of its contacts, compiled."""
+    return compile_equations(several.derivation, several.options, mode)
+
+
+@deriving
+def compile_equations(
+    derivation: Derivation,
+    options: CompileOptions,
+    mode: Mode | None = None,
+    without: tuple[int, ...] = (),
+    kept: tuple[str, ...] = (),
+    seconds: Mapping[str, float] | None = None,
+) -> Compiled:
+    """Return equations of motion compiled: the stages from the formulation on.
+
+    Parameters
+    ----------
+    derivation : Derivation
+        The scene and its equations.
+    options : CompileOptions
+        Options of the compilation; the outputs are among those that the equations have.
+    mode : Mode or None
+        What each contact does; None without contacts.
+    without : tuple of int
+        Constraints that a run found to follow from the others; they are watched, but not enforced.
+    kept : tuple of str
+        First integrals that are kept at their initial values.
+    seconds : mapping of str to float, optional
+        Seconds of stages that were run for this compilation alone.
+    """
+    names, watch = output_names(options.outputs), Stopwatch()
+    watch.seconds.update(seconds or {})
+    backend = backend_named(options.backend)
+    equations = watch("copy", lambda: copied(derivation.equations))
+    if mode is not None:
+        single, whole = mode, equations
+        equations = watch("mode", lambda: in_mode(whole, single))
         names += [point.output for point in equations.watchpoints]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     if kept:
@@ -137,12 +206,23 @@ def compile_stages(
     records: list[PassRecord] = []
     program = watch("lower", lambda: lower(reduced, records))
     if program.energy_note and {"energy", "potential_energy"} & set(names):
-        warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
+        warn_caller(program.energy_note, EnergyWarning)
     methods = backend.serving(program)
     rendered = watch("render", lambda: backend.render(program))
     engine = watch("load", lambda: backend.load(rendered, cache=options.cache))
     stages = Stages(
-        scene, model, equations, reduced, program, rendered, watch.seconds, options, mode, kept, tuple(records)
+        derivation.scene,
+        derivation.model,
+        equations,
+        reduced,
+        program,
+        rendered,
+        watch.seconds,
+        options,
+        derivation,
+        mode,
+        kept,
+        tuple(records),
     )
     return Compiled(stages, engine, methods)
 

@@ -107,7 +107,7 @@ def test_model_shows_what_it_is():
     assert stages.rendered.program is stages.program
     assert stages.reduced.equations.q == stages.equations.q
     assert stages.scene.name == stages.model.name == stages.program.name == "chaplygin_sleigh"
-    assert list(stages.seconds) == ["backend", "read", "derive", "reduce", "lower", "render", "load"]
+    assert list(stages.seconds) == ["backend", "read", "derive", "copy", "reduce", "lower", "render", "load"]
     assert all(seconds >= 0 for seconds in stages.seconds.values())
 
 

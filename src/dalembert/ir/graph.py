@@ -23,6 +23,23 @@ _RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
 class Graph(Algebra):
     """An arena of values, with ways through it. See the module's docstring."""
 
+    def copy(self) -> Graph:
+        """Return a graph that has the same values in the same forms, with the same numbers, and is independent."""
+        made = Graph.__new__(Graph)
+        made.decimals, made.written = dict(self.decimals), self.written
+        made.samples = {index: dict(values) for index, values in self.samples.items()}
+        made._errors = dict(self._errors)
+        made.nodes = [
+            Node(made, node.index, node.op, (), node.payload, node.fingerprint, node.cost, node.deps)
+            for node in self.nodes
+        ]
+        for node, twin in zip(self.nodes, made.nodes, strict=True):
+            twin.args, twin.circle = tuple(made.nodes[arg.index] for arg in node.args), node.circle
+        made._by_value = {value: made.nodes[node.index] for value, node in self._by_value.items()}
+        made._inputs = {name: made.nodes[node.index] for name, node in self._inputs.items()}
+        made.zero, made.one = made.nodes[self.zero.index], made.nodes[self.one.index]
+        return made
+
     @staticmethod
     def topological(
         outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] = lambda node: node.args

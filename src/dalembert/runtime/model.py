@@ -21,7 +21,7 @@ from ..options import (
     SimulateOptions,
     SweepOptions,
 )
-from ..pipeline import Compiled, Stages, compile_stages
+from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..reduction.modes import Mode
 from ..results.comparison import Comparison
 from ..results.grid import Grid
@@ -52,7 +52,7 @@ from .variants import Variants
 if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
 
-__all__ = ["CompiledModel", "compiled_mode"]
+__all__ = ["CompiledModel"]
 
 
 @final
@@ -202,7 +202,7 @@ class CompiledModel(Evaluated):
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_mode, (self.stages.scene, self.stages.options, self.stages.mode, (), self.stages.kept)
+        return _compiled_again, (self.stages.scene, self.stages.options, self.stages.mode, self.stages.kept)
 
     # -- motions ---------------------------------------------------------------------------
 
@@ -654,14 +654,7 @@ class CompiledModel(Evaluated):
         return cast("TracedEngine", self.engine).solve_fn(start, method, options)
 
 
-def compiled_mode(
-    scene: Scene,
-    options: CompileOptions,
-    mode: Mode | None,
-    without: tuple[int, ...] = (),
-    kept: tuple[str, ...] = (),
-) -> CompiledModel:
-    """Return the model of a scene in one of the modes of its contacts; None for a scene that has only one."""
-    compiled = compile_stages(scene, options, without, mode, kept)
-    assert isinstance(compiled, Compiled)
-    return CompiledModel.of(compiled)
+def _compiled_again(scene: Scene, options: CompileOptions, mode: Mode | None, kept: tuple[str, ...]) -> CompiledModel:
+    """Return the model of a scene that has left the process, in one of the modes of its contacts."""
+    derivation = derive_scene(scene, options)
+    return CompiledModel.of(compile_equations(derivation, options, mode, (), kept, derivation.seconds))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from ..once import derived_once
 from ..options import CompileOptions
-from ..pipeline import Compiled, Stages, compile_stages
+from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -40,9 +40,8 @@ class Variants:
         """Return the model that does not enforce some constraints besides those that this one does not enforce."""
         left_out = tuple(sorted({*numbers, *self._stages.reduced.left_out}))
         dropped = tuple(sorted({*numbers, *self._dropped}))
-        return self._once(
-            "without", left_out, lambda: self._make(self._recompiled(left_out, self._stages.kept), dropped)
-        )
+        kept = self._stages.kept
+        return self._once("without", left_out, lambda: self._make(self._recompiled(left_out, kept), dropped))
 
     def keeping_invariants(self, names: tuple[str, ...]) -> CompiledModel:
         """Return the model that keeps first integrals at their initial values.
@@ -58,13 +57,16 @@ class Variants:
     def in_elapsed_time(self, watched: tuple[Any, ...]) -> CompiledModel:
         """Return the model in which time is counted from the start of each run.
 
-        `watched` are expressions of events and reductions in which time itself occurs.
+        `watched` are expressions of events and reductions in which time itself occurs. It is another scene, which is
+        read and derived anew.
         """
         stages = self._stages
 
         def make() -> CompiledModel:
-            scene = stages.scene.in_elapsed_time(watched)
-            return self._make(_compiled(scene, stages.options, stages, (), stages.kept), ())
+            derivation = derive_scene(stages.scene.in_elapsed_time(watched), stages.options)
+            seconds = derivation.seconds
+            compiled = compile_equations(derivation, stages.options, stages.mode, (), stages.kept, seconds)
+            return self._make(compiled, ())
 
         return self._once("elapsed", watched, make)
 
@@ -73,7 +75,9 @@ class Variants:
         stages = self._stages
         options = CompileOptions(backend=stages.rendered.backend, formulation=name, cache=stages.options.cache)
         return self._once(
-            "formulation", (name,), lambda: self._make(_compiled(stages.scene, options, stages, (), ()), ())
+            "formulation",
+            (name,),
+            lambda: self._make(compile_equations(stages.derivation, options, stages.mode), ()),
         )
 
     def invariant_models(self) -> list[CompiledModel]:
@@ -84,15 +88,7 @@ class Variants:
         return derived_once(self._tables, (kind, key), make)
 
     def _recompiled(self, left_out: tuple[int, ...], kept: tuple[str, ...]) -> Compiled:
-        """Return the same scene without some constraints, and with kept first integrals, compiled."""
+        """Return the same equations without some constraints, and with kept first integrals, compiled."""
         stages = self._stages
         options = replace(stages.options, formulation=stages.program.formulation)
-        return _compiled(stages.scene, options, stages, left_out, kept)
-
-
-def _compiled(
-    scene: Any, options: CompileOptions, stages: Stages, left_out: tuple[int, ...], kept: tuple[str, ...]
-) -> Compiled:
-    compiled = compile_stages(scene, options, left_out, stages.mode, kept)
-    assert isinstance(compiled, Compiled)
-    return compiled
+        return compile_equations(stages.derivation, options, stages.mode, left_out, kept)

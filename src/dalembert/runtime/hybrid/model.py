@@ -18,7 +18,7 @@ from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...once import derived_once
 from ...options import CompileOptions
-from ...pipeline import SeveralModes, compile_stages
+from ...pipeline import SeveralModes, compile_mode, compile_stages
 from ...reduction.contact_data import contact_data
 from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from ...results.grid import Grid
@@ -32,7 +32,7 @@ from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset
 from ..evaluation import Evaluated
 from ..events import compiled_events
 from ..inputs import span_of
-from ..model import CompiledModel, compiled_mode
+from ..model import CompiledModel
 from ..reductions import reduction_table
 from ..segments import at_time
 from .campaign import Campaign
@@ -64,7 +64,7 @@ class HybridModel(Evaluated):
 
     def __init__(self, several: SeveralModes) -> None:
         options, equations = several.options, several.equations
-        self._scene, self._options, self._equations = several.scene, options, equations
+        self._several, self._scene, self._options, self._equations = several, several.scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
         self._counters: dict[tuple[Any, ...], HybridModel] = {}
         self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
@@ -97,7 +97,7 @@ class HybridModel(Evaluated):
 
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
-        return derived_once(self._models, mode, lambda: compiled_mode(self._scene, self._options, mode))
+        return derived_once(self._models, mode, lambda: CompiledModel.of(compile_mode(self._several, mode)))
 
     def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""
