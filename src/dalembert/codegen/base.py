@@ -143,7 +143,7 @@ class LoopCall:
     entry : address
         Of a function of the address of packed arguments.
     packed_args : ndarray (n,) of int
-        Those of `dalembert.integrators.lane_loop.SweepArguments`.
+        Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
     held : object
         What must stay alive.
     """

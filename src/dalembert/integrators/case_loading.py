@@ -1,60 +1,113 @@
-"""Loading of cases: made ahead, as many together as there are lanes, and put into lanes one by one."""
+"""Cases enter lanes and leave them: made ahead, as many together as there are lanes, and entered one by one."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import numpy as np
 
 from ..arrays import FloatArray
-from ..methods.status import Status
-from .arguments import Address, IntVector
-from .compiled_subset import call_code, call_test, compiled_subset, element, prefetch, row
-from .workspace import ATTEMPTS, END, FIRST, NEXT, NOW, REFUSED, RUNNING, LaneState
+from ..methods.status import RUNNING, Status
+from .compiled_subset import call_code, call_test, compiled_subset, element, prefetch, row, take
+from .step_control import largest_step
+from .sweep_arguments import Columns, SweepArguments
+from .workspace import ATTEMPTS, END, FIRST, IDLE, NEXT, NOW, REJECTIONS
 
-__all__ = ["CaseShape", "Columns", "SweepKernels", "enter_lane", "load_cases"]
-
-_SUCCESS, _NON_FINITE, _INITIAL_STATE = int(Status.SUCCESS), int(Status.NON_FINITE), int(Status.INITIAL_STATE)
+__all__ = ["begin_lanes", "enter_next", "next_case_is_loaded", "resumes", "runs_on"]
 
 
-class SweepKernels(NamedTuple):
-    """Addresses of what the loop over lanes calls, 0 for what there is not.
+@compiled_subset
+def begin_lanes(arguments: SweepArguments) -> None:
+    """Begin with no cases in the lanes."""
+    state, limits = arguments.state, arguments.limits
+    progress, settings, constants = state.progress, state.settings, state.constants
+    lanes = state.clock.shape[1]
+    progress.coming = progress.last = progress.loaded = progress.filled = progress.place = 0
+    progress.active, progress.old, progress.look = 0, 0, (1 << lanes) - 1
+    for lane in range(lanes):
+        state.numbers.case[lane], state.numbers.status[lane] = -1, IDLE
+        for m in range(constants.shape[0]):
+            constants[m, lane] = 1.0
+        for m in range(2, limits.shape[1]):
+            settings[m, lane] = state.settings_ahead[m, lane] = limits[0, m]
 
-    The step, what fills in its memory before the first step, the projections, constants from parameters, states from
-    given values, the function that lets time move on (`dalembert.codegen.llvm.advance_lanes`), and the test of what
-    cases are made from (`dalembert.codegen.llvm.check_inputs`).
+
+@compiled_subset
+def runs_on(arguments: SweepArguments, lane: int) -> bool:
+    """Return whether the case of a lane runs on and there is nothing to record, with limits for its next step.
+
+    `resumes` would find the same: this is what most lanes need after most steps, which has to be quick.
     """
-
-    step: Address
-    begin: Address
-    position: Address
-    velocity: Address
-    prepare: Address
-    start: Address
-    advance: Address
-    check: Address
+    if arguments.t_eval.size > 0 or arguments.state.numbers.status[lane] != RUNNING:
+        return False
+    _limit_step(arguments, lane)
+    return True
 
 
-class CaseShape(NamedTuple):
-    """Sizes of cases.
-
-    Degree of the polynomials of a step; how many outputs it remembers; how many parameters, given values and checks of
-    these a case has; how many cases there are, and how many a thread takes at a time. Polynomials of a step with a
-    memory are in the fraction of the step, others in time.
-    """
-
-    degree: int
-    memory: int
-    parameters: int
-    given: int
-    checks: int
-    cases: int
-    share: int
+@compiled_subset
+def _limit_step(arguments: SweepArguments, lane: int) -> None:
+    """Set the largest size of the next step of a lane."""
+    state = arguments.state
+    state.settings[0, lane] = largest_step(state.clock[NOW, lane], state.clock[END, lane], arguments.limits[0, 0])
 
 
-class Columns(NamedTuple):
-    """Addresses of the values of start, end, parameters and given values, and the stride from case to case: 0 or 1."""
+@compiled_subset
+def resumes(arguments: SweepArguments, lane: int) -> bool:
+    """Return whether the case of a lane runs on, with limits for its next step; one that has ended is handed in."""
+    numbers = arguments.state.numbers
+    if numbers.case[lane] < 0:
+        return False
+    if arguments.t_eval.size > 0:
+        _record_reached(arguments, lane)
+    if numbers.status[lane] != RUNNING:
+        _hand_in(arguments, lane)
+        return False
+    _limit_step(arguments, lane)
+    return True
 
-    address: IntVector
-    stride: IntVector
+
+@compiled_subset
+def _record_reached(arguments: SweepArguments, lane: int) -> None:
+    """Record the state of a lane at the times to record that are its time, and set which is the next."""
+    state, t_eval, n = arguments.state, arguments.t_eval, arguments.shape.n
+    i, old, time = state.numbers.case[lane], state.progress.old, state.clock[NOW, lane]
+    sampled = state.numbers.sampled[lane]
+    while sampled < t_eval.size and t_eval[sampled] == time:
+        for m in range(n):
+            arguments.samples[i, sampled * n + m] = state.states[old + m, lane]
+        sampled += 1
+    state.numbers.sampled[lane] = sampled
+    state.clock[NEXT, lane] = t_eval[sampled] if sampled < t_eval.size else state.clock[END, lane]
+
+
+@compiled_subset
+def _hand_in(arguments: SweepArguments, lane: int) -> None:
+    """Write the results of a case that has ended, and leave its lane without one."""
+    state, numbers, ends = arguments.state, arguments.state.numbers, arguments.ends
+    i = numbers.case[lane]
+    for m in range(arguments.shape.n):
+        arguments.out[i, m] = state.states[state.progress.old + m, lane]
+    ends[i, 0], ends[i, 1] = state.clock[NOW, lane], numbers.status[lane]
+    ends[i, 2] = state.tally[ATTEMPTS, lane] - state.tally[REJECTIONS, lane]
+    numbers.case[lane], numbers.status[lane] = -1, IDLE
+    state.settings[0, lane] = 0.0
+    state.progress.active -= 1
+
+
+@compiled_subset
+def next_case_is_loaded(arguments: SweepArguments) -> bool:
+    """Return whether there is another case, which is loaded then, with others, where all before have been entered."""
+    progress, shape = arguments.state.progress, arguments.shape
+    if progress.place < progress.filled:
+        return True
+    if progress.coming == progress.last and progress.last < shape.cases:
+        progress.coming = min(take(arguments.turn, shape.share), shape.cases)
+        progress.last = min(progress.coming + shape.share, shape.cases)
+    if progress.coming == progress.last:
+        return False
+    progress.loaded, progress.place = progress.coming, 0
+    progress.filled = min(arguments.state.clock.shape[1], progress.last - progress.coming)
+    _load_cases(arguments, progress.loaded, progress.filled)
+    progress.coming += progress.filled
+    return True
 
 
 @compiled_subset
@@ -68,23 +121,16 @@ def _fill(columns: Columns, column: int, rows: FloatArray, wanted: int, first: i
 
 
 @compiled_subset
-def load_cases(
-    kernels: SweepKernels,
-    shape: CaseShape,
-    limits: FloatArray,
-    columns: Columns,
-    first: int,
-    count: int,
-    state: LaneState,
-) -> None:
+def _load_cases(arguments: SweepArguments, first: int, count: int) -> None:
     """Make constants, states and memory of `count` cases from number `first` on, as many as there are lanes at most."""
-    check, lanes, n = kernels.check, state.clock.shape[1], state.delta.shape[0]
+    kernels, shape, columns, state = arguments.kernels, arguments.shape, arguments.columns, arguments.state
+    check, lanes, n = kernels.check, state.clock.shape[1], shape.n
     clock, settings, given, begun = state.clock_ahead, state.settings_ahead, state.given, state.begun
     target = row(state.constants_ahead, 0)
     _fill(columns, 0, clock, 2, first, count)
     for lane in range(lanes):
         t0, t1 = clock[0, lane], clock[1, lane]
-        settings[0, lane], settings[1, lane] = min(limits[0, 0], abs(t1 - t0)), 1.0 if t1 >= t0 else -1.0
+        settings[0, lane], settings[1, lane] = largest_step(t0, t1, arguments.limits[0, 0]), 1.0 if t1 >= t0 else -1.0
     _fill(columns, 2, given, shape.parameters, first, count)
     finite = call_test(check, row(clock, 0), 2, 0, 0, 0) & call_test(check, row(given, 0), shape.parameters, 0, 0, 0)
     call_code(kernels.prepare, row(given, 0), 0, 0, 0, target)
@@ -94,24 +140,50 @@ def load_cases(
     call_code(kernels.start, row(clock, 0), row(given, 0), target, 0, row(begun, 0))
     fits = call_test(check, row(begun, 0), n, shape.checks, 0, 0)
     for lane in range(lanes):
-        state.numbers.loaded[lane] = RUNNING if fits >> lane & 1 else _INITIAL_STATE
+        state.numbers.loaded[lane] = RUNNING if fits >> lane & 1 else Status.INITIAL_STATE
         if not finite >> lane & 1:
-            state.numbers.loaded[lane] = _NON_FINITE
+            state.numbers.loaded[lane] = Status.NON_FINITE
     if kernels.begin != 0:
         memory = row(begun, n + shape.checks)
         call_code(kernels.begin, row(clock, 0), row(begun, 0), target, row(settings, 0), memory)
 
 
 @compiled_subset
-def enter_lane(state: LaneState, lane: int, place: int, case: int, old: int, from_: int, rows: int) -> None:
-    """Put a case that was loaded into a lane, with `rows` numbers of its state and memory."""
-    for m in range(rows):
-        state.states[old + m, lane] = state.begun[from_ + m, place]
-    for m in range(state.constants.shape[0]):
-        state.constants[m, lane] = state.constants_ahead[m, place]
+def enter_next(arguments: SweepArguments, lane: int) -> bool:
+    """Enter the next loaded case in a lane; one that cannot begin is handed in at once. Return whether it entered."""
+    state, progress = arguments.state, arguments.state.progress
+    place = progress.place
+    i = progress.loaded + place
+    progress.place += 1
+    if arguments.kept_constants.shape[0] > 0:
+        for m in range(arguments.kept_constants.shape[1]):
+            arguments.kept_constants[i, m] = state.constants_ahead[m, place]
+    if state.numbers.loaded[place] != RUNNING:
+        for m in range(arguments.shape.n):
+            arguments.out[i, m] = np.nan
+        arguments.ends[i, 0], arguments.ends[i, 1] = state.clock_ahead[0, place], state.numbers.loaded[place]
+        arguments.ends[i, 2] = 0.0
+        return False
+    _enter_state(arguments, lane, place)
     t0, t1 = state.clock_ahead[0, place], state.clock_ahead[1, place]
     state.clock[NOW, lane], state.clock[END, lane], state.clock[NEXT, lane] = t0, t1, t1
     state.settings[1, lane] = state.settings_ahead[1, place]
-    state.tally[ATTEMPTS, lane], state.tally[REFUSED, lane], state.tally[FIRST, lane] = 0.0, 0.0, t0
-    state.numbers.case[lane], state.numbers.sampled[lane] = case, 0
-    state.numbers.status[lane] = _SUCCESS if t0 == t1 else RUNNING
+    state.tally[ATTEMPTS, lane], state.tally[REJECTIONS, lane], state.tally[FIRST, lane] = 0.0, 0.0, t0
+    state.numbers.case[lane], state.numbers.sampled[lane] = i, 0
+    state.numbers.status[lane] = Status.SUCCESS if t0 == t1 else RUNNING
+    progress.active += 1
+    return True
+
+
+@compiled_subset
+def _enter_state(arguments: SweepArguments, lane: int, place: int) -> None:
+    """Copy constants, state and memory of a loaded case to a lane."""
+    state, shape, old = arguments.state, arguments.shape, arguments.state.progress.old
+    for m in range(state.constants.shape[0]):
+        state.constants[m, lane] = state.constants_ahead[m, place]
+    state.states[old + shape.n + shape.followed, lane] = 0.0
+    if arguments.kernels.begin != 0:
+        for m in range(shape.n + 2 + shape.memory):
+            state.states[old + m, lane] = state.begun[shape.n + shape.checks + m, place]
+    for m in range(shape.n):
+        state.states[old + m, lane] = state.begun[m, place]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..methods.status import RUNNING, Status
+from ..transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
 from .projection import corrected
@@ -127,7 +128,7 @@ def _attempt(arguments: PreparedArguments) -> int:
     progress.attempts += 1
     size, proposed = states[new, n], 0.0
     if retries:
-        proposed = states[new, n + 2]
+        proposed = states[new, n + PROPOSAL_AT]
     verdict = attempt_verdict(size, states[new, n + 1] != 0.0, proposed, retries, t, rest)
     if verdict != ACCEPTED and verdict != REJECTED:
         return verdict
@@ -137,7 +138,7 @@ def _attempt(arguments: PreparedArguments) -> int:
             smaller = blind_retry(size, t, rest, retries)
             if smaller == 0.0:
                 return Status.PROJECTION_FAILED
-            states[old, n + 2], states[old, n + 4] = smaller, 1.0
+            states[old, n + PROPOSAL_AT], states[old, n + GROWTH_AT] = smaller, 1.0
             return status_after(False, progress.attempts, limits.attempts)
         progress.t = clock[0, 0]
         progress.steps += 1

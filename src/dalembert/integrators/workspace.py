@@ -23,13 +23,13 @@ __all__ = [
     "NOW",
     "POINT_LANES",
     "QUICK",
-    "REFUSED",
+    "REJECTIONS",
     "RUNNING",
     "EventKernels",
     "EventWorkspace",
     "LaneNumbers",
     "LaneState",
-    "Pause",
+    "LoopProgress",
     "aligned",
     "event_workspace",
     "lane_state",
@@ -44,7 +44,7 @@ QUICK = 7
 NOW, END, NEXT = range(3)
 """Rows of ``LaneState.clock``."""
 
-ATTEMPTS, REFUSED, BEFORE, FIRST = range(4)
+ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 """Rows of ``LaneState.tally``."""
 
 IDLE = -2
@@ -79,16 +79,20 @@ class LaneNumbers(NamedTuple):
     loaded: IntVector
 
 
-class Pause(Record):
-    """When a loop returns before its end, and where it continues.
+class LoopProgress(Record):
+    """Where a loop over lanes is, and when it returns before its end.
 
-    After ``patience`` rounds the loop looks whether it is to stop, and returns where ``returns`` is not 0. ``going`` is
-    1 then, and it continues where it was when it is called again; the rest are its variables.
+    After ``patience`` of its ``rounds`` it checks whether to stop, and returns where ``returns`` is not 0. ``paused``
+    is 1 then, and it continues where it was when it is called again. This thread is to load the cases from ``coming``
+    up to ``last``. Of those made ahead, ``filled`` in number, ``loaded`` is the first and ``place`` the next to enter.
+    ``active`` lanes have a case; ``old`` is the first row of the states that steps begin from; ``look`` are the lanes
+    that are looked at after a step, as bits.
     """
 
     patience: int
+    rounds: int
     returns: int
-    going: int
+    paused: int
     coming: int
     last: int
     loaded: int
@@ -102,7 +106,7 @@ class Pause(Record):
 class LaneState(NamedTuple):
     """State of the lanes, one column each.
 
-    ``clock`` are time, end and the next time to record; ``tally`` attempts, refused attempts, the time before the last
+    ``clock`` are time, end and the next time to record; ``tally`` attempts, rejected attempts, the time before the last
     step and that of the start. A step reads the state in one half of ``states`` and writes the other. Others are for
     cases that come next: ``given`` values, state, checks and memory in ``begun``.
     """
@@ -119,7 +123,7 @@ class LaneState(NamedTuple):
     clock_ahead: Matrix
     settings_ahead: Matrix
     constants_ahead: Matrix
-    pause: Pause
+    progress: LoopProgress
 
 
 def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, begun: int) -> LaneState:
@@ -145,7 +149,7 @@ def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, be
         clock_ahead=next(parts),
         settings_ahead=next(parts),
         constants_ahead=next(parts),
-        pause=Pause(),
+        progress=LoopProgress(),
     )
 
 

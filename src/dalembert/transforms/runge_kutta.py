@@ -24,6 +24,8 @@ from .pipelines import PRODUCT_FUSION, STEP_PASSES
 
 __all__ = [
     "CONTROL",
+    "GROWTH_AT",
+    "PROPOSAL_AT",
     "SETTINGS",
     "Pieces",
     "attempt_kernel",
@@ -39,6 +41,9 @@ SETTINGS = ("largest step", "direction of time", "rtol", "atol")
 
 CONTROL = ("size of the next attempt", "log2 of the previous error", "largest growth")
 """Outputs behind state, size and check; behind them come the slopes of the state, where they are carried."""
+
+PROPOSAL_AT, GROWTH_AT = 2, 4
+"""Places of the first and the last of `CONTROL`, counted from that of the size of the step."""
 
 _ARGUMENTS = ("t", "y", "c", "s")
 _LARGEST, _DIRECTION, _RTOL, _ATOL = _SETTINGS = ("largest_", "direction_", "rtol_", "atol_")

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of, pack
-from ...integrators.case_loading import CaseShape, Columns, SweepKernels
 from ...integrators.cases import BlockResult, CaseColumns
-from ...integrators.lane_loop import SweepArguments
 from ...integrators.sample_projection import SampleArguments
+from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
 from ...integrators.workspace import EventKernels, LaneState, aligned, event_workspace, lane_state, no_event_workspace
 from ...interrupts import STOPPED, check
 from ..base import CaseRun, LoopCall
@@ -86,7 +85,7 @@ def case_run(
         sizes = n, shape.degree, shape.n_c, n_s, shape.lanes
         return SweepArguments(
             kernels=kernels,
-            shape=CaseShape(shape.degree, shape.memory, parameters, given, checks, k, shape.share),
+            shape=CaseShape(n, shape.followed, shape.degree, shape.memory, parameters, given, checks, k, shape.share),
             limits=np.array([[cases.max_step, float(cases.max_steps), *settings]]),
             columns=columns,
             turn=turn,
@@ -109,16 +108,16 @@ def case_run(
 
     def work() -> None:
         made, code = arguments(turn), loop.call
-        packed_args, pause = pack(made), made.state.pause
+        packed_args, progress = pack(made), made.state.progress
         pointer = ctypes.c_void_p(address_of(packed_args))
-        pause.returns, going = 1, True
+        progress.returns, going = 1, True
         while going:  # Ctrl-C is raised here
             begin = perf_counter()
             code(pointer)
-            going = pause.going != 0 and turn[0] < STOPPED
+            going = progress.paused != 0 and turn[0] < STOPPED
             check()
             if going and perf_counter() - begin < _QUICK:
-                pause.patience = min(2 * pause.patience, _MOST_ROUNDS)
+                progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
 
     def finish() -> None:
         if np.any(inside):
@@ -128,7 +127,7 @@ def case_run(
 
 
 def _state(made: LaneState) -> LaneState:
-    made.pause.patience = _ROUNDS
+    made.progress.patience = _ROUNDS
     return made
 
 

@@ -1,0 +1,140 @@
+"""One step of all lanes: taken together, then accepted or rejected lane by lane, sampled and projected."""
+
+from __future__ import annotations
+
+from ..methods.status import RUNNING, Status
+from ..transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
+from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row
+from .projection import FAILED, NONE, WANTED, correct
+from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, status_after
+from .sweep_arguments import SweepArguments
+from .workspace import ATTEMPTS, BEFORE, END, NOW, REJECTIONS
+
+__all__ = ["accept_steps", "advance_together", "project_lanes", "swap_states", "take_step"]
+
+
+@compiled_subset
+def take_step(arguments: SweepArguments) -> None:
+    """Take a step in every lane, or attempt one: from one half of the states to the other."""
+    state, old = arguments.state, arguments.state.progress.old
+    new = state.states.shape[0] // 2 - old
+    settings, constants = row(state.settings, 0), row(state.constants, 0)
+    call_code(
+        arguments.kernels.step, row(state.clock, 0), row(state.states, old), constants, settings, row(state.states, new)
+    )
+
+
+@compiled_subset
+def swap_states(arguments: SweepArguments) -> None:
+    """Make the ends of the steps the states that the next begin from."""
+    state = arguments.state
+    state.progress.old = state.states.shape[0] // 2 - state.progress.old
+
+
+@compiled_subset
+def advance_together(arguments: SweepArguments) -> int:
+    """Accept the steps of all lanes in which nothing else happens; return the other lanes, as bits."""
+    state, shape = arguments.state, arguments.shape
+    new = state.states.shape[0] // 2 - state.progress.old
+    size, tally, settings = (
+        row(state.states, new + shape.n + shape.followed),
+        row(state.tally, 0),
+        row(state.settings, 0),
+    )
+    return call_test(arguments.kernels.advance, row(state.clock, 0), size, tally, settings, row(arguments.limits, 0))
+
+
+@compiled_subset
+def accept_steps(arguments: SweepArguments) -> None:
+    """Accept or reject the steps of the lanes that are looked at; those that were accepted are marked as wanted."""
+    numbers, left = arguments.state.numbers, arguments.state.progress.look
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        numbers.mark[lane] = NONE
+        if numbers.status[lane] == RUNNING:
+            _accept(arguments, lane)
+
+
+@compiled_subset
+def _accept(arguments: SweepArguments, lane: int) -> None:
+    """Accept or reject the step of a lane."""
+    state, shape, states = arguments.state, arguments.shape, arguments.state.states
+    numbers, old, n = state.numbers, state.progress.old, shape.n
+    new = states.shape[0] // 2 - old
+    now, size_at = state.clock[NOW, lane], new + n + shape.followed
+    size, rest, proposed = states[size_at, lane], abs(state.clock[END, lane] - now), 0.0
+    if shape.memory > 0:
+        proposed = states[size_at + PROPOSAL_AT, lane]
+    broken = states[size_at + 1, lane] != 0.0
+    verdict = attempt_verdict(size, broken, proposed, shape.memory > 0, now, rest)
+    state.tally[ATTEMPTS, lane] += 1.0
+    if verdict == ACCEPTED:
+        t = end_of_step(now, state.clock[END, lane], state.settings[1, lane], size, rest)
+        _sample(arguments, lane, t)
+        state.tally[BEFORE, lane], state.clock[NOW, lane], numbers.mark[lane] = now, t, WANTED
+        numbers.status[lane] = status_after(size == rest, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
+        return
+    state.tally[REJECTIONS, lane] += 1.0
+    if verdict == REJECTED:
+        numbers.status[lane] = status_after(False, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
+        return
+    numbers.status[lane] = verdict
+    for m in range(n):
+        states[new + m, lane] = states[old + m, lane]
+
+
+@compiled_subset
+def _sample(arguments: SweepArguments, lane: int, t: float) -> None:
+    """Record what lies inside the step of a lane up to a time, by the polynomials of the step."""
+    state, shape, t_eval = arguments.state, arguments.shape, arguments.t_eval
+    states, numbers, n, terms = state.states, state.numbers, shape.n, shape.degree + 1
+    now, direction = state.clock[NOW, lane], state.settings[1, lane]
+    new = states.shape[0] // 2 - state.progress.old
+    size_at = new + n + shape.followed
+    sampled = numbers.sampled_before[lane] = numbers.sampled[lane]
+    while sampled < t_eval.size and (t_eval[sampled] - t) * direction < 0.0:
+        x = t_eval[sampled] - now
+        if shape.memory > 0:
+            x /= direction * states[size_at, lane]
+        for m in range(n):
+            value = 0.0
+            for k in range(shape.degree, -1, -1):
+                value = fma(value, x, states[size_at + 2 + shape.memory + m * terms + k, lane])
+            arguments.samples[numbers.case[lane], sampled * n + m] = value
+        if arguments.inside.size > 0:
+            arguments.inside[numbers.case[lane], sampled] = True
+        sampled += 1
+    numbers.sampled[lane] = sampled
+
+
+@compiled_subset
+def project_lanes(arguments: SweepArguments) -> None:
+    """Project the ends of the steps that were accepted, where there are projections; undo steps where that fails."""
+    kernels, state = arguments.kernels, arguments.state
+    if kernels.position == 0 and kernels.velocity == 0:
+        return
+    states, old, mark = state.states, state.progress.old, state.numbers.mark
+    correct(kernels.position, kernels.velocity, state.clock, states, old, state.constants, state.delta, mark)
+    for lane in range(state.clock.shape[1]):
+        if mark[lane] == FAILED:
+            _undo(arguments, lane)
+
+
+@compiled_subset
+def _undo(arguments: SweepArguments, lane: int) -> None:
+    """Return a lane to the state before its step, for an attempt of a smaller one where the step can be rejected."""
+    state, shape, states = arguments.state, arguments.shape, arguments.state.states
+    old = state.progress.old
+    before, new, size_at = state.tally[BEFORE, lane], states.shape[0] // 2 - old, old + shape.n + shape.followed
+    size, rest = abs(state.clock[NOW, lane] - before), abs(state.clock[END, lane] - before)
+    for m in range(shape.n + shape.followed + 2 + shape.memory):
+        states[old + m, lane] = states[new + m, lane]
+    state.clock[NOW, lane], state.numbers.sampled[lane] = before, state.numbers.sampled_before[lane]
+    state.tally[REJECTIONS, lane] += 1.0
+    smaller = blind_retry(size, before, rest, shape.memory > 0)
+    if smaller == 0.0:
+        state.numbers.status[lane] = Status.PROJECTION_FAILED
+        return
+    state.numbers.status[lane] = status_after(False, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
+    states[size_at + PROPOSAL_AT, lane], states[size_at + GROWTH_AT, lane] = smaller, 1.0

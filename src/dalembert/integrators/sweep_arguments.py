@@ -1,0 +1,96 @@
+"""Arguments of the loop over lanes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
+from .workspace import EventKernels, EventWorkspace, LaneState
+
+__all__ = ["CaseShape", "Columns", "SweepArguments", "SweepKernels"]
+
+
+class SweepKernels(NamedTuple):
+    """Addresses of what the loop over lanes calls, 0 for what there is not.
+
+    The step, what fills in its memory before the first step, the projections, constants from parameters, states from
+    given values, the function that accepts steps of all lanes at once (`dalembert.codegen.llvm.advance_lanes`), and the
+    test of what cases are made from (`dalembert.codegen.llvm.check_inputs`).
+    """
+
+    step: Address
+    begin: Address
+    position: Address
+    velocity: Address
+    prepare: Address
+    start: Address
+    advance: Address
+    check: Address
+
+
+class CaseShape(NamedTuple):
+    """Sizes of cases and of the outputs of a step.
+
+    A step writes the state, of ``n`` components, then ``followed`` integrals of expressions with series of their own,
+    its size, its check, ``memory`` outputs that the next step reads, and polynomials of a ``degree``: in the fraction
+    of the step where it has a memory, else in time. A case has so many ``parameters``, ``given`` values and ``checks``
+    of these; there are so many ``cases``, of which a thread takes a ``share`` at a time.
+    """
+
+    n: int
+    followed: int
+    degree: int
+    memory: int
+    parameters: int
+    given: int
+    checks: int
+    cases: int
+    share: int
+
+
+class Columns(NamedTuple):
+    """Addresses of the values of start, end, parameters and given values, and the stride from case to case: 0 or 1."""
+
+    address: IntVector
+    stride: IntVector
+
+
+class SweepArguments(NamedTuple):
+    """Arguments of the loop over lanes.
+
+    Attributes
+    ----------
+    limits : (1, ...)
+        The largest step, the number of attempts, and what else the step reads behind step and direction.
+    turn : (1,)
+        The next case, shared by threads.
+    t_eval : (m,)
+        Times to record.
+    out, ends, samples : (k, n_y), (k, 3), (k, m * n_y)
+        Get final states; final time, status and steps; states at the times to record.
+    inside : (k, m) or (0, 0)
+        Gets the samples that were interpolated.
+    kept_constants : (k, n_c) or (0, 0)
+        Gets the constants.
+    happened : (k, 3 n_events)
+        Gets numbers of the events, and the times of the first and the last.
+    totals : (k, n_running)
+        Minima, maxima and integrals are continued in it. With events or any of these, a step writes its polynomials.
+    """
+
+    kernels: SweepKernels
+    shape: CaseShape
+    limits: Matrix
+    columns: Columns
+    turn: IntVector
+    t_eval: Vector
+    out: Matrix
+    ends: Matrix
+    samples: Matrix
+    inside: FlagMatrix
+    kept_constants: Matrix
+    state: LaneState
+    events: EventKernels
+    workspace: EventWorkspace
+    happened: Matrix
+    totals: Matrix
