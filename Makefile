@@ -28,7 +28,8 @@ help:
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
-	@echo "make fuzz         random scenes against an independent reference; SEEDS=0:2000 chooses them"
+	@echo "make fuzz         random scenes against independent references; SEEDS=0:2000 chooses them, CONTACT_SEEDS=0:200"
+	@echo '                  and FAMILIES="disc,plate" those with contacts'
 	@echo "make corpus       recorded motions against this tree"
 	@echo "make clean        remove what these wrote, except .venv"
 	@echo "PYTHON=...        the interpreter that .venv is made with (now: $(PYTHON))"
@@ -69,9 +70,14 @@ bench-quick: $(VENV)/.installed-bench
 	@$(BIN)/python benchmarks/run.py --quick
 
 SEEDS ?= 0:200
+CONTACT_SEEDS ?= 0:200
+FAMILIES ?= all
 
 fuzz: $(VENV)/.installed-dev
-	@PYTHONPATH=tests $(BIN)/python -m fuzz $(SEEDS)
+	@status=0; \
+	PYTHONPATH=tests $(BIN)/python -m fuzz $(SEEDS) || status=1; \
+	PYTHONPATH=tests $(BIN)/python -m fuzz.contacts $(CONTACT_SEEDS) --families "$(FAMILIES)" || status=1; \
+	exit $$status
 
 corpus: $(VENV)/.installed-dev
 	@PYTHONPATH=tests $(BIN)/python -m corpus

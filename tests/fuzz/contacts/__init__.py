@@ -1,0 +1,1 @@
+"""Random scenes with contacts, compared with Moreau-Jean time stepping."""

@@ -1,0 +1,159 @@
+"""One random case: the package against the Moreau-Jean reference and against itself, by `compared`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+
+from dalembert.methods.status import Status
+from fuzz.contacts.families import Case, drawn
+from fuzz.contacts.invariants import merged, violations
+from fuzz.contacts.moreau_jean import Array, integrated
+from fuzz.contacts.scenes import compiled, setting
+from fuzz.contacts.uniqueness import motions
+
+__all__ = ["Report", "compared", "examine"]
+
+SAMPLES = 8
+STEPS = 2500
+"""Steps of the coarse reference between two samples; the fine one has four times as many."""
+UNSURE = 2e-3
+"""Difference of the two references, over the sizes of the motion, from which on nothing is compared."""
+FLOOR = 1e-4
+RTOL = (1e-6, 1e-8, 1e-10)
+PARADOXES = (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS)
+BRIEF = 1e-3
+"""A phase shorter than this [s] may be missing at another tolerance: slip that grazes zero does so up to its root."""
+
+
+@final
+@dataclass(eq=False)
+class Report:
+    """What came of a case: outcome, what was found, and how far the run and the references are apart.
+
+    `tie`: only phases shorter than `BRIEF` differ between tolerances.
+    """
+
+    outcome: str = "agree"
+    found: list[str] = field(default_factory=list)
+    error: float = 0.0
+    doubt: float = 0.0
+    phases: int = 0
+    tie: bool = False
+
+    def wrong(self, text: str) -> None:
+        """Note a defect."""
+        self.outcome = "WRONG"
+        self.found.append(text)
+
+
+def compared(family: str, seed: int) -> Report:
+    """Return the report of a seed."""
+    return examine(drawn(family, seed))
+
+
+def examine(case: Case) -> Report:
+    """Return the report of a case."""
+    which, model, report = setting(case.scene), compiled(case.scene), Report()
+    p = np.array([case.parameters[name] for name in which.parameters])
+    parameters = {name: case.parameters[name] for name in model.layout.parameters}
+    q = np.array([case.initial[name] for name in which.coordinates], float)
+    v = np.array([case.initial[f"{name}_dot"] for name in which.coordinates], float)
+    runs = [_run(model, case, parameters, rtol) for rtol in RTOL]
+    run = runs[1]
+    statuses = [r.status.name for r in runs]
+    report.phases = len(run.phases)
+    if len(set(statuses)) > 1:
+        report.wrong(f"statuses at three tolerances: {statuses}")
+    if not run.success:
+        _refusal(report, case.scene, p, run)
+    for text in violations(which, p, run):
+        report.wrong(text)
+    if run.success:
+        _states(report, run, (which.system, p, q, v, case.span))
+        _agreement(report, model, case, parameters, runs)
+    return report
+
+
+def _refusal(report: Report, name: str, p: Array, run: Any) -> None:
+    """Note that a run was refused, and whether trial of all modes confirms that it has no one motion."""
+    last = run.q[-1], run.qdot[-1]
+    found = motions(name, p, run.t_end, *last) if run.status in PARADOXES else None
+    sure = found is not None and (len(found) > 1 if run.status is Status.CONTACT_AMBIGUOUS else not found)
+    words = "-" if found is None else [modes for modes, _ in found]
+    if not report.found:
+        report.outcome = "refused rightly" if sure else "FALSE REFUSAL"
+    report.found.append(f"{run.status.name} at {run.t_end:.6g}, trial finds {words}: {run.message[-200:]}")
+
+
+def _run(model: Any, case: Case, parameters: dict[str, float], rtol: float) -> Any:
+    return model.simulate((0.0, case.span), case.initial, parameters, rtol=rtol, atol=rtol * 1e-2)
+
+
+def _states(report: Report, run: Any, problem: tuple[Any, ...]) -> None:
+    """Compare the run with references at two step sizes; where it differs, at smaller ones, too, before it is wrong."""
+    each = STEPS
+    coarse, fine = (integrated(*problem, SAMPLES, steps) for steps in (each, 4 * each))
+    while True:
+        text, sure = _difference(report, run, problem[-1], coarse, fine)
+        if text is None or report.error > 1000.0 * report.doubt + FLOOR or each >= 64 * STEPS:
+            break
+        each *= 4
+        coarse, fine = fine, integrated(*problem, SAMPLES, 4 * each)
+    if text is not None:
+        report.wrong(text)
+    elif sure < SAMPLES and report.outcome == "agree":
+        report.outcome = "set aside"
+        report.found.append(f"the references differ after {sure} of {SAMPLES} samples")
+
+
+def _difference(report: Report, run: Any, span: float, coarse: Any, fine: Any) -> tuple[str | None, int]:
+    """Return how the run differs from the references, and the number of samples at which these agree."""
+    (q_1, v_1, _), (q, v, _) = coarse, fine
+    times = np.linspace(0.0, span, SAMPLES + 1)
+    ours = run(times)
+    size_q, size_v = max(0.1, float(np.max(np.abs(q)))), max(0.1, float(np.max(np.abs(v))))
+    report.error = report.doubt = 0.0
+    for i, t in enumerate(times[1:], start=1):
+        doubts = _distance(q_1[i], q[i]) / size_q, _distance(v_1[i], v[i]) / size_v
+        errors = _distance(ours.q[i], q[i]) / size_q, _distance(ours.qdot[i], v[i]) / size_v
+        if doubts[0] > UNSURE:
+            return None, i - 1
+        for what, doubt, error in zip(("positions", "velocities"), doubts, errors, strict=True):
+            if doubt > UNSURE:
+                continue  # an impact is near
+            report.doubt, report.error = max(report.doubt, doubt), max(report.error, error)
+            if error > 10.0 * doubt + FLOOR:
+                return f"{what} at {t:.4g}: off by {error:.2e}, references by {doubt:.2e}", i
+    return None, SAMPLES
+
+
+def _distance(a: Array, b: Array) -> float:
+    return float(np.max(np.abs(a - b)))
+
+
+def _agreement(report: Report, model: Any, case: Case, parameters: dict[str, float], runs: list[Any]) -> None:
+    """Compare phases at three tolerances, and a sweep with the single run."""
+    modes = [merged(run) for run in runs]
+    lasting = [merged(run, BRIEF) for run in runs]
+    report.tie = not modes[0] == modes[1] == modes[2]
+    if not lasting[0] == lasting[1] == lasting[2]:
+        text = "; ".join(f"{len(m)} at {rtol:g}" for m, rtol in zip(modes, RTOL, strict=True))
+        first = next((i for i, m in enumerate(zip(*modes, strict=False)) if len(set(m)) > 1), min(map(len, modes)))
+        report.wrong(f"phases: {text}, first in phase {first}")
+    run = runs[1]
+    name = next(iter(case.initial))
+    values = case.initial | {name: np.full(3, case.initial[name])}
+    sweep = model.sweep((0.0, case.span), values, parameters, rtol=RTOL[1], atol=RTOL[1] * 1e-2, threads=1)
+    names = (*model.layout.coordinates, *model.layout.rates)
+    ends = np.array([sweep[n] for n in names]).T
+    ours = np.concatenate([run.q[-1], run.qdot[-1]])
+    for i in range(3):
+        if sweep.status[i] != run.status or sweep.phases[i] != len(run.phases):
+            report.wrong(f"sweep: status {sweep.status[i]}, {sweep.phases[i]} phases of {len(run.phases)}")
+            return
+        if _distance(ends[i], ours) > 1e-6 * max(1.0, float(np.max(np.abs(ours)))):
+            report.wrong(f"sweep: ends off by {_distance(ends[i], ours):.2e}")
+            return

@@ -1,0 +1,278 @@
+"""What every motion with contacts must obey, whatever the reference says: `violations` of a run.
+
+Gaps, slip velocities, masses and forces are those of `systems`; the motion and its reactions are those of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Any, final
+
+import numpy as np
+from scipy.optimize import linprog
+
+from fuzz.contacts.moreau_jean import Array
+from fuzz.contacts.scenes import Setting
+from fuzz.contacts.systems import SYSTEMS, System, equations
+
+__all__ = ["Rows", "merged", "rows_at", "violations"]
+
+NODES = 8
+PIECE = 0.05
+"""Longest piece [s] over which accelerations are integrated by Gauss' rule."""
+HALVES = 100
+"""How often pieces of a phase are halved, at most."""
+TOLERANCE = 1e-5
+"""Of states, velocities and forces, over their sizes in the run."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Of k contacts: M (n, n), f (n,), gaps, laws (k, 3), rows J (k, 3, n), drifts w (k, 3)."""
+
+    system: System
+    M: Array
+    f: Array
+    gap: Array
+    law: Array
+    J: Array
+    w: Array
+
+    def speeds(self, v: Array) -> Array:
+        """Return normal and tangential velocities of the contacts (k, 3)."""
+        return self.J @ v + self.w
+
+
+def rows_at(name: str, t: float, q: Array, v: Array, p: Array) -> Rows:
+    """Return the equations of a system at a state."""
+    n, k = len(q), SYSTEMS[name].contacts
+    whole = np.zeros((n, n)), np.zeros(n), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3, n)), np.zeros((k, 3))
+    equations(name)(float(t), np.ascontiguousarray(q), np.ascontiguousarray(v), p, *whole)
+    return Rows(SYSTEMS[name], *whole)
+
+
+def merged(run: Any, brief: float = 0.0) -> list[tuple[str, ...]]:
+    """Return what the contacts of a run do in turn; phases that do the same as the one before are one with it.
+
+    Phases up to `brief` [s] are left out.
+    """
+    found: list[tuple[str, ...]] = []
+    for phase in run.phases:
+        modes = tuple(phase.modes.values())
+        if phase.t1 - phase.t0 > brief and (not found or found[-1] != modes):
+            found.append(modes)
+    return found
+
+
+def violations(setting: Setting, p: Array, run: Any) -> list[str]:
+    """Return what a run violates, each with a time and a size; none if it is right."""
+    return list(_Checks(setting, p, run).everything())
+
+
+@final
+class _Checks:
+    """The checks of one run."""
+
+    def __init__(self, setting: Setting, p: Array, run: Any) -> None:
+        self.setting, self.p, self.run = setting, p, run
+        self.size_q, self.size_v = max(0.1, np.max(np.abs(run.q))), max(0.1, np.max(np.abs(run.qdot)))
+        nodes, _ = np.polynomial.legendre.leggauss(NODES)
+        self.nodes, self.halves = nodes, HALVES
+        basis = np.polynomial.legendre.legvander(nodes, NODES - 1)
+        whole = [np.polynomial.legendre.legint(np.eye(NODES)[j]) for j in range(NODES)]
+        integrals = np.column_stack([np.polynomial.legendre.legval(nodes, c) for c in whole]) @ np.linalg.inv(basis)
+        self.integrals = integrals - integrals[0]  # from the first node to each
+
+    def everything(self) -> Iterator[str]:
+        """Yield all violations, the first of each kind in a phase."""
+        for phase in self.run.phases:
+            if phase.t1 - phase.t0 > 1e-7:
+                seen: set[str] = set()
+                for text in self.phase(phase):
+                    kind = text.split(" = ")[0]
+                    if kind not in seen:
+                        seen.add(kind)
+                        yield f"{text} in {tuple(phase.modes.values())} of {phase.t0:.6g} to {phase.t1:.6g}"
+        yield from self.impacts()
+
+    def phase(self, phase: Any) -> Iterator[str]:
+        count = 1 + int((phase.t1 - phase.t0) / PIECE)
+        edges = np.linspace(phase.t0, phase.t1, count + 1)
+        self.halves = HALVES
+        for low, high in pairwise(edges):
+            texts: list[str] = []
+            error = self.unexplained(phase, low, high, texts) / self.size_v
+            yield from texts
+            if error > TOLERANCE:
+                yield f"velocity gained that forces do not explain = {error:.2e} at {low:.6g}"
+
+    def unexplained(self, phase: Any, low: float, high: float, texts: list[str]) -> float:
+        """Return the change of velocity in a piece of a phase that its forces do not explain.
+
+        A piece is halved where the rule may be at fault, as where slip in a plane turns sharply or ends; violations
+        of laws at the nodes are added to `texts`.
+        """
+        times = 0.5 * (low + high) + 0.5 * (high - low) * self.nodes
+        part = self.run(times)
+        reactions = np.array([part[name] for name in self.setting.outputs]).T
+        a = np.zeros_like(part.qdot)
+        for i, t in enumerate(times):
+            rows = rows_at(self.setting.system, t, part.q[i], part.qdot[i], self.p)
+            P = self.reactions(reactions[i])
+            if not np.all(np.isfinite(P)):
+                texts.append(f"reactions = {reactions[i]} at {t:.6g}")
+                return 0.0
+            a[i] = np.linalg.solve(rows.M, rows.f + np.einsum("kjn,kj->n", rows.J, P))
+            texts.extend(self.laws(t, phase, rows, part.qdot[i], P))
+        gained = 0.5 * (high - low) * self.integrals @ a
+        error = float(np.max(np.abs(part.qdot - part.qdot[0] - gained)))
+        if error <= TOLERANCE * self.size_v or self.halves == 0:
+            return error
+        self.halves -= 1
+        halves = (low, 0.5 * (low + high)), (0.5 * (low + high), high)
+        return sum(self.unexplained(phase, *half, texts) for half in halves)
+
+    def reactions(self, values: Array) -> Array:
+        """Return reactions (k, 3) of those of the outputs."""
+        P, place = np.zeros((len(self.setting.contacts), 3)), 0
+        for k, contact in enumerate(self.setting.contacts):
+            count = 1 + len(contact.tangential)
+            P[k, :count] = values[place : place + count]
+            place += count
+        return P
+
+    def laws(self, t: float, phase: Any, rows: Rows, v: Array, P: Array) -> Iterator[str]:
+        u, modes = rows.speeds(v), [phase.modes[contact.name] for contact in self.setting.contacts]
+        force = 1e-3 * np.max(np.diag(rows.M)) + np.max(np.abs(rows.f)) + np.max(np.abs(P))
+        small = TOLERANCE * force
+        closed = [k for k, mode in enumerate(modes) if mode != "open"]
+        for k, mode in enumerate(modes):
+            name, mu, static = self.setting.contacts[k].name, rows.law[k, 0], rows.law[k, 1]
+            if not rows.system.bilateral and rows.gap[k] < -TOLERANCE * self.size_q:
+                yield f"{name}: gap = {rows.gap[k]:.2e} at {t:.6g}"
+            if mode == "open":
+                if np.max(np.abs(P[k])) > small:
+                    yield f"{name}: force of an open contact = {P[k]} at {t:.6g}"
+                continue
+            if not rows.system.bilateral and rows.gap[k] > TOLERANCE * self.size_q:
+                yield f"{name}: gap of a closed contact = {rows.gap[k]:.2e} at {t:.6g}"
+            if abs(u[k, 0]) > TOLERANCE * self.size_v:
+                yield f"{name}: normal velocity of a closed contact = {u[k, 0]:.2e} at {t:.6g}"
+            slip = u[k, 1:]
+            speed = float(np.hypot(*slip))
+            if mode == "stick" and speed > TOLERANCE * self.size_v:
+                yield f"{name}: slip velocity in stick = {slip} at {t:.6g}"
+        if self.redundant(rows, modes, u, P):
+            if not self.shareable(rows, modes, u, P, small):
+                yield f"reactions that no sharing of them makes lawful = {P.ravel()} at {t:.6g}"
+            return
+        for k in closed:
+            name, mu, static = self.setting.contacts[k].name, rows.law[k, 0], rows.law[k, 1]
+            normal, friction = P[k, 0], P[k, 1:]
+            if not rows.system.bilateral and normal < -small:
+                yield f"{name}: N = {normal:.3e} at {t:.6g}"
+            most = static if modes[k] == "stick" else mu
+            excess = float(np.hypot(*friction)) - most * abs(normal)
+            if rows.system.directions and excess > small:
+                yield f"{name}: |F| - mu N = {excess:.3e} at {t:.6g}"
+            speed = float(np.hypot(*u[k, 1:]))
+            if modes[k] == "slip" and speed > 1e-4 * self.size_v:
+                wrong = float(np.max(np.abs(friction + mu * abs(normal) * u[k, 1:] / speed)))
+                if wrong > 10.0 * small:
+                    yield f"{name}: friction against slip, error = {wrong:.3e} at {t:.6g}"
+
+    def redundant(self, rows: Rows, modes: list[str], u: Array, P: Array) -> bool:
+        """Return whether the reactions of closed contacts are not determined by the motion and the laws of slip."""
+        J: list[Array] = []
+        for k, mode in enumerate(modes):
+            if mode in ("closed", "stick"):
+                J += list(rows.J[k, : 1 + rows.system.directions])
+            elif mode == "slip":
+                speed = max(float(np.hypot(*u[k, 1:])), 1e-300)
+                J.append(rows.J[k, 0] - rows.law[k, 0] * np.sign(P[k, 0]) * (u[k, 1:] / speed) @ rows.J[k, 1:])
+        return len(J) > 0 and bool(np.linalg.matrix_rank(np.array(J), tol=1e-7) < len(J))
+
+    def shareable(self, rows: Rows, modes: list[str], u: Array, P: Array, small: float) -> bool:
+        """Return whether lawful reactions (one tangent each) do the same as those of the run."""
+        either = [(1.0, -1.0) if rows.system.bilateral else (1.0,)] * len(modes)
+        return any(self._share(rows, modes, u, P, np.array(signs)) <= 10.0 * small for signs in product(*either))
+
+    def _share(self, rows: Rows, modes: list[str], u: Array, P: Array, signs: Array) -> float:
+        """Return by how much lawful reactions, the normal ones of given signs, miss what those of the run do."""
+        need = np.einsum("kjn,kj->n", rows.J, P)
+        J = (rows.J[:, :2] * np.stack([signs, np.ones_like(signs)], axis=1)[:, :, None]).reshape(-1, len(need))
+        above: list[Array] = []
+        equal: list[Array] = []
+        bounds: list[tuple[float | None, float | None]] = []
+        for k, mode in enumerate(modes):
+            bounds += [(0.0, 0.0 if mode == "open" else None), (0.0, 0.0) if mode == "open" else (None, None)]
+            row = np.zeros((2, len(J)))
+            row[:, 2 * k + 1] = 1.0, -1.0
+            if mode == "slip" and abs(u[k, 1]) > 1e-6 * self.size_v:
+                row[0, 2 * k] = rows.law[k, 0] * np.sign(u[k, 1])
+                equal.append(row[0])
+            else:
+                row[:, 2 * k] = -rows.law[k, 1]
+                above += list(row)
+        # smallest s with |J^T P - need| <= s, and the laws up to s
+        cost = np.append(np.zeros(len(J)), 1.0)
+        slack = [np.append(row, -1.0) for row in (*J.T, *-J.T, *above, *equal, *(-row for row in equal))]
+        right = np.concatenate([need, -need, np.zeros(len(above) + 2 * len(equal))])
+        found = linprog(cost, A_ub=np.array(slack), b_ub=right, bounds=[*bounds, (0.0, None)])
+        return float(found.fun) if found.status == 0 else np.inf
+
+    def impacts(self) -> Iterator[str]:
+        t = self.run.t
+        for i in np.flatnonzero(t[1:] == t[:-1]):
+            q, before, after = self.run.q[i], self.run.qdot[i], self.run.qdot[i + 1]
+            if np.max(np.abs(self.run.q[i + 1] - q)) > TOLERANCE * self.size_q:
+                yield f"jump of positions = {self.run.q[i + 1] - q} at {t[i]:.6g}"
+            if np.max(np.abs(after - before)) <= TOLERANCE * self.size_v:
+                continue
+            yield from self.impact(float(t[i]), rows_at(self.setting.system, t[i], q, before, self.p), before, after)
+
+    def impact(self, t: float, rows: Rows, before: Array, after: Array) -> Iterator[str]:
+        """Check the laws of an impact; its impulses are those of the jump, where that determines them."""
+        closed = [k for k in range(len(rows.gap)) if rows.system.bilateral or rows.gap[k] < 1e-6 * self.size_q]
+        u, ends = rows.speeds(before), rows.speeds(after)
+        if not np.any(rows.w):
+            lost = 0.5 * before @ rows.M @ before - 0.5 * after @ rows.M @ after
+            if lost < -TOLERANCE * (before @ rows.M @ before):
+                yield f"energy lost in an impact = {lost:.3e} at {t:.6g}"
+        for k in closed:
+            touches = rows.gap[k] < 1e-10 * self.size_q
+            if not rows.system.bilateral and touches and ends[k, 0] < -1e-6 * self.size_v:
+                yield f"{self.setting.contacts[k].name}: velocity after an impact = {ends[k, 0]:.3e} at {t:.6g}"
+        pairs = [(k, j) for k in closed for j in range(1 + rows.system.directions)]
+        J = np.array([rows.J[k, j] for k, j in pairs])
+        if not len(J):
+            yield f"jump of velocities without a contact = {after - before} at {t:.6g}"
+            return
+        jump = rows.M @ (after - before)
+        impulses, *_ = np.linalg.lstsq(J.T, jump, rcond=1e-9)
+        small = 1e-5 * (np.max(np.abs(jump)) + np.max(np.abs(impulses)))
+        if np.max(np.abs(J.T @ impulses - jump)) > small:
+            yield f"jump of velocities that no impulse explains = {after - before} at {t:.6g}"
+        if np.linalg.matrix_rank(J, tol=1e-7) < len(J):
+            return
+        P = np.zeros((len(rows.gap), 3))
+        for (k, j), value in zip(pairs, impulses, strict=True):
+            P[k, j] = value
+        for k in closed:
+            name, (mu, static, e) = self.setting.contacts[k].name, rows.law[k]
+            normal, slip = P[k, 0], ends[k, 1:]
+            if not rows.system.bilateral:
+                if normal < -small:
+                    yield f"{name}: normal impulse = {normal:.3e} at {t:.6g}"
+                if normal > small and abs(ends[k, 0] + e * min(u[k, 0], 0.0)) > 1e-5 * self.size_v:
+                    yield f"{name}: restitution = {ends[k, 0]:.3e} after {u[k, 0]:.3e} at {t:.6g}"
+            speed, length = float(np.hypot(*slip)), float(np.hypot(*P[k, 1:]))
+            if length > static * abs(normal) + small:
+                yield f"{name}: impulse of friction = {length:.3e} with {normal:.3e} at {t:.6g}"
+            if speed > 1e-4 * self.size_v and rows.system.directions:
+                wrong = float(np.max(np.abs(P[k, 1:] + mu * abs(normal) * slip / speed)))
+                if wrong > 10.0 * small:
+                    yield f"{name}: impulse of friction against slip, error = {wrong:.3e} at {t:.6g}"
