@@ -17,7 +17,7 @@ from ..methods.event_constants import BENT, FLAT
 from .compiled_subset import call_code, compiled_subset, fma, row
 from .workspace import EventWorkspace
 
-__all__ = ["SERIES", "SLOPE_SERIES", "output_at", "sample", "simple_piece", "transformed"]
+__all__ = ["SERIES", "SLOPE_SERIES", "output_at", "push_halves", "sample", "simple_piece", "transformed"]
 
 _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
@@ -144,6 +144,15 @@ def simple_piece(
         if not _monotone(space.work):
             simple = False
     return simple, finite
+
+
+@compiled_subset
+def push_halves(space: EventWorkspace, height: int, low: float, high: float, depth: float) -> int:
+    """Put the halves of a piece on the stack, the first on top; return the height of the stack."""
+    middle, stack = 0.5 * (low + high), space.stack
+    stack[height, 0], stack[height, 1], stack[height, 2] = middle, high, depth + 1.0
+    stack[height + 1, 0], stack[height + 1, 1], stack[height + 1, 2] = low, middle, depth + 1.0
+    return height + 2
 
 
 @compiled_subset

@@ -16,19 +16,24 @@ from ..methods.event_constants import (
     DEEP_COST,
     DEEPEST,
     RESIDUAL,
-    RESOLUTION,
     ROOT_PRECISION,
     ROOT_TRIES,
-    SHORT_SPAN,
-    SOON,
-    SOON_IN_A_ROW,
     TIME_NOISE,
     TOGETHER,
 )
-from ..methods.status import Status
+from ..methods.status import RUNNING, Status
 from ..methods.step_constants import EPSILON, SMALLEST_NORMAL
 from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .event_intervals import sample, simple_piece
+from .event_intervals import push_halves, sample, simple_piece
+from .event_rules import (
+    accumulates,
+    change_counts,
+    happens_together,
+    sign_beyond,
+    start_sign,
+    too_soon,
+    zero_level,
+)
 from .event_series import alone, sample_curves, value_at, zero_of_curve
 from .workspace import EventKernels, EventWorkspace
 
@@ -46,9 +51,6 @@ __all__ = [
 
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 
-_GOES_ON, _EVENT = -1, int(Status.EVENT)
-_ACCUMULATE, _EVENT_STATE = int(Status.EVENTS_ACCUMULATE), int(Status.EVENT_STATE)
-
 
 @compiled_subset
 def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
@@ -61,15 +63,9 @@ def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float
             space.one_out[0, 3 * e + 1],
             space.one_out[0, 3 * e + 2],
         )
-        limit = noise + RESOLUTION * abs(t) * abs(rate)
-        limit = (limit if math.isfinite(limit) else 0.0) + space.residual[0, e]
+        sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, events.directions[e])
         space.level[lane, e] = noise if math.isfinite(noise) else 0.0
-        space.zero[lane, e] = 1.0 if abs(value) <= limit else 0.0
-        deciding = rate * direction if abs(value) <= limit else value
-        space.signs[lane, e] = (1.0 if deciding > 0.0 else 0.0) - (1.0 if deciding < 0.0 else 0.0)
-        if abs(events.directions[e]) > 1:
-            space.zero[lane, e], space.signs[lane, e] = 1.0, -0.5 * float(events.directions[e])
-        space.seen[lane, e] = 0.0
+        space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
 
 
 @compiled_subset
@@ -81,11 +77,6 @@ def state_at(space: EventWorkspace, n: int, theta: float, target: int) -> None:
         for k in range(degree - 1, -1, -1):
             value = fma(value, theta, space.series[m, k])
         space.one_point[target, m] = value
-
-
-@compiled_subset
-def _sign(value: float, noise: float) -> float:
-    return 0.0 if not abs(value) > noise else (1.0 if value > 0.0 else -1.0)
 
 
 @compiled_subset
@@ -136,7 +127,7 @@ def _find(
             continue
         first, last, noise = space.ends[0, e], space.ends[1, e], space.noise[0, e]
         for side in range(2):
-            new = _sign(first if side == 0 else last, noise)
+            new = sign_beyond(first if side == 0 else last, noise)
             if new == 0.0:
                 continue
             theta = math.nan
@@ -178,10 +169,9 @@ def _occur(
     for place in range(count):
         theta, e = space.found[place, 0], int(space.found[place, 1])
         now = t + theta * h
-        if stop >= 0.0 and abs(theta - stop) * abs(h) > TOGETHER * max(abs(now), abs(t)):
+        if stop >= 0.0 and not happens_together((theta - stop) * h, now, t):
             break
-        direction = float(events.directions[e])
-        if direction != 0.0 and direction * space.signs[lane, e] <= 0.0:
+        if not change_counts(events.directions[e], space.signs[lane, e]):
             continue
         _count(events, space, e, now, happened, case)
         if stop < 0.0 and space.happens[0, e] >= 1.0:
@@ -216,8 +206,7 @@ def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int
             rate = space.curves[e, 1] / h
         else:
             rate, noise = space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
-        noise += TIME_NOISE * abs(t) * abs(rate)
-        space.rates[0, e], space.noise[0, e] = rate, noise if math.isfinite(noise) else 0.0
+        space.rates[0, e], space.noise[0, e] = rate, zero_level(rate, noise, t)
 
 
 @compiled_subset
@@ -240,9 +229,8 @@ def scan(
     starts with this step, ``plainly`` that all is known to be plain in it, ``values`` holding what is at its ends. What
     stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
-    count = events.directions.size
     _begin_step(events, space, lane, one, t, h)
-    for e in range(count):
+    for e in range(events.directions.size):
         if fresh and space.zero[lane, e] != 0.0:
             space.zero[lane, e] = max(abs(space.rates[0, e] * h), SMALLEST_NORMAL)
         space.happens[0, e] = 0.0
@@ -263,37 +251,32 @@ def scan(
         if budget < 0:
             deepest = COARSE
         if not (simple or depth >= deepest or high - low <= least):
-            middle = 0.5 * (low + high)
-            space.stack[height, 0], space.stack[height, 1], space.stack[height, 2] = (
-                middle,
-                high,
-                depth + 1.0,
-            )
-            space.stack[height + 1, 0], space.stack[height + 1, 1], space.stack[height + 1, 2] = (
-                low,
-                middle,
-                depth + 1.0,
-            )
-            height += 2
+            height = push_halves(space, height, low, high, depth)
             continue
         if not finite:
             return BROKEN, low
-        for e in range(count):
-            if space.open[0, e] == 0.0:
-                continue
-            space.ends[0, e], space.ends[1, e] = space.values[e, 0], space.values[e, 7]
-            if fresh and low == 0.0 and space.zero[lane, e] != 0.0:
-                space.ends[0, e] = 0.0
-            if abs(space.ends[0, e]) > space.noise[0, e]:
-                space.seen[lane, e] = 1.0
+        _take_ends(events, space, lane, fresh and low == 0.0)
         number = _find(events, space, lane, one, t, h, low, high)
         stop = _occur(events, space, lane, number, t, h, happened, case)
         if stop >= 0.0:
             return STOPPED, stop
-        for e in range(count):
+        for e in range(events.directions.size):
             if space.open[0, e] != 0.0 and abs(space.ends[1, e]) > space.noise[0, e]:
                 space.seen[lane, e] = 1.0
     return NOTHING, 1.0
+
+
+@compiled_subset
+def _take_ends(events: EventKernels, space: EventWorkspace, lane: int, fresh: bool) -> None:
+    """Take down the values at the ends of a piece; ``fresh`` says that it begins where the lane starts."""
+    for e in range(events.directions.size):
+        if space.open[0, e] == 0.0:
+            continue
+        space.ends[0, e], space.ends[1, e] = space.values[e, 0], space.values[e, 7]
+        if fresh and space.zero[lane, e] != 0.0:
+            space.ends[0, e] = 0.0
+        if abs(space.ends[0, e]) > space.noise[0, e]:
+            space.seen[lane, e] = 1.0
 
 
 @compiled_subset
@@ -348,16 +331,40 @@ def resolve(
 
     `theta` is the fraction of the step where that is, 1 or more at its end.
 
-    Other expressions that are zero there to rounding, and about to change their sign, change it at the same time.
-    Returns the status that it gives the case, or -1 where it goes on.
+    Returns the status that it gives the case, `RUNNING` where that goes on.
     """
-    count = events.directions.size
     if events.followed > 0 and theta < 1.0 and alone(events, space, theta):
-        return _EVENT
+        return Status.EVENT
     space.one_clock[0, 0] = t
     call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
-    ended, jumped, seen = False, False, True
-    for e in range(count):
+    _count_together(events, space, lane, t, direction, happened, case)
+    ended, jumps, seen = False, False, True
+    for e in range(events.directions.size):
+        here = space.happens[0, e] > 0.0
+        space.residual[0, e] = RESIDUAL * abs(space.one_out[0, 3 * e]) if here else 0.0
+        ended = ended or space.happens[0, e] == 2.0
+        jumps = jumps or (here and events.jumps[e] != 0)
+        seen = seen and (not here or space.seen[lane, e] != 0.0)
+    for e in range(events.directions.size):
+        if space.happens[0, e] > 0.0 and events.jumps[e] != 0 and not _jump(events, space, n, e, one):
+            return Status.EVENT_STATE
+    if ended:
+        return Status.EVENT
+    return _status_after_jump(space, lane, t, span, seen) if jumps else RUNNING
+
+
+@compiled_subset
+def _count_together(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    happened: FloatArray,
+    case: int,
+) -> None:
+    """Count what is zero to rounding where something happens, and about to change its sign, as happening there too."""
+    for e in range(events.directions.size):
         value, rate, noise = (
             space.one_out[0, 3 * e],
             space.one_out[0, 3 * e + 1],
@@ -365,44 +372,34 @@ def resolve(
         )
         crosses = space.signs[lane, e] * rate * direction < 0.0
         if crosses and space.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
-            if events.directions[e] == 0 or events.directions[e] * space.signs[lane, e] < 0.0:
+            if change_counts(events.directions[e], -space.signs[lane, e]):
                 _count(events, space, e, t, happened, case)
                 space.seen[lane, e] = 1.0
-    for e in range(count):
-        here = space.happens[0, e] > 0.0
-        space.residual[0, e] = RESIDUAL * abs(space.one_out[0, 3 * e]) if here else 0.0
-        ended = ended or space.happens[0, e] == 2.0
-        seen = seen and (not here or space.seen[lane, e] != 0.0)
-    for e in range(count):
-        if space.happens[0, e] == 0.0 or events.jumps[e] == 0:
-            continue
-        jumped = True
-        call_code(
-            events.jumps[e],
-            row(space.one_clock, 0),
-            row(space.one_point, 0),
-            one,
-            0,
-            row(space.one_point, 1),
-        )
-        call_code(events.start, row(space.one_clock, 0), row(space.one_point, 1), one, 0, row(space.one_out, 0))
-        total = 0.0
-        for m in range(n + events.checks):
-            total += 0.0 * space.one_out[0, m]
-        for m in range(n, n + events.checks, 2):
-            total = total if abs(space.one_out[0, m]) <= space.one_out[0, m + 1] else math.nan
-        if total != 0.0:
-            return _EVENT_STATE
-        for m in range(n):
-            space.one_point[0, m] = space.one_out[0, m]
-    if ended:
-        return _EVENT
-    if not jumped:
-        return _GOES_ON
-    before, space.jumped[lane, 0] = space.jumped[lane, 0], t
-    gap = abs(t - before)
+
+
+@compiled_subset
+def _jump(events: EventKernels, space: EventWorkspace, n: int, e: int, one: int) -> bool:
+    """Apply the jump of an event to the state in ``one_point``; return whether the constraints allow it."""
+    clock, before, after = row(space.one_clock, 0), row(space.one_point, 0), row(space.one_point, 1)
+    call_code(events.jumps[e], clock, before, one, 0, after)
+    call_code(events.start, clock, after, one, 0, row(space.one_out, 0))
+    total = 0.0
+    for m in range(n + events.checks):
+        total += 0.0 * space.one_out[0, m]
+    for m in range(n, n + events.checks, 2):
+        total = total if abs(space.one_out[0, m]) <= space.one_out[0, m + 1] else math.nan
+    if total != 0.0:
+        return False
+    for m in range(n):
+        space.one_point[0, m] = space.one_out[0, m]
+    return True
+
+
+@compiled_subset
+def _status_after_jump(space: EventWorkspace, lane: int, t: float, span: float, seen: bool) -> int:
+    """Return the status of a lane whose state has jumped, from the jumps before."""
+    gap, space.jumped[lane, 0] = abs(t - space.jumped[lane, 0]), t
     if math.isnan(gap):
-        return _GOES_ON
-    space.jumped[lane, 1] = space.jumped[lane, 1] + 1.0 if gap <= SOON * span else 0.0
-    close = gap <= RESOLUTION * max(abs(t), SHORT_SPAN * span)
-    return _ACCUMULATE if close or not seen or space.jumped[lane, 1] >= SOON_IN_A_ROW else _GOES_ON
+        return RUNNING
+    space.jumped[lane, 1] = too_soon(gap, span, space.jumped[lane, 1])
+    return Status.EVENTS_ACCUMULATE if accumulates(gap, t, span, seen, space.jumped[lane, 1]) else RUNNING

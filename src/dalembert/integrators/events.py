@@ -14,17 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.event_constants import (
-    RESIDUAL,
-    RESOLUTION,
-    SHORT_SPAN,
-    SOON,
-    SOON_IN_A_ROW,
-    TIME_NOISE,
-    TOGETHER,
-)
+from ..methods.event_constants import RESIDUAL, SOON, SOON_IN_A_ROW, TIME_NOISE
 from ..methods.status import Status
 from .crossings import Crossing, Pieces, changes, located, pieces
+from .event_rules import accumulates, change_counts, happens_together, start_sign, too_soon, zero_level
 from .problem import DenseOutput, IntegrationProblem, JoinedOutput, Solution
 
 __all__ = ["SOON", "SOON_IN_A_ROW", "Occurrence", "Rule", "Watched", "integrate_watched"]
@@ -49,7 +42,7 @@ class Rule:
 
     def counts(self, sign: int) -> bool:
         """Whether a change to `sign` is an occurrence."""
-        return self.direction == 0 or self.direction * sign > 0
+        return change_counts(self.direction, sign)
 
 
 @final
@@ -128,7 +121,7 @@ class _Run:
         self.occurrences: list[Occurrence] = []
         self.counts = [0] * len(watched.rules)
         self.jumped_at: float | None = None
-        self.soon = 0
+        self.soon = 0.0
         self.times: list[FloatArray] = []
         self.states: list[FloatArray] = []
         self.knots = [self.t]
@@ -186,22 +179,18 @@ class _Run:
         self.seen = np.zeros(len(self.counts), np.bool_)
 
     def _signs(self, t: float, y: FloatArray, residual: FloatArray) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-        """Return the sign that each expression has, or takes at once where it is zero, and where it is.
-
-        What rounding leaves of a zero is what it makes of the state, of the time, or what was left when the zero was
-        found, if the motion goes on from one.
-        """
-        value, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
-        noise = np.nan_to_num(noise + RESOLUTION * abs(t) * np.abs(rate), posinf=0.0) + residual
-        zero = np.abs(value) <= noise
-        sign = np.where(zero, np.sign(rate) * self.forward, np.sign(value))
-        zero, sign = zero | self._leaves, np.where(self._leaves, -np.sign(self._directions), sign)
-        return np.where(np.isfinite(sign), sign, 0.0).astype(np.int8), zero
+        """Return the sign that each expression has, or takes at once where it is zero, and where it is."""
+        rows = zip(self.watched.begins(t, y).tolist(), residual.tolist(), self.watched.rules, strict=True)
+        found = [
+            start_sign(value, rate, noise, left, t, self.forward, rule.direction)
+            for (value, rate, noise), left, rule in rows
+        ]
+        return np.array([sign for sign, _ in found], np.int8), np.array([zero for _, zero in found], np.bool_)
 
     def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
-        _, rate, noise = self.watched.begins(t, y).reshape(-1, 3).T
-        return rate, np.asarray(np.nan_to_num(noise + TIME_NOISE * abs(t) * np.abs(rate), posinf=0.0))
+        begins = self.watched.begins(t, y)
+        return begins[:, 1], np.array([zero_level(rate, noise, t) for _, rate, noise in begins.tolist()])
 
     def _until_jump(self) -> Status | None:
         """Integrate to the end, or to the next jump, for which None is returned."""
@@ -288,7 +277,7 @@ class _Run:
                 continue
             together = [crossing]
             for other in found:
-                if abs(state(other)[0] - t) > TOGETHER * max(abs(t), abs(self.t)):
+                if not happens_together(state(other)[0] - t, t, self.t):
                     break
                 if rules[other.function].counts(other.sign):
                     together.append(other)
@@ -337,9 +326,8 @@ class _Run:
         if before is None:
             return None
         gap = abs(t - before)
-        self.soon = self.soon + 1 if gap <= SOON * self.span else 0
-        close = gap <= RESOLUTION * max(abs(t), SHORT_SPAN * self.span)
-        return Status.EVENTS_ACCUMULATE if close or not seen or self.soon >= SOON_IN_A_ROW else None
+        self.soon = too_soon(gap, self.span, self.soon)
+        return Status.EVENTS_ACCUMULATE if accumulates(gap, t, self.span, seen, self.soon) else None
 
     def _take(self, block: Solution) -> None:
         """Record a whole block."""

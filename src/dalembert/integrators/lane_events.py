@@ -221,7 +221,7 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
     n, case = arguments.shape.n, numbers.case[lane]
     outcome = resolve(arguments.events, space, lane, n, t, direction, span, one, arguments.happened, case, theta)
     _take_point(arguments, lane)
-    if outcome >= 0:
+    if outcome != RUNNING:
         numbers.status[lane] = outcome
         return
     numbers.status[lane] = status_after(abs(end - t) == 0.0, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])

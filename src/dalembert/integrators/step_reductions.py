@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
 from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
-from .event_intervals import SERIES, SLOPE_SERIES, output_at, sample, transformed
+from .event_intervals import SERIES, SLOPE_SERIES, output_at, push_halves, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
 from .workspace import QUICK, EventKernels, EventWorkspace
 
@@ -95,14 +95,7 @@ def accumulate(
                 continue
             if varies + TAIL * tail <= FLAT * abs(best):
                 continue
-        middle = 0.5 * (low + high)
-        space.stack[height, 0], space.stack[height, 1], space.stack[height, 2] = middle, high, depth + 1.0
-        space.stack[height + 1, 0], space.stack[height + 1, 1], space.stack[height + 1, 2] = (
-            low,
-            middle,
-            depth + 1.0,
-        )
-        height += 2
+        height = push_halves(space, height, low, high, depth)
     return total if kind == MEAN else sign * best
 
 
