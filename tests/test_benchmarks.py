@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import before_after  # noqa: E402
+import overhead  # noqa: E402
 import report  # noqa: E402
 import sweeps  # noqa: E402
 import tables  # noqa: E402
@@ -47,6 +48,13 @@ def test_sweeps_end_in_the_exact_states(name):
     batch = BATCHES[name](SAMPLE)
     _, sample, _ = own_sweep(batch, "taylor", 1, 1e-10)
     np.testing.assert_allclose(sample(), sample_states(batch), rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", overhead.SCENES)
+def test_the_overhead_is_the_call_less_its_compiled_loop(name):
+    found = overhead.overhead(name, PROBLEMS[name], rounds=2)
+    assert 0.0 < found.loop < found.called and found.beyond == found.called - found.loop and found.steps > 5
+    assert f"| {name} | {found.steps} |" in overhead.table([found])
 
 
 def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances(monkeypatch):

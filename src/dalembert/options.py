@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, final
 
 from .errors import OptionError, unknown_name
@@ -19,6 +20,7 @@ __all__ = [
     "SimulateOptions",
     "StepOptions",
     "SweepOptions",
+    "simulate_options",
 ]
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
@@ -273,6 +275,50 @@ class SensitivityOptions(RunOptions):
         super().__post_init__()
         if self.t_eval is not None:
             _set(self, t_eval=times_of("t_eval", self.t_eval))
+
+
+@lru_cache(maxsize=256, typed=True)
+def _simulate_options(
+    method: Any,
+    rtol: Any,
+    atol: Any,
+    max_step: Any,
+    max_steps: Any,
+    first_step: Any,
+    dense: Any,
+    error_estimate: Any,
+    project_invariants: Any,
+) -> SimulateOptions:
+    return SimulateOptions(
+        method=method,
+        rtol=rtol,
+        atol=atol,
+        max_step=max_step,
+        max_steps=max_steps,
+        first_step=first_step,
+        dense=dense,
+        error_estimate=error_estimate,
+        project_invariants=project_invariants,
+    )
+
+
+def simulate_options(*plain: Any, t_eval: Any, events: Any) -> SimulateOptions:
+    """Return options of one trajectory, checked once for each list of values.
+
+    Parameters
+    ----------
+    *plain
+        method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate and project_invariants.
+    t_eval, events
+        As for `SimulateOptions`; nothing is kept of them.
+    """
+    try:
+        options = _simulate_options(*plain)
+    except TypeError:  # a value without a hash
+        options = _simulate_options.__wrapped__(*plain)
+    if t_eval is None and isinstance(events, tuple) and not events:
+        return options
+    return replace(options, t_eval=t_eval, events=events)
 
 
 def _set(options: RunOptions, **values: Any) -> None:

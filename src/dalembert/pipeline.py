@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar, final
 
 from .codegen import backend_named
@@ -85,7 +86,7 @@ class Stages:
     kept: tuple[str, ...] = ()
     passes: tuple[PassRecord, ...] = ()
 
-    @property
+    @cached_property
     def compile_seconds(self) -> float:
         """Seconds of all stages."""
         return sum(self.seconds.values())

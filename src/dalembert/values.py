@@ -6,7 +6,7 @@ are refused.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from .errors import OptionError, ValueInputError
 __all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "whole"]
 
 _REAL = "biuf"
+_EXACT = 1 << 53
+"""Size below which whole numbers are doubles."""
+
 _UNITS = ("magnitude", "to_value")
 """What quantities with units have, of the packages that offer them."""
 
@@ -85,8 +88,11 @@ def number(value: Any) -> float:
     ValueError
         For what is none, with the reason.
     """
-    if type(value) is float:
-        return value
+    kind = type(value)
+    if kind is float:
+        return cast(float, value)
+    if kind is np.float64 or (kind is int and -_EXACT < value < _EXACT):
+        return float(value)
     found = array_of(value)
     if found.ndim:
         raise ValueError(f"is not a number: it has shape {found.shape}")

@@ -36,12 +36,19 @@ __all__ = [
     "Prepared",
     "PreparedStates",
     "RenderedModule",
+    "StartCode",
     "TracedEngine",
     "growing_step_blocks",
     "watched_case",
 ]
 
 Final = tuple[FloatArray, Status]
+
+StartCode = Callable[[float, FloatArray, Sequence[float]], tuple[FloatArray, FloatArray]]
+"""Time, parameters (n_p,) and given values (n_given,) -> constants (n_c,) and the outputs of a start kernel (n_out,).
+
+What is returned is overwritten by the next call of the same thread.
+"""
 
 
 class Prepared(Protocol):
@@ -240,6 +247,10 @@ class Engine(ABC):
         Cases that cannot start get NaN and their status. ``constants`` (k, n_c) are filled in, unless they are (0, 0).
         A thread takes `share` cases at a time.
         """
+        return None
+
+    def start_code(self, start: Start) -> StartCode | None:
+        """Return the start of single runs as compiled code with the bits of interpreted kernels, None without any."""
         return None
 
     def code(self, kernel: Kernel) -> tuple[int, int]:

@@ -25,12 +25,13 @@ from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
 from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
 from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
-from .base import CaseRun, Engine, Prepared, growing_step_blocks
+from .base import CaseRun, Engine, Prepared, StartCode, growing_step_blocks
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.advance_lanes import advance_lanes
 from .llvm.check_inputs import check_inputs
 from .llvm.loops import loop_named
 from .llvm.prepared import prepared_run
+from .llvm.starts import start_code
 from .llvm.sweeps import SweepShape, case_run
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from ..integrators.implicit_loop import ImplicitCode
     from ..integrators.taylor_runs import StepCode
     from ..methods.tableau import Tableau
+    from ..reduction.starting import Start
 
 __all__ = ["METHODS", "CompiledEngine", "default_source"]
 
@@ -249,6 +251,14 @@ class CompiledEngine(Engine):
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
         addresses = (self.steps.prepare(), *codes, position, velocity)
         return prepared_run(addresses, sizes, memory, settings, problem, self.steps)
+
+    def start_code(self, start: Start) -> StartCode | None:
+        """See `Engine.start_code`."""
+        steps = self.steps
+        if not steps.compiles_starts:
+            return None
+        sizes = (self._parameters, self._sizes["prepare"], len(start.given), len(start.kernel.outputs))
+        return start_code(steps.prepare(), steps.start(start, 1), sizes, steps)
 
     def _stepping(
         self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool, watched: EventCode | None = None

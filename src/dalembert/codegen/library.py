@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -85,6 +85,9 @@ class KernelLibrary(ABC):
     def functions(self) -> Any:
         """The kernels of the program as functions that people's own code calls, None where the backend has none."""
         return None
+
+    compiles_starts: ClassVar[bool] = False
+    """Whether kernels are compiled so fast that the start of single runs is worth it."""
 
     # -- addresses --------------------------------------------------------------------------
 

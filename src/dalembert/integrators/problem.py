@@ -1,5 +1,6 @@
 """The initial value problem that every integrator takes and the solution it returns."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -190,18 +191,27 @@ class PiecewisePolynomial(DenseOutput):
     knots
         Ends of the steps (n_steps + 1,).
     coefficients
-        Coefficients (n_steps, degree + 1, n_y), lowest power first, in the fraction theta of the step.
+        Coefficients (n_steps, degree + 1, n_y), lowest power first, in the fraction theta of the step; or a function
+        that computes them when they are first needed.
     """
 
-    def __init__(self, knots: FloatArray, coefficients: FloatArray) -> None:
+    def __init__(self, knots: FloatArray, coefficients: FloatArray | Callable[[], FloatArray]) -> None:
         super().__init__(knots)
-        self.coefficients = coefficients
+        self._coefficients = coefficients
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Coefficients (n_steps, degree + 1, n_y), lowest power first, in the fraction theta of the step."""
+        found = self._coefficients
+        if not isinstance(found, np.ndarray):
+            found = self._coefficients = found()
+        return found
 
     def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
-        fraction = theta[:, np.newaxis]
-        value: FloatArray = self.coefficients[step, -1]
-        for power in range(self.coefficients.shape[1] - 2, -1, -1):
-            value = value * fraction + self.coefficients[step, power]
+        fraction, coefficients = theta[:, np.newaxis], self.coefficients
+        value: FloatArray = coefficients[step, -1]
+        for power in range(coefficients.shape[1] - 2, -1, -1):
+            value = value * fraction + coefficients[step, power]
         return value
 
 
@@ -252,12 +262,30 @@ def validate(problem: IntegrationProblem) -> None:
     OptionError
         Listing every fault.
     """
+    if _plain(problem):
+        return
     faults = [*_tolerance_faults(problem), *_step_faults(problem), *_time_faults(problem)]
     for name in ("y0", "constants"):
         if np.ndim(getattr(problem, name)) != 1:
             faults.append(f"{name} must be one-dimensional, not of shape {np.shape(getattr(problem, name))}")
     if faults:
         raise OptionError("; ".join(faults))
+
+
+def _plain(problem: IntegrationProblem) -> bool:
+    """Whether a problem without times to record has no fault, told at once."""
+    return (
+        problem.t_eval is None
+        and 0.0 < problem.rtol < math.inf
+        and 0.0 <= problem.atol < math.inf
+        and (problem.first_step is None or 0.0 < problem.first_step < math.inf)
+        and problem.max_step > 0.0
+        and problem.max_steps >= 1
+        and math.isfinite(problem.t0)
+        and math.isfinite(problem.t1)
+        and problem.y0.ndim == 1
+        and problem.constants.ndim == 1
+    )
 
 
 def times_wanted(t0: float, t1: float, t_eval: FloatArray) -> None:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, field
+from typing import Protocol, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..interrupts import check
 from ..methods.status import RUNNING, Status
 from ..transforms.taylor import scale_floor
+from .arguments import address_of, pack, place_of
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .recorded_runs import FIRST_BLOCK, LARGEST_BLOCK
 from .taylor_loop import TaylorArguments, TaylorProgress
@@ -33,6 +33,20 @@ _TURN_HIGH = float.fromhex("0x1.921fb54p+2")
 _TURN_LOW = float.fromhex("0x1.10b4611a62633p-28")
 """The rest of a turn."""
 
+_LARGEST_KEPT = 1 << 20
+"""Bytes of the largest workspace that is kept for later runs."""
+
+_LIMIT_AT, _T1_AT, _LARGEST_AT = (place_of(TaylorArguments, name) for name in ("limit", "t1", "largest"))
+
+
+class TaylorLoop(Protocol):
+    """The loop of `dalembert.integrators.taylor_loop`, loaded."""
+
+    @property
+    def call(self) -> Callable[[int], int]:
+        """The function of the address of packed arguments."""
+        ...
+
 
 @final
 @dataclass(frozen=True)
@@ -40,21 +54,83 @@ class StepCode:
     """Compiled code: the loop of `dalembert.integrators.taylor_loop`, and addresses of the kernels that it calls.
 
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
-    ``angles`` are the components of the state that matter modulo a turn.
+    ``angles`` are the components of the state that matter modulo a turn. ``workspaces`` are those that no run uses.
     """
 
-    loop: Callable[..., int]
+    loop: TaylorLoop
     order: int
     step: int
     position: int = 0
     velocity: int = 0
     angles: tuple[int, ...] = ()
+    workspaces: list[_Workspace] = field(default_factory=list, compare=False, repr=False)
 
 
 Watch = Callable[[float, FloatArray, float], bool]
 """Time, state and mean size of the last steps -> whether to stop there."""
 
 _WATCHED_FROM, _WATCHED_REST = 900, 4000
+
+
+@final
+class _Workspace:
+    """Memory of one run at a time, and the packed arguments that point to it."""
+
+    def __init__(self, code: StepCode, n: int, constants: int) -> None:
+        self.width = n + 2 + n * (code.order + 1)
+        self.settings, self.y, self.c = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((1, constants))
+        self.low, self.progress = np.zeros(n + 1), TaylorProgress()
+        self.rows, self.times = np.empty((FIRST_BLOCK, self.width)), np.empty(FIRST_BLOCK)
+        self._nothing = np.zeros(n), np.zeros(constants)
+        self._arguments = TaylorArguments(
+            code.step,
+            code.position,
+            code.velocity,
+            FIRST_BLOCK,
+            0.0,
+            0.0,
+            self.settings,
+            self.y,
+            self.c,
+            self.rows,
+            self.times,
+            self.low,
+            np.empty((1, 1)),
+            np.empty((n, 1)),
+            np.zeros(1, np.int64),
+            self.progress,
+        )
+        self._words = pack(self._arguments)
+        self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
+
+    def begin(self, problem: IntegrationProblem) -> bool:
+        """Take in the start of a problem; return whether its numbers are finite."""
+        self.y[0, :-1], self.y[0, -1], self.c[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
+        direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+        self.settings[0] = 0.0, direction, scale_floor(problem.rtol, problem.atol)
+        self.progress.t = problem.t0
+        self._doubles[_T1_AT], self._doubles[_LARGEST_AT] = problem.t1, problem.max_step
+        state, constants = self._nothing
+        return bool(self.y[0, :-1] @ state + self.c[0] @ constants == 0.0)
+
+    def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
+        """Take at most `limit` steps; return the status, ends of steps (k,) and what they put out (k, width)."""
+        if limit <= FIRST_BLOCK:
+            self._words[_LIMIT_AT] = limit
+            status = call(self.address)
+            count = self.progress.steps
+            rows, times = self.rows[:count].copy(), self.times[:count].copy()
+        else:
+            rows, times = np.empty((limit, self.width)), np.empty(limit)
+            t1, largest = self._doubles[_T1_AT].item(), self._doubles[_LARGEST_AT].item()
+            words = pack(self._arguments._replace(limit=limit, t1=t1, largest=largest, rows=rows, times=times))
+            status = call(address_of(words))
+            count = self.progress.steps
+            if count < limit:
+                rows, times = rows[:count].copy(), times[:count].copy()
+        if count:
+            self.y[0] = rows[-1, : self.y.shape[1]]
+        return status, times, rows
 
 
 def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
@@ -75,47 +151,37 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         Numerical failure is its status, never an exception. Each step is one evaluation of the series. None where the
         run was stopped.
     """
-    n = len(problem.y0)
-    clock, delta = np.empty((1, 1)), np.empty((n, 1))
-    mark, progress = np.zeros(1, np.int64), TaylorProgress()
-    direction = 1.0 if problem.t1 >= problem.t0 else -1.0
-    progress.t, t1, largest = problem.t0, float(problem.t1), float(problem.max_step)
-    codes = code.step, code.position, code.velocity
-    settings = np.array([[0.0, direction, scale_floor(problem.rtol, problem.atol)]])
-    y = np.append(np.asarray(problem.y0, dtype=float), 0.0).reshape(1, n + 1)
-    c = np.array(problem.constants, dtype=float).reshape(1, -1)
-    low = np.zeros(n + 1)
-    record = _Record(problem, code.order, bool(code.position or code.velocity))
-    angles, turns = np.array(code.angles, np.intp), np.zeros(n)
-    status, size = RUNNING, FIRST_BLOCK
-    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(c))):
-        status = int(Status.NON_FINITE)
+    try:
+        work = code.workspaces.pop()
+    except IndexError:
+        work = _Workspace(code, len(problem.y0), len(problem.constants))
+    call, record = code.loop.call, _Record(problem, code.order)
+    turns, angles = np.zeros(len(problem.y0)), list(code.angles)
+    status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
     while status == RUNNING:
         check()
         limit = min(size, problem.max_steps - record.steps)
         if limit == 0:
             status = int(Status.MAX_STEPS)
             break
-        rows, times = np.empty((limit, n + 2 + n * (code.order + 1))), np.empty(limit)
-        start = float(progress.t)
-        turns[angles] += _unwound(y[0], low, angles)
-        arguments = TaylorArguments(
-            *codes, limit, t1, largest, settings, y, c, rows, times, low, clock, delta, mark, progress
-        )
-        status = code.loop(arguments)
-        count, t = progress.steps, float(progress.t)
-        record.add(start, times[:count], y[0, :n], rows[:count], turns)
-        if count:
-            y = rows[count - 1, : n + 1].copy().reshape(1, n + 1)
-        size = min(2 * size, _LARGEST_WINDING if len(angles) else LARGEST_BLOCK)
+        start = record.end
+        if any(abs(y) > _MOST_TURNS * _TURN for y in work.y[0, angles].tolist()):
+            turns[angles] += _unwound(work.y[0], work.low, angles)
+            record.wound = record.wound or bool(np.any(turns))
+        status, times, rows = work.run(call, limit)
+        record.add(times, rows, turns.copy() if record.wound else None)
+        size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
         if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
-            step = abs(t - start) / count
-            if abs(problem.t1 - t) >= _WATCHED_REST * step and watch(t, y[0, :n], step):
+            step = abs(record.end - start) / len(times)
+            state = work.y[0, :-1].copy()
+            if abs(problem.t1 - record.end) >= _WATCHED_REST * step and watch(record.end, state, step):
                 return None
+    if work.rows.nbytes <= _LARGEST_KEPT:
+        code.workspaces.append(work)
     return record.solution(Status(status))
 
 
-def _unwound(y: FloatArray, low: FloatArray, angles: NDArray[np.intp]) -> FloatArray:
+def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
     """Take whole turns from large angles of a state y (n,), and return how many; `low` gets what rounding takes."""
     whole = np.trunc(y[angles] / _TURN)
     turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
@@ -126,86 +192,99 @@ def _unwound(y: FloatArray, low: FloatArray, angles: NDArray[np.intp]) -> FloatA
     return turns
 
 
+_Block = tuple[FloatArray, FloatArray, FloatArray | None]
+"""Ends of steps (k,), what the steps put out (k, width), and the turns (n,) that angles have made before, if any."""
+
+
 @final
 class _Record:
     """The record of a run: its steps or the states at the times asked for, and the series if they are wanted."""
 
-    def __init__(self, problem: IntegrationProblem, order: int, projected: bool) -> None:
-        self.problem, self.order, self.projected = problem, order, projected
-        self.steps = 0
-        self.end = float(problem.t0)
-        self.knots = [np.array([problem.t0])]
-        self.series: list[FloatArray] = []
-        self.times: list[FloatArray] = []
-        self.states: list[FloatArray] = []
-        self.near: list[FloatArray] = []
-        self.wound = False
-        if problem.t_eval is None:
-            self._keep(np.array([problem.t0]), np.asarray(problem.y0, dtype=float).reshape(1, -1))
-        else:
+    def __init__(self, problem: IntegrationProblem, order: int) -> None:
+        self.problem, self.order = problem, order
+        self.steps, self.end, self.wound = 0, float(problem.t0), False
+        self.blocks: list[_Block] = []
+        self.samples: list[tuple[FloatArray, FloatArray, FloatArray | None]] = []
+        if problem.t_eval is not None:
             first = problem.t_eval[problem.t_eval == problem.t0]
-            self._keep(first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)))
+            self.samples.append((first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)), None))
 
-    def _keep(self, times: FloatArray, states: FloatArray, turns: FloatArray | None = None) -> None:
-        self.times.append(times)
-        self.near.append(states)
-        self.states.append(states if turns is None or not np.any(turns) else states + turns * _TURN)
-
-    def add(self, start: float, times: FloatArray, y: FloatArray, rows: FloatArray, turns: FloatArray) -> None:
-        """Take in a block of steps that started at time `start` from state y (n,), less some turns (n,)."""
-        count, n = len(times), len(y)
-        if count == 0:
+    def add(self, times: FloatArray, rows: FloatArray, turns: FloatArray | None) -> None:
+        """Take in a block of steps, less some turns (n,)."""
+        if not len(times):
             return
-        self.steps += count
-        self.end = float(times[-1])
-        self.wound |= bool(np.any(turns))
-        ends = rows[:, :n]
-        wanted = self.problem.t_eval
-        if wanted is None:
-            self._keep(times.copy(), ends.copy(), turns)
-        if self.problem.dense or wanted is not None:
-            knots = np.concatenate([[start], times])
-            sizes = rows[:, n] * (1.0 if self.problem.t1 >= self.problem.t0 else -1.0)
-            series = self._series(sizes, ends, rows[:, n + 2 :].reshape(count, n, self.order + 1))
-            if wanted is not None:
-                low, high = min(start, times[-1]), max(start, times[-1])
-                inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
-                self._keep(inside, PiecewisePolynomial(knots, series)(inside), turns)
-            if self.problem.dense:
-                series[:, 0] += turns * _TURN
-                self.knots.append(times.copy())
-                self.series.append(series)
+        start, self.end = self.end, float(times[-1])
+        self.steps += len(times)
+        problem = self.problem
+        if problem.t_eval is not None:
+            wanted, low, high = problem.t_eval, min(start, self.end), max(start, self.end)
+            inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
+            series = _Series(self.order, self._direction, [(times, rows, None)], len(problem.y0))
+            self.samples.append((inside, PiecewisePolynomial(np.append(start, times), series)(inside), turns))
+        if problem.dense:
+            self.blocks.append((times, rows, turns))
+        elif problem.t_eval is None:
+            self.blocks.append((times, rows[:, : len(problem.y0)].copy(), turns))
 
-    def _series(self, sizes: FloatArray, ends: FloatArray, raw: FloatArray) -> FloatArray:
-        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots.
-
-        `sizes` are those of the steps themselves: differences of late knots have lost digits.
-        """
-        powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
-        series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
-        gap = ends - series.sum(axis=1)
-        series[:, 2] += 3.0 * gap
-        series[:, 3] -= 2.0 * gap
-        return series
+    @property
+    def _direction(self) -> float:
+        return 1.0 if self.problem.t1 >= self.problem.t0 else -1.0
 
     def solution(self, status: Status) -> Solution:
         """Return the solution of a run that ended with `status`."""
-        n = len(self.problem.y0)
+        problem, n = self.problem, len(self.problem.y0)
+        knots = np.concatenate([np.array([problem.t0], float), *(times for times, _, _ in self.blocks)])
+        if problem.t_eval is None:
+            first = np.array(problem.y0, float).reshape(1, n), None
+            states = [first, *((rows[:, :n], turns) for _, rows, turns in self.blocks)]
+            t = knots.copy() if problem.dense else knots
+        else:
+            states = [(sampled, turns) for _, sampled, turns in self.samples]
+            t = np.concatenate([times for times, _, _ in self.samples])
         dense = None
-        if self.problem.dense:
-            if self.series:
-                dense = PiecewisePolynomial(np.concatenate(self.knots), np.concatenate(self.series))
-            else:
-                constant = np.array(self.problem.y0, dtype=float).reshape(1, 1, n)
-                dense = PiecewisePolynomial(np.full(2, float(self.problem.t0)), constant)
+        if problem.dense and self.blocks:
+            dense = PiecewisePolynomial(knots, _Series(self.order, self._direction, self.blocks, n))
+        elif problem.dense:
+            constant = np.array(problem.y0, dtype=float).reshape(1, 1, n)
+            dense = PiecewisePolynomial(np.full(2, float(problem.t0)), constant)
+        near = np.concatenate([y for y, _ in states])
+        y = np.concatenate([y if turns is None else y + turns * _TURN for y, turns in states]) if self.wound else near
         return Solution(
             status=status,
-            t=np.concatenate(self.times),
-            y=np.concatenate(self.states),
+            t=t,
+            y=y,
             steps=self.steps,
             rejected=0,
             evaluations=self.steps,
             dense=dense,
-            near=np.concatenate(self.near) if self.wound else None,
+            near=near if self.wound else None,
             end=self.end,
         )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Coefficients of the polynomials of steps, computed from what the steps put out when they are needed."""
+
+    order: int
+    direction: float
+    blocks: list[_Block]
+    n: int
+
+    def __call__(self) -> FloatArray:
+        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots."""
+        parts = [self._coefficients(rows, turns) for _, rows, turns in self.blocks]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _coefficients(self, rows: FloatArray, turns: FloatArray | None) -> FloatArray:
+        n, raw = self.n, rows[:, self.n + 2 :].reshape(len(rows), self.n, self.order + 1)
+        sizes = rows[:, n] * self.direction  # differences of late knots have lost digits
+        powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
+        series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
+        gap = rows[:, :n] - series.sum(axis=1)
+        series[:, 2] += 3.0 * gap
+        series[:, 3] -= 2.0 * gap
+        if turns is not None:
+            series[:, 0] += turns * _TURN
+        return series

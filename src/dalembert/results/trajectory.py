@@ -84,9 +84,27 @@ class Trajectory(Motion):
         self.status, self.stats = status, stats
         self.t, self.elapsed, self.y = t, t, y
         self._begin: float | None = None
-        size = len(program.layout.coordinates)
-        x = interpret_rows(program.kernel("expand"), t, y, constants_at(constants, t))
-        self.q, self.qdot = x[:, :size], x[:, size:]
+
+    @cached_property
+    def _expanded(self) -> tuple[FloatArray, FloatArray]:
+        """Coordinates and rates, computed when one of them is first asked for."""
+        size, kernel = len(self._layout.coordinates), self._program.kernel("expand")
+        c = constants_at(self._c, self.elapsed)
+        x = interpret_rows(kernel, self.elapsed, self.y, c)
+        if self._near is None:
+            return x[:, :size], x[:, size:]
+        near = interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel, size)), c)
+        return x[:, :size], near[:, size:]
+
+    @property
+    def q(self) -> FloatArray:  # type: ignore[override]
+        """Coordinates (n_t, n_q)."""
+        return self._expanded[0]
+
+    @property
+    def qdot(self) -> FloatArray:  # type: ignore[override]
+        """Rates of the coordinates (n_t, n_q)."""
+        return self._expanded[1]
 
     def with_twin(self, twin: Trajectory) -> Trajectory:
         """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
@@ -147,11 +165,6 @@ class Trajectory(Motion):
     def with_near(self, near: FloatArray | None) -> Trajectory:
         """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
         self._near = near
-        if near is not None:
-            size = len(self._program.layout.coordinates)
-            kernel = self._program.kernel("expand")
-            y = self._nearer(angles_in(kernel, size))
-            self.qdot = interpret_rows(kernel, self.elapsed, y, constants_at(self._c, self.elapsed))[:, size:]
         return self
 
     def _nearer(self, angles: Iterable[int]) -> FloatArray:

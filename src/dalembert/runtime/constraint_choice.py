@@ -56,7 +56,7 @@ def divisible_model(
     if not model.stages.reduced.pivots:
         return model
     p = model.parameter_vector(parameters)
-    values = inputs.given_values(model.layout, initial)
+    values = model.initial_values(initial)
     labels = inputs.vanishing_pivots(model.derived.start(values), t0, values, p)
     if not labels:
         return model

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, final
 
+from ..codegen.base import Engine
 from ..integrators.event_code import Event, EventCode, event_list
 from ..once import DERIVING, derived_once, derived_property
 from ..pipeline import Stages
@@ -13,7 +14,9 @@ from ..reduction.invariants import Candidates, candidates
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from .events import compiled_events
+from .quick_start import QuickStart
 from .reductions import reduction_table
+from .symbol_assumptions import signed_names
 from .variation import Variation, vary
 
 __all__ = ["Derived"]
@@ -31,14 +34,18 @@ class Derived:
     enforced : tuple of int
         Numbers of the constraints that a run enforces and that may depend on each other; none where they are known to
         be independent.
+    signed : tuple of str
+        Coordinates that were declared to have a sign.
     """
 
-    def __init__(self, stages: Stages) -> None:
+    def __init__(self, stages: Stages, engine: Engine) -> None:
         reduced = stages.reduced
         rows = range(len(stages.program.layout.constraints))
-        self._stages = stages
+        self._stages, self._engine = stages, engine
         self.enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
+        self.signed = signed_names(stages.program.layout.assumptions, stages.program.layout.coordinates)
         self._starts: dict[frozenset[str], Start] = {}
+        self._quick_starts: dict[frozenset[str], QuickStart] = {}
         self._events: dict[str, EventCode] = {}
         self._by_tuple: dict[int, tuple[Any, EventCode]] = {}
         self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
@@ -48,12 +55,23 @@ class Derived:
         key = frozenset(given)
         return derived_once(self._starts, key, lambda: starting(self._stages.reduced, sorted(key)))
 
+    def quick_start(self, given: Iterable[str]) -> QuickStart:
+        """Return the start of single runs from given initial values, made once for each set of names."""
+        key = frozenset(given)
+        found = self._quick_starts.get(key)
+        if found is None:
+            found = QuickStart(self._engine, self.start(key), len(self._stages.program.layout.state))
+            found = self._quick_starts.setdefault(key, found)
+        return found
+
     def events(self, events: Any, reduce: Any = None, *, ranks: bool = False) -> EventCode | None:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none.
 
         With `ranks` the rank of the constraints is watched too.
         """
         same = isinstance(events, tuple) and reduce is None and not ranks
+        if same and not events:
+            return None
         same = same and all(isinstance(event, Event) and event.apply is None for event in events)
         kept = self._by_tuple.get(id(events)) if same else None
         if kept is not None and kept[0] is events:

@@ -47,6 +47,8 @@ _AT = re.compile(r"\bat t = ([-+.\deinfa]+)")
 
 def begins_elsewhere(t0: Any, t1: Any) -> bool:
     """Whether a run over a span, or one of many, begins at another time than zero and takes time."""
+    if type(t0) is float and t0 == 0.0:
+        return False
     first, last = np.asarray(t0, dtype=float), np.asarray(t1, dtype=float)
     with np.errstate(invalid="ignore"):
         return bool(np.any((first != 0.0) & (first != last) & np.isfinite(first) & np.isfinite(last)))

@@ -11,9 +11,11 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
 from ..ir.program import Layout
+from ..once import once_property
 from ..values import array_of, times_of
 from . import inputs
 from .symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
+from .value_reader import ValueReader
 
 __all__ = ["Evaluated", "rows_of"]
 
@@ -36,7 +38,29 @@ class Evaluated(ABC):
     @nesting_named
     def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
-        return inputs.parameter_vector(self.layout, parameters)
+        return inputs.in_order(self.layout, self._read_parameters(parameters))
+
+    def initial_values(self, initial: Mapping[Any, Any]) -> dict[str, float]:
+        """Return initial values by name from a mapping of names or symbols to numbers.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError
+            For unknown names, and values that are not finite numbers or that their symbols exclude.
+        """
+        return self._read_initial(initial)
+
+    @once_property
+    def _read_parameters(self) -> ValueReader:
+        layout = self.layout
+        return ValueReader(lambda given: inputs.parameter_values(layout, given), layout.aliases, layout.assumptions)
+
+    @once_property
+    def _read_initial(self) -> ValueReader:
+        layout = self.layout
+        return ValueReader(
+            lambda given: inputs.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+        )
 
     @nesting_named
     def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
@@ -89,7 +113,7 @@ class Evaluated(ABC):
         y[:, :size], y[:, size:] = q, qdot
         times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
         if isinstance(p, Mapping):
-            p = inputs.parameter_vector(self.layout, p)
+            p = self.parameter_vector(p)
         p = rows_of("p", p, len(self.layout.parameters))
         if p.ndim > 1:
             raise ValueInputError(

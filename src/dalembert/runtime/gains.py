@@ -26,6 +26,8 @@ Run = Callable[[IntegrationProblem], Solution]
 
 
 def _left_out(layout: Layout, given: Mapping[Any, Any]) -> list[str]:
+    if not layout.defaults:
+        return []
     known = {layout.aliases.get(str(key), str(key)) for key in given}
     return [name for name in GAINS if name in layout.defaults and name not in known] if layout.state else []
 

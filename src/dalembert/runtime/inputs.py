@@ -32,7 +32,9 @@ __all__ = [
     "MULTIPLIERS_FLOOR",
     "constants",
     "given_values",
+    "in_order",
     "initial_state",
+    "parameter_values",
     "parameter_vector",
     "pivots_vanish",
     "prepare_rows",
@@ -136,8 +138,8 @@ def warn_below_floor(rtol: float, atol: float, program: Program | None = None, m
         )
 
 
-def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArray:
-    """Return p (n_p,) from a mapping of names or symbols to numbers.
+def parameter_values(layout: Layout, parameters: Mapping[Any, Any]) -> dict[str, float]:
+    """Return the parameters that are given by name; those that may be left out may be missing.
 
     Raises
     ------
@@ -146,7 +148,7 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
     ValueInputError
         For values that are not finite numbers, or that their symbols exclude.
     """
-    complaint = None
+    complaint, values = None, dict[str, float]()
     try:
         values = resolve("parameter", parameters, layout.parameters, layout.aliases)
         refuse_contradictions(layout.assumptions, values)
@@ -160,7 +162,18 @@ def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArra
         complaint = need if complaint is None else f"{complaint}\n{need}"
     if complaint is not None:
         raise UnknownNameError(complaint)
-    values = {**layout.defaults, **values}
+    return values
+
+
+def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArray:
+    """Return p (n_p,) from a mapping of names or symbols to numbers; errors as for `parameter_values`."""
+    return in_order(layout, parameter_values(layout, parameters))
+
+
+def in_order(layout: Layout, values: Mapping[str, float]) -> FloatArray:
+    """Return p (n_p,) from parameters by name."""
+    if layout.defaults:
+        values = {**layout.defaults, **values}
     return np.array([values[name] for name in layout.parameters], dtype=float)
 
 

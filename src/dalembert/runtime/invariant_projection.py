@@ -53,7 +53,7 @@ def keeping_from(
     t0, program = span[0], model.stages.program
     c = inputs.constants(program, model.parameter_vector(parameters))
     c = starting_constants(program, c, *span)
-    values = inputs.given_values(model.layout, initial)
+    values = model.initial_values(initial)
     y = inputs.initial_state(model.derived.start(values), t0, values, c, program)
     keeper, names = keeping_model(model, wanted, c, t0, y)
     found = kept_values(names, program, model.derived.invariants, c[np.newaxis], np.array([t0]), y[np.newaxis])

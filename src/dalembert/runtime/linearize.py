@@ -44,7 +44,7 @@ def linearize(
     program, time = model.stages.program, option("t", t)
     p = model.parameter_vector(parameters)
     c = at_time(program, inputs.constants(program, p), time)
-    values = inputs.given_values(model.layout, initial)
+    values = model.initial_values(initial)
     y = inputs.initial_state(model.derived.start(values), time, values, c, program)
     return _linearized(program, time, y, p, c, states)
 

@@ -18,8 +18,8 @@ from ..options import (
     CompileOptions,
     PrepareOptions,
     SensitivityOptions,
-    SimulateOptions,
     SweepOptions,
+    simulate_options,
 )
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..reduction.modes import Mode
@@ -53,6 +53,9 @@ if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
 
 __all__ = ["CompiledModel"]
+
+_MOST_CHOSEN = 64
+"""Tolerances for which the method that "auto" takes is remembered."""
 
 
 @final
@@ -98,7 +101,7 @@ class CompiledModel(Evaluated):
     def of(cls, compiled: Compiled, dropped: tuple[int, ...] = ()) -> CompiledModel:
         """Return the model of a scene that went through all stages."""
         stages = compiled.stages
-        derived, variants = Derived(stages), Variants(stages, dropped, cls.of)
+        derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
         landing = landing_of(stages.equations, stages.program, derived.start)
         engine = segmented(compiled.engine, stages.program, landing)
         return cls(stages, engine, compiled.methods, dropped, derived, variants)
@@ -159,9 +162,12 @@ class CompiledModel(Evaluated):
         """
         if isinstance(method, str) and method == "auto":
             key = rtol, atol, many
-            if key not in self._chosen:
-                self._chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
-            return self._chosen[key]
+            found = self._chosen.get(key)
+            if found is None:
+                if len(self._chosen) >= _MOST_CHOSEN:
+                    self._chosen.clear()
+                found = self._chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
+            return found
         if isinstance(method, str) and method in self.method_descriptions:
             return method
         why = backend_named(self.backend).refusal(self.stages.program, str(method))
@@ -271,18 +277,18 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do.
         """
-        options = SimulateOptions(
-            method=method,
-            rtol=rtol,
-            atol=atol,
-            max_step=max_step,
-            max_steps=max_steps,
+        options = simulate_options(
+            method,
+            rtol,
+            atol,
+            max_step,
+            max_steps,
+            first_step,
+            dense,
+            error_estimate,
+            project_invariants,
             t_eval=t_eval,
-            first_step=first_step,
-            dense=dense,
-            error_estimate=error_estimate,
             events=events,
-            project_invariants=project_invariants,
         )
         return simulate(self, t_span, initial, parameters, options)
 
@@ -523,14 +529,14 @@ class CompiledModel(Evaluated):
     def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         program, time = self.stages.program, option("t", t)
-        c = inputs.constants(program, inputs.parameter_vector(self.layout, parameters))
-        values = inputs.given_values(self.layout, initial)
+        c = inputs.constants(program, self.parameter_vector(parameters))
+        values = self.initial_values(initial)
         return inputs.initial_state(self.derived.start(values), time, values, at_time(program, c, time), program)
 
     def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
         """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
         program, time = self.stages.program, option("t", t)
-        c = inputs.constants(program, inputs.parameter_vector(self.layout, parameters))
+        c = inputs.constants(program, self.parameter_vector(parameters))
         state = rows_of("y", y, len(self.layout.state))
         c = at_time(program, c, time)
         return interpret_rows(program.kernel("expand"), np.array([time]), state[np.newaxis], c)[0]

@@ -66,7 +66,7 @@ def _in_own_time(
     t0, t1 = t_span
     program = model.stages.program
     p = model.parameter_vector(parameters)
-    values = inputs.given_values(model.layout, initial)
+    values = model.initial_values(initial)
     able = divisible_model(model, t0, initial, parameters)
     if able is not model:
         return _in_own_time(able, t_span, initial, parameters, options)

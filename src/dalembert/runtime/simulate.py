@@ -105,11 +105,15 @@ def _problem(
         For values and options that are wrong.
     """
     program, (t0, t1) = model.stages.program, t_span
-    c = inputs.constants(program, model.parameter_vector(parameters))
-    values = inputs.given_values(model.layout, initial)
+    p = model.parameter_vector(parameters)
+    values = model.initial_values(initial)
     inputs.warn_below_floor(options.rtol, options.atol, program, method)
-    c = starting_constants(program, c, t0, t1)
-    return _limited(t_span, inputs.initial_state(model.derived.start(values), t0, values, c, program), c, options)
+    start = model.derived.quick_start(values)
+    found = start(t0, values, p) if program.conditions is None else None
+    if found is None:
+        c = starting_constants(program, inputs.constants(program, p), t0, t1)
+        found = inputs.initial_state(start.start, t0, values, c, program), c
+    return _limited(t_span, *found, options)
 
 
 def _limited(t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions) -> IntegrationProblem:

@@ -62,7 +62,8 @@ def integrate(
     program, c = model.stages.program, model.engine.course(problem)
     run = Trajectory(program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
     run.ended_at(solution.end)
-    warn_of_motion(model.layout.assumptions, model.layout.coordinates, run.t, run.__getitem__)
+    if model.derived.signed:
+        warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
     run.with_monitors(model.monitors).with_near(solution.near).of_scene(model.stages.scene)
     return run if watch is None else run.with_events(watch.labels, occurrences)
 

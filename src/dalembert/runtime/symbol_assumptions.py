@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import AssumptionWarning, ValueInputError, warn_caller
 
-__all__ = ["ROUNDING", "contradicts", "refuse_contradictions", "rows_that_contradict", "warn_of_motion"]
+__all__ = [
+    "ROUNDING",
+    "contradicts",
+    "excluded",
+    "limits_of",
+    "refuse_contradictions",
+    "rows_that_contradict",
+    "signed_names",
+    "warn_of_motion",
+]
 
 _SIGNED = ("positive", "nonnegative", "negative", "nonpositive")
 _SLACK = 1e-6
@@ -56,6 +65,26 @@ def contradicts(declared: Sequence[str], values: FloatArray, rounding: float = 0
             wrong = _BROKEN[name][1](values)
             broken |= wrong & (np.abs(values) > rounding) if name in _SIGNED else wrong
     return broken & np.isfinite(values)
+
+
+def limits_of(declared: Sequence[str], rounding: float) -> tuple[float, float, tuple[str, ...]]:
+    """Return the least and the largest number that declared signs allow, and the declarations that are no signs.
+
+    `rounding` as for `contradicts`.
+    """
+    least = -rounding if "positive" in declared or "nonnegative" in declared else -math.inf
+    largest = rounding if "negative" in declared or "nonpositive" in declared else math.inf
+    return least, largest, tuple(name for name in declared if name not in _SIGNED)
+
+
+def excluded(declared: Sequence[str], value: float) -> bool:
+    """Return whether declarations that are no signs exclude a finite number."""
+    return any(_BROKEN[name][1](value) for name in declared)
+
+
+def signed_names(assumptions: Mapping[str, Sequence[str]], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of symbols that were declared to have a sign."""
+    return tuple(name for name in names if any(what in _SIGNED for what in assumptions.get(name, ())))
 
 
 def _number_contradicts(declared: Sequence[str], value: float, rounding: float) -> bool:

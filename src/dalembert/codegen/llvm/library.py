@@ -32,6 +32,8 @@ and ever more beyond, and is twice as fast as loops throughout (measured on chai
 class LLVMLibrary(KernelLibrary):
     """Kernels and steps of one program, as LLVM assembly for any number of lanes."""
 
+    compiles_starts = True
+
     @property
     def lanes(self) -> int:
         """See `KernelLibrary.lanes`: as many as a vector register holds."""

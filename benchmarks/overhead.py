@@ -1,0 +1,101 @@
+"""Overhead of `simulate()`: what a call costs beyond the run itself in compiled code.
+
+``python benchmarks/overhead.py [--rounds N]`` prints microseconds of a warm call at the default options, of the
+compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
+given, the consistent start, the choice of the method, and the results. The least of many short samples counts, because
+other work of the machine only adds to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, NamedTuple
+
+from cases import END, PROBLEMS, Problem
+
+import dalembert as da
+from dalembert.integrators.problem import IntegrationProblem
+from dalembert.runtime import inputs
+
+SCENES = ("sleigh", "sphere")
+CALLS = 20
+
+
+class Overhead(NamedTuple):
+    """Seconds of a call and of its compiled loop, and the steps of the run."""
+
+    scene: str
+    called: float
+    loop: float
+    steps: int
+
+    @property
+    def beyond(self) -> float:
+        """Seconds beyond the run itself."""
+        return self.called - self.loop
+
+
+def overhead(name: str, problem: Problem, rounds: int) -> Overhead:
+    """Return the overhead of one scene."""
+    model = da.compile_model(problem.build())
+
+    def call() -> Any:
+        return model.simulate((0.0, END), problem.initial, problem.parameters)
+
+    steps = call().stats.steps
+    return Overhead(name, _least(call, rounds), _loop(model, problem, rounds), steps)
+
+
+def _least(call: Callable[[], Any], rounds: int) -> float:
+    """Return the least seconds of a call, of samples of some calls in a row."""
+    best = float("inf")
+    for _ in range(rounds):
+        begin = perf_counter()
+        for _ in range(CALLS):
+            call()
+        best = min(best, (perf_counter() - begin) / CALLS)
+    return best
+
+
+def _loop(model: Any, problem: Problem, rounds: int) -> float:
+    """Return the least seconds of the compiled loop of a run that `simulate` makes by Taylor steps."""
+    program = model.stages.program
+    given = IntegrationProblem(
+        t0=0.0,
+        t1=END,
+        y0=model.state(problem.initial, problem.parameters),
+        constants=inputs.constants(program, model.parameter_vector(problem.parameters)),
+        dense=True,
+    )
+    model.engine.integrate(given, "taylor")
+    (code,) = model.engine._taylor_codes.values()
+    work, best = code.workspaces[-1], float("inf")
+    for _ in range(rounds * CALLS):
+        work.begin(given)
+        begin = perf_counter()
+        code.loop.call(work.address)
+        best = min(best, perf_counter() - begin)
+    return best
+
+
+def table(found: list[Overhead]) -> str:
+    """Return the overheads as a table in Markdown."""
+    lines = ["| scene | steps | simulate() [us] | compiled run [us] | beyond it [us] |", "|---|---|---|---|---|"]
+    for each in found:
+        times = " | ".join(f"{1e6 * value:.1f}" for value in (each.called, each.loop, each.beyond))
+        lines.append(f"| {each.scene} | {each.steps} | {times} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls")
+    rounds = parser.parse_args().rounds
+    print(table([overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
+
+
+if __name__ == "__main__":
+    main()
