@@ -84,10 +84,35 @@ def test_the_passes_of_every_mode_of_a_scene_with_contacts():
 @pytest.mark.parametrize("scene", ["chaplygin_sleigh", "rolling_sphere"])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_operation_counts_of_every_formulation_are_those_of_compiling_it(scene, formulation):
-    text = compiled(scene, formulation=formulation).explain()
+    text = compiled(scene, formulation=formulation).explain(formulations=True)
     for other in FORMULATIONS:
         count = describe_counts(compiled(scene, formulation=other).stages.program.kernel("rhs"))
         assert f"{other}: {count}" in re.search("^formulations .*$", text, re.MULTILINE)[0]
+
+
+def test_explaining_derives_and_compiles_nothing_that_was_not_asked_for(monkeypatch):
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected", cache=False)
+    loaded = dict(model.engine.steps._loaded)
+
+    def refuse(*_, **__):
+        raise AssertionError("explain() derives or compiles")
+
+    for name in ("pipeline.read", "pipeline.derive", "pipeline.reduce", "pipeline.lower"):
+        monkeypatch.setattr(f"dalembert.{name}", refuse)
+    for name in ("reduce", "lower", "copied"):
+        monkeypatch.setattr(f"dalembert.runtime.explain.{name}", refuse)
+    text = model.explain(passes=True)
+    assert re.search(r"^formulations  projected: \d+ .*formulations=True", text, re.MULTILINE)
+    assert model.engine.steps._loaded == loaded and not model.variants._tables
+    with pytest.raises(AssertionError, match="derives or compiles"):
+        model.explain(formulations=True)
+
+
+def test_explanations_count_formulations_that_were_compiled():
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy")
+    model.variants.in_formulation("augmented")
+    line = re.search("^formulations .*$", model.explain(), re.MULTILINE)[0]
+    assert "minimal: " in line and "augmented: " in line and "baumgarte: " not in line
 
 
 def test_explaining_changes_nothing():

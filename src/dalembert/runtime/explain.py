@@ -7,10 +7,15 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
-from ..errors import list_names
+from ..errors import ConstraintError, FormulationError, list_names
 from ..ir.conditions import NARROW
 from ..ir.kernel import describe_counts
 from ..ir.program import Program
+from ..lowering.programs import lower
+from ..mechanics.copying import copied
+from ..once import deriving
+from ..reduction import FORMULATIONS, reduce
+from ..reduction.modes import in_mode
 from ..transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
 
 if TYPE_CHECKING:
@@ -24,7 +29,7 @@ _RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 """Tolerances at which the method that auto takes is told."""
 
 
-def explain(model: CompiledModel, *, passes: bool) -> str:
+def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
     """Return the explanation of a compiled model as text; see `CompiledModel.explain`."""
     stages, methods = model.stages, model.method_descriptions
     program, layout = stages.program, stages.program.layout
@@ -48,7 +53,7 @@ def explain(model: CompiledModel, *, passes: bool) -> str:
         f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
         f"prepared      {layout.constants - len(layout.parameters)} expressions of parameters alone, once a run",
         f"left out      {'; '.join(_left_out(stages)) or 'nothing'}",
-        "formulations  " + "; ".join(f"{name}: {count}" for name, count in _formulations(stages).items()),
+        f"formulations  {_formulations(model, every=formulations)}",
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
     return "\n".join([*lines, *(_passes(stages) if passes else [])])
@@ -145,26 +150,27 @@ def _left_out(stages: Stages) -> list[str]:
     return out
 
 
-def _formulations(stages: Stages) -> dict[str, str]:
-    """Return the operation count of the right-hand side in every formulation that can serve the scene."""
-    from ..errors import ConstraintError, FormulationError
-    from ..lowering.programs import lower
-    from ..mechanics.derive import derive
-    from ..reduction import FORMULATIONS, reduce
-    from ..scene.reading import read
+def _formulations(model: CompiledModel, *, every: bool) -> str:
+    """Return the operation counts of right-hand sides: of the formulations that are compiled, or of every one."""
+    known = {model.formulation: model} | model.variants.in_formulations()
+    counts = {
+        name: describe_counts(known[name].stages.program.kernel("rhs")) if name in known else _count(model.stages, name)
+        for name in FORMULATIONS
+        if every or name in known
+    }
+    text = "; ".join(f"{name}: {count}" for name, count in counts.items())
+    return text if every else f"{text} (explain(formulations=True) counts those of the others)"
 
-    counts: dict[str, str] = {}
-    for name in FORMULATIONS:
-        if name == stages.program.formulation:
-            counts[name] = describe_counts(stages.program.kernel("rhs"))
-            continue
-        try:
-            other = lower(reduce(derive(read(stages.scene)), name))
-        except (FormulationError, ConstraintError):
-            counts[name] = "cannot serve"
-            continue
-        counts[name] = describe_counts(other.kernel("rhs"))
-    return counts
+
+@deriving
+def _count(stages: Stages, formulation: str) -> str:
+    """Return the operation count of the right-hand side in a formulation, as far as that can serve the scene."""
+    equations = copied(stages.derivation.equations)
+    try:
+        reduced = reduce(equations if stages.mode is None else in_mode(equations, stages.mode), formulation)
+        return describe_counts(lower(reduced).kernel("rhs"))
+    except (FormulationError, ConstraintError):
+        return "cannot serve"
 
 
 def _passes(stages: Stages) -> list[str]:

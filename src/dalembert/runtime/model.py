@@ -192,7 +192,7 @@ class CompiledModel(Evaluated):
         require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
         return cast("FunctionEngine", self.engine).functions
 
-    def explain(self, *, passes: bool = False) -> str:
+    def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
 
         Parameters
@@ -201,8 +201,11 @@ class CompiledModel(Evaluated):
             Whether to list the passes that made the program, each with its time in all kernels and the operations that
             it removed from each. Passes on steps of integrators, which are made when a run needs them, are not among
             them.
+        formulations : bool
+            Whether to count the operations of a right-hand side in every formulation, which derives them. Otherwise
+            nothing is derived or compiled.
         """
-        return explain(self, passes=passes)
+        return explain(self, passes=passes, formulations=formulations)
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"

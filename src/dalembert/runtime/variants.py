@@ -80,6 +80,10 @@ class Variants:
             lambda: self._make(compile_equations(stages.derivation, options, stages.mode), ()),
         )
 
+    def in_formulations(self) -> dict[str, CompiledModel]:
+        """Return the models in other formulations that have been compiled, by formulation."""
+        return {model.formulation: model for (kind, _), model in self._tables.items() if kind == "formulation"}
+
     def invariant_models(self) -> list[CompiledModel]:
         """Return the models that keep first integrals and have been compiled."""
         return [model for (kind, _), model in self._tables.items() if kind == "keeping"]
