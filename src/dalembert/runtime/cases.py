@@ -1,4 +1,4 @@
-"""The cases of a sweep: parameters, initial values and spans as they were given, and what all cases have in common."""
+"""Cases of a sweep: parameters, initial values and spans as given, and what all cases have in common."""
 
 from __future__ import annotations
 

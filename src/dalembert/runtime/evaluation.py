@@ -1,4 +1,4 @@
-"""Evaluation of what a model is made of, at states and parameters of the user's choice."""
+"""Evaluation of mass matrix, forcing, constraint Jacobian and accelerations at given states and parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`explain()`: what was chosen and why, what was left out, and what it costs."""
+"""Explanation of a compiled model: choices and their reasons, what was left out, and operation counts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
-        *_unforeseen(stages, methods),
+        *_nonanalytic(stages, methods),
         *_conditions(program),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *_energy(stages),
@@ -75,7 +75,7 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
     return ["              a run whose steps are held by modes long dead is stiff, and auto takes radau for it"]
 
 
-def _unforeseen(stages: Stages, methods: Mapping[str, str]) -> list[str]:
+def _nonanalytic(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
     rhs = stages.program.kernel("rhs") if series else None
     found = {} if rhs is None else nonanalytic_operations(rhs)

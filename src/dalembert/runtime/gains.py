@@ -1,4 +1,4 @@
-"""Gains of the formulation `baumgarte` that nobody gave: from the steps that a run would take without them."""
+"""Gains of the formulation `baumgarte`, where they are not given, from the steps of a run without them."""
 
 from __future__ import annotations
 

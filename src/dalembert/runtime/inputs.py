@@ -1,4 +1,4 @@
-"""What users give while a model runs: mappings from names or symbols to numbers, checked as a whole."""
+"""Input of runs: mappings from names or symbols to numbers, consistent starts, and what is refused of them."""
 
 from __future__ import annotations
 

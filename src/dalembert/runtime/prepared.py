@@ -1,4 +1,4 @@
-"""Prepared runs, for people in a loop."""
+"""`PreparedRun`: the function that `prepare` returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run that comes in blocks of steps records: its accepted steps, or the times that were asked for."""
+"""Recording of runs that come in blocks of steps: their accepted steps, or the requested times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Record:
         self._end = float(problem.t0)
 
     def add(self, part: Solution) -> None:
-        """Take down a block of steps."""
+        """Record a block of steps."""
         self._steps += part.steps
         self._rejected += part.rejected
         self._evaluations += part.evaluations

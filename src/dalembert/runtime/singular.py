@@ -1,4 +1,4 @@
-"""Where constraints lose rank: redundant ones at the start of a run, and configurations that are singular.
+"""Rank of the constraints: redundant ones at the start of a run, and singular configurations.
 
 Measured by the smallest singular value of the constraint Jacobian, its `share` below, with rows of length one: 1 for
 constraints that are orthogonal to each other, 0 where one follows from others. A row that vanishes somewhere is to

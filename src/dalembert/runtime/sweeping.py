@@ -1,4 +1,4 @@
-"""Sweeps: cases are handed out in blocks to threads, each of which runs its blocks in lanes."""
+"""Blocks of cases in threads, each of which runs its blocks in lanes."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class ValueReader:
         UnknownNameError, ValueInputError
             As the function that reads any mapping.
         """
-        if not isinstance(given, Mapping):
+        if type(given) is not dict and not isinstance(given, Mapping):
             return self._read(given)
         keys = tuple(given)
         resolved = self._resolved.get(keys)
