@@ -12,7 +12,7 @@ from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
-from .projection import corrected
+from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, largest_step, status_after
 
 __all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress"]
@@ -133,24 +133,15 @@ def _attempt(arguments: PreparedArguments) -> int:
     if verdict != ACCEPTED and verdict != REJECTED:
         return verdict
     if verdict == ACCEPTED:
-        clock[0, 0] = end_of_step(t, limits.t1, settings[0, 1], size, rest)
-        if not _project(arguments, new):
+        end = end_of_step(t, limits.t1, settings[0, 1], size, rest)
+        position, velocity = arguments.kernels.position, arguments.kernels.velocity
+        if not project_row(position, velocity, end, clock, states, new, c, arguments.delta, arguments.mark):
             smaller = blind_retry(size, t, rest, retries)
             if smaller == 0.0:
                 return Status.PROJECTION_FAILED
             states[old, n + PROPOSAL_AT], states[old, n + GROWTH_AT] = smaller, 1.0
             return status_after(False, progress.attempts, limits.attempts)
-        progress.t = clock[0, 0]
+        progress.t = end
         progress.steps += 1
     progress.row = new
     return status_after(verdict == ACCEPTED and size == rest, progress.attempts, limits.attempts)
-
-
-@compiled_subset
-def _project(arguments: PreparedArguments, number: int) -> bool:
-    """Project a row of the states onto the constraints, where there are any; return whether that came about."""
-    position, velocity = arguments.kernels.position, arguments.kernels.velocity
-    if position == 0 and velocity == 0:
-        return True
-    clock, c, delta, mark = arguments.clock, arguments.c, arguments.delta, arguments.mark
-    return corrected(position, velocity, clock, arguments.states, number, c, delta, mark)

@@ -16,10 +16,41 @@ from ..methods.step_constants import (
 )
 from .compiled_subset import call_code, compiled_subset, flat, row
 
-__all__ = ["FAILED", "NONE", "WANTED", "correct", "corrected"]
+__all__ = ["FAILED", "NONE", "WANTED", "add_correction", "correct", "correction_verdict", "project_row"]
 
 NONE, WANTED, FAILED = 0, 1, 3
 _SETTLED = 2
+
+
+@compiled_subset
+def add_correction(states: FloatArray, first: int, delta: FloatArray, lane: int) -> tuple[float, float, float, bool]:
+    """Add a correction to the state of a lane, which begins in row `first`.
+
+    Returns the relative change, the largest entry of the correction, the largest that the state had where it is
+    corrected, and whether the correction is finite.
+    """
+    change = finite = size = magnitude = 0.0
+    for m in range(delta.shape[0]):
+        if delta[m, lane] != 0.0:
+            size, magnitude = max(size, abs(delta[m, lane])), max(magnitude, abs(states[first + m, lane]))
+        states[first + m, lane] += delta[m, lane]
+        change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
+        finite += 0.0 * delta[m, lane]
+    return change, size, magnitude, finite == 0.0
+
+
+@compiled_subset
+def correction_verdict(attempt: int, tries: int, change: float, size: float, magnitude: float, finite: bool) -> int:
+    """Return whether a state needs another correction (`WANTED`), none, or cannot be projected (`FAILED`).
+
+    After the last of so many ``tries`` one that is still wanted is accepted. The first of velocities must not take them
+    to another branch of their constraints; for the rest see `add_correction`.
+    """
+    if not finite or (attempt == 0 and tries == LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)):
+        return FAILED
+    if not change > QUADRATIC_CHANGE:
+        return _SETTLED
+    return FAILED if attempt == tries - 1 and not change <= LINEAR_CHANGE else WANTED
 
 
 @compiled_subset
@@ -49,31 +80,20 @@ def correct(
                 break
             call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
             for lane in range(lanes):
-                if mark[lane] != WANTED:
-                    continue
-                change = finite = size = magnitude = 0.0
-                for m in range(delta.shape[0]):
-                    if delta[m, lane] != 0.0:
-                        size, magnitude = max(size, abs(delta[m, lane])), max(magnitude, abs(states[first + m, lane]))
-                    states[first + m, lane] += delta[m, lane]
-                    change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
-                    finite += 0.0 * delta[m, lane]
-                lost = attempt == 0 and tries == LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)
-                if lost or finite != 0.0 or (attempt == tries - 1 and not change <= LINEAR_CHANGE):
-                    mark[lane] = FAILED
-                    left -= 1
-                elif not change > QUADRATIC_CHANGE:
-                    mark[lane] = _SETTLED
-                    left -= 1
+                if mark[lane] == WANTED:
+                    change, size, magnitude, finite = add_correction(states, first, delta, lane)
+                    mark[lane] = correction_verdict(attempt, tries, change, size, magnitude, finite)
+                    left -= 1 if mark[lane] != WANTED else 0
         for lane in range(lanes):
             if mark[lane] == _SETTLED:
                 mark[lane] = WANTED
 
 
 @compiled_subset
-def corrected(
+def project_row(
     position: int,
     velocity: int,
+    t: float,
     clock: FloatArray,
     states: FloatArray,
     number: int,
@@ -81,10 +101,12 @@ def corrected(
     delta: FloatArray,
     mark: NDArray[np.int64],
 ) -> bool:
-    """Project the state that begins a row of ``states``; return whether that came about.
+    """Project the state that begins a row of ``states``, where there are projections; return whether that came about.
 
-    ``clock`` (1, 1) holds its time; ``delta`` (n, 1) and ``mark`` (1,) are overwritten.
+    ``clock`` (1, 1), ``delta`` (n, 1) and ``mark`` (1,) are overwritten.
     """
-    mark[0] = WANTED
+    if position == 0 and velocity == 0:
+        return True
+    clock[0, 0], mark[0] = t, WANTED
     correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark)
     return mark[0] == WANTED

@@ -18,7 +18,7 @@ from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
 from .packed_tableaus import POINT
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
-from .projection import corrected
+from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
 
 __all__ = [
@@ -126,10 +126,7 @@ def evaluate(code: int, t: float, run: Run, y: int, out: int) -> None:
 @compiled_subset
 def project(position: int, velocity: int, t: float, run: Run, y: int) -> bool:
     """Project a row of the work onto the constraints, if there are any; return whether that came about."""
-    if position == 0 and velocity == 0:
-        return True
-    run.clock[0, 0] = t
-    return corrected(position, velocity, run.clock, run.work, y, run.constants, run.delta, run.mark)
+    return project_row(position, velocity, t, run.clock, run.work, y, run.constants, run.delta, run.mark)
 
 
 @compiled_subset

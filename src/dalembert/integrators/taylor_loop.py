@@ -16,7 +16,7 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, row
-from .projection import corrected
+from .projection import project_row
 from .step_control import ACCEPTED, attempt_verdict
 
 __all__ = ["LOOP", "TaylorArguments", "TaylorProgress"]
@@ -123,9 +123,7 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
             t, low[n] = t1, 0.0
         else:
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
-        clock[0, 0] = t
-        held = position != 0 or velocity != 0
-        if held and not corrected(position, velocity, clock, rows, here, c, arguments.delta, arguments.mark):
+        if not project_row(position, velocity, t, clock, rows, here, c, arguments.delta, arguments.mark):
             return Status.PROJECTION_FAILED, k
         progress.t = t
         if k < times.size:

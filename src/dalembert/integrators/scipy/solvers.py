@@ -13,16 +13,10 @@ import numpy as np
 
 from dalembert.errors import OptionError
 from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
+from dalembert.integrators.projection import FAILED, WANTED, add_correction, correction_verdict
 from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.methods.status import Status
-from dalembert.methods.step_constants import (
-    BRANCH,
-    LINEAR_CHANGE,
-    MOST_CORRECTIONS,
-    QUADRATIC_CHANGE,
-    SLOW,
-    SMALLEST_SCALE,
-)
+from dalembert.methods.step_constants import LINEAR_CORRECTIONS, MOST_CORRECTIONS, SMALLEST_SCALE
 
 from ...arrays import FloatArray
 
@@ -245,32 +239,23 @@ class _Run:
 
     def _project(self, t: float, y: FloatArray) -> FloatArray | None:
         """Project a state as the compiled integrators do; None if that did not converge."""
-        projected = y.copy()
-        if self.kernels.project_position is not None:
-            size = magnitude = 0.0
-            for _ in range(MOST_CORRECTIONS):
-                size, magnitude = self._correct(self.kernels.project_position, t, projected)
-                if size <= QUADRATIC_CHANGE * magnitude or not np.isfinite(size):
+        projected, kernels = y.copy(), self.kernels
+        for kernel, tries in (
+            (kernels.project_position, MOST_CORRECTIONS),
+            (kernels.project_velocity, LINEAR_CORRECTIONS),
+        ):
+            if kernel is None:
+                continue
+            for attempt in range(tries):
+                delta = self._call(kernel, t, projected)
+                verdict = correction_verdict(
+                    attempt, tries, *add_correction(projected.reshape(-1, 1), 0, delta.reshape(-1, 1), 0)
+                )
+                if verdict == FAILED:
+                    return None
+                if verdict != WANTED:
                     break
-            if not (size <= QUADRATIC_CHANGE * magnitude or size <= self.problem.atol):
-                return None
-        if self.kernels.project_velocity is not None:
-            size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
-            if size > BRANCH * (SLOW + magnitude):
-                return None
-            if LINEAR_CHANGE * magnitude < size < np.inf:
-                size, magnitude = self._correct(self.kernels.project_velocity, t, projected)
-            if not np.isfinite(size):
-                return None
         return projected
-
-    def _correct(self, kernel: Kernel, t: float, y: FloatArray) -> tuple[float, float]:
-        """Add one correction to ``y``; return its largest entry and the largest entry that it changed."""
-        delta = self._call(kernel, t, y)
-        changed = delta != 0.0
-        size, magnitude = np.max(np.abs(delta)), np.max(np.abs(y), where=changed, initial=0.0)
-        y += delta
-        return float(size), float(magnitude)
 
     def _call(self, kernel: Kernel, t: float, y: FloatArray) -> FloatArray:
         out = np.zeros(len(y))

@@ -1,0 +1,108 @@
+"""Projection onto constraints: each decision at its boundaries, and lanes beside each other, as plain Python."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dalembert.integrators import projection
+from dalembert.integrators.projection import (
+    FAILED,
+    NONE,
+    WANTED,
+    add_correction,
+    correct,
+    correction_verdict,
+    project_row,
+)
+from dalembert.methods.step_constants import (
+    BRANCH,
+    LINEAR_CHANGE,
+    LINEAR_CORRECTIONS,
+    MOST_CORRECTIONS,
+    QUADRATIC_CHANGE,
+    SLOW,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+
+ABOVE = 1.0 + 1e-12
+SETTLED = projection._SETTLED
+LAST = MOST_CORRECTIONS - 1
+
+
+def test_a_correction_is_measured_by_the_state_where_it_is_corrected():
+    states, delta = np.array([[9.0], [9.0], [4.0], [-3.0]]), np.array([[0.0], [0.5]])
+    change, size, magnitude, finite = add_correction(states, 2, delta, 0)
+    assert (size, magnitude, finite) == (0.5, 3.0, True)  # the component that is left alone says nothing
+    assert change == 0.5 / (SLOW + 2.5)
+    np.testing.assert_array_equal(states.ravel(), [9.0, 9.0, 4.0, -2.5])
+    assert not add_correction(states, 0, np.array([[math.nan], [0.0]]), 0)[3]
+    assert not add_correction(states, 0, np.array([[math.inf], [0.0]]), 0)[3]
+
+
+@pytest.mark.parametrize(
+    ("attempt", "change", "finite", "verdict"),
+    [
+        (0, QUADRATIC_CHANGE, True, SETTLED),
+        (0, QUADRATIC_CHANGE * ABOVE, True, WANTED),
+        (0, 1e3, True, WANTED),  # positions may be far away
+        (LAST, LINEAR_CHANGE, True, WANTED),  # good enough
+        (LAST, LINEAR_CHANGE * ABOVE, True, FAILED),
+        (LAST - 1, LINEAR_CHANGE * ABOVE, True, WANTED),
+        (LAST, QUADRATIC_CHANGE, True, SETTLED),
+        (0, 0.0, False, FAILED),
+    ],
+)
+def test_verdicts_on_corrections_of_positions(attempt, change, finite, verdict):
+    assert correction_verdict(attempt, MOST_CORRECTIONS, change, change, 1.0, finite) == verdict
+
+
+@pytest.mark.parametrize("magnitude", [0.0, 2.0])
+def test_the_first_correction_of_velocities_must_stay_on_its_branch(magnitude):
+    largest = BRANCH * (SLOW + magnitude)
+    assert correction_verdict(0, LINEAR_CORRECTIONS, 0.2, largest, magnitude, True) == WANTED
+    assert correction_verdict(0, LINEAR_CORRECTIONS, 0.2, largest * ABOVE, magnitude, True) == FAILED
+    assert correction_verdict(1, LINEAR_CORRECTIONS, LINEAR_CHANGE, largest * 2.0, magnitude, True) == WANTED
+    assert correction_verdict(0, MOST_CORRECTIONS, 0.2, largest * 2.0, magnitude, True) == WANTED
+
+
+def kernel(monkeypatch, delta, corrections):
+    """Have calls of code number k write the next of its corrections (n, lanes) to `delta`; return which were called."""
+    calls = []
+
+    def call_code(code, *addresses):
+        calls.append(code)
+        delta[...] = corrections[code][min(calls.count(code), len(corrections[code])) - 1]
+
+    monkeypatch.setattr(projection, "call_code", call_code)
+    return calls
+
+
+def test_lanes_are_projected_until_each_has_settled(monkeypatch):
+    states, delta, mark = np.full((1, 4), 10.0), np.zeros((1, 4)), np.array([WANTED, WANTED, NONE, WANTED])
+    positions = [[[1.0, 1e-9, 5.0, 1.0]], [[1e-3, 5.0, 5.0, math.nan]], [[0.0, 5.0, 5.0, 5.0]]]
+    calls = kernel(monkeypatch, delta, {1: positions, 2: [[[0.0, 5.0, 5.0, 5.0]]]})
+    correct(1, 2, np.zeros((1, 4)), states, 0, np.ones((1, 4)), delta, mark)
+    assert calls == [1, 1, 1, 2]
+    assert list(mark) == [WANTED, FAILED, NONE, FAILED]  # the second was thrown off its branch by the velocities
+    np.testing.assert_allclose(states[0, [0, 2]], [11.001, 10.0], rtol=1e-15)
+
+
+def test_positions_that_do_not_settle_fail_after_the_most_corrections(monkeypatch):
+    states, delta, mark = np.ones((1, 1)), np.zeros((1, 1)), np.array([WANTED])
+    calls = kernel(monkeypatch, delta, {1: [[[1.0]], [[-1.0]]] * MOST_CORRECTIONS})
+    correct(1, 0, np.zeros((1, 1)), states, 0, np.ones((1, 1)), delta, mark)
+    assert (len(calls), mark[0]) == (MOST_CORRECTIONS, FAILED)
+
+
+def test_a_row_is_projected_at_its_time(monkeypatch):
+    clock, rows, delta, mark = np.zeros((1, 1)), np.array([[1.0, 8.0], [2.0, 8.0]]), np.zeros((1, 1)), np.zeros(1, int)
+    assert project_row(0, 0, 3.0, clock, rows, 1, np.ones((1, 1)), delta, mark)
+    assert clock[0, 0] == 0.0  # nothing to do
+    kernel(monkeypatch, delta, {1: [[[0.5]], [[0.0]]]})
+    assert project_row(1, 0, 3.0, clock, rows, 1, np.ones((1, 1)), delta, mark)
+    assert clock[0, 0] == 3.0
+    np.testing.assert_array_equal(rows, [[1.0, 8.0], [2.5, 8.0]])
+    kernel(monkeypatch, delta, {1: [[[math.inf]]]})
+    assert not project_row(1, 0, 3.0, clock, rows, 0, np.ones((1, 1)), delta, mark)
