@@ -23,7 +23,7 @@ from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
-from ..transforms.step_bounds import StepShape, followed_kernel, quiet_kernel, running_kernel
+from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
 from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
 from .base import CaseRun, Engine, Prepared, StartCode, growing_step_blocks
 from .library import LARGEST_UNROLLED, KernelLibrary
@@ -219,24 +219,24 @@ class CompiledEngine(Engine):
         wanted, lanes = len(cases.t_eval), self.steps.lanes
         dense = wanted > 0 or watched is not None
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
-        followed = 0
+        with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
-            followed = len(watched.events)
+            with_series = len(watched.events)
         codes, memory, degree, settings = self._stepping(
-            method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if followed else None
+            method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if with_series else None
         )
-        calm = watched is None or (followed > 0 and not wanted and not watched.kinds)
-        step_growth_limited = advance_lanes(lanes) if calm and not (position or velocity) else 0
+        nothing_each_step = watched is None or (with_series > 0 and not wanted and not watched.kinds)
+        advance = advance_lanes(lanes) if nothing_each_step and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
-        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, followed)
+        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, with_series)
         return case_run(
-            (*codes, position, velocity, prepare, start, step_growth_limited, check_inputs(lanes)),
+            (*codes, position, velocity, prepare, start, advance, check_inputs(lanes)),
             shape,
             settings,
             cases,
             result,
             constants,
-            self._events_compiled(watched, method, (degree, memory), lanes, followed),
+            self._events_compiled(watched, method, (degree, memory), lanes, with_series),
             watched is not None,
         )
 
@@ -265,12 +265,12 @@ class CompiledEngine(Engine):
     ) -> tuple[tuple[int, int], int, int, list[float]]:
         """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings.
 
-        With `watched` a Taylor step follows these events along.
+        With `watched` a Taylor step writes the series of these events too.
         """
         if method == "taylor":
             order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
             if watched is not None:
-                step = self.steps.following(watched.watch.joint, len(watched.events), order, lanes)
+                step = self.steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
                 return (step, 0), 0, order, [floor]
             return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [floor]
         tableau = _pair(method)
@@ -279,31 +279,34 @@ class CompiledEngine(Engine):
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
 
     def _events_compiled(
-        self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, followed: int
+        self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, with_series: int
     ) -> EventKernels:
         """Return compiled events, for steps of a method with polynomials and a memory of that shape.
 
-        So many of them are followed along by the steps: all or none.
+        So many of them have series that the steps write: all or none.
         """
         if code is None:
             return no_events()
         if len(self._event_kernels) >= _MOST_EVENT_KERNELS:
             self._event_kernels.clear()
-        key = (code, method, shape, lanes, followed)
+        key = (code, method, shape, lanes, with_series)
         return computed_once(self._event_kernels, key, lambda: self._compiled_events(*key))
 
     def _compiled_events(
-        self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, followed: int
+        self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, with_series: int
     ) -> EventKernels:
         steps, values = self.steps, code.watch.values
         tableau = None if method == "taylor" else _pair(method)
         jumps = [0 if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]
         (degree, memory), n = shape, self._sizes["rhs"]
-        step = StepShape(degree, n + followed, n + followed + 2 + memory, in_time=tableau is None)
-        quiet = followed_kernel(followed, n + followed, degree) if followed else quiet_kernel(values, step)
+        step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=tableau is None)
+        if with_series:
+            signs = series_signs_kernel(with_series, n + with_series, degree)
+        else:
+            signs = step_signs_kernel(values, step)
         running = code.running
         return EventKernels(
-            quiet=steps.extra_kernel(quiet, lanes),
+            step_signs=steps.extra_kernel(signs, lanes),
             values=steps.extra_kernel(values, POINT_LANES),
             value=steps.extra_kernel(values, 1),
             begins=steps.extra_kernel(code.watch.begins, 1),
@@ -315,12 +318,12 @@ class CompiledEngine(Engine):
             directions=np.array([event.direction for event in code.events], np.int64),
             last=np.array([int(event.terminal) for event in code.events], np.int64),
             used=_components(values),
-            quick=steps.extra_kernel(running_kernel(running, step), lanes),
+            step_bounds=steps.extra_kernel(step_bounds_kernel(running, step), lanes),
             running=steps.extra_kernel(running, POINT_LANES),
             at=steps.extra_kernel(running, 1),
             kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
             read=_components(running),
-            followed=followed,
+            events_with_series=with_series,
         )
 
     def _kernels(self) -> list[int]:

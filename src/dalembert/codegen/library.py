@@ -52,7 +52,7 @@ class KernelLibrary(ABC):
         self._program, self._folder = program, folder
         self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Code] = {}
-        self._following: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
+        self._event_steps: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
 
     # -- what a backend supplies ------------------------------------------------------------
 
@@ -96,23 +96,23 @@ class KernelLibrary(ABC):
         name = self._taylor_name(order, dense)
         return self._entry(name, lanes, lambda: self._taylor_text(order, lanes, dense), name)
 
-    def following(self, joint: Kernel, followed: int, order: int, lanes: int) -> int:
-        """Return the address of a Taylor step that writes its series and those of what is followed along it.
+    def with_event_series(self, joint: Kernel, count: int, order: int, lanes: int) -> int:
+        """Return the address of a Taylor step that writes its series and those of events.
 
-        `joint` is a right-hand side with so many further outputs, which are what is followed; the step takes and
+        `joint` is a right-hand side with so many further outputs, which are the events; the step takes and
         writes them as integrals behind the state.
         """
 
         def make() -> tuple[Kernel, int]:
             def text() -> str:
-                known = recurrences(joint, followed, step_growth_limited=self._program.nonanalytic)
+                known = recurrences(joint, count, step_growth_limited=self._program.nonanalytic)
                 return self.step_text("step", known, order, lanes, dense=True)
 
-            name = f"following{order}_{_digest(joint, followed)}"
+            name = f"with_event_series{order}_{_digest(joint, count)}"
             return joint, self._entry(name, lanes, text, "step")
 
         # the kernel is kept, so that no other can have its number
-        return computed_once(self._following, (id(joint), order, lanes), make)[1]
+        return computed_once(self._event_steps, (id(joint), order, lanes), make)[1]
 
     def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""

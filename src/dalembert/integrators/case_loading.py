@@ -181,7 +181,7 @@ def _enter_state(arguments: SweepArguments, lane: int, place: int) -> None:
     state, shape, old = arguments.state, arguments.shape, arguments.state.progress.old
     for m in range(state.constants.shape[0]):
         state.constants[m, lane] = state.constants_ahead[m, place]
-    state.states[old + shape.n + shape.followed, lane] = 0.0
+    state.states[old + shape.n + shape.events_with_series, lane] = 0.0
     if arguments.kernels.begin != 0:
         for m in range(shape.n + 2 + shape.memory):
             state.states[old + m, lane] = state.begun[shape.n + shape.checks + m, place]

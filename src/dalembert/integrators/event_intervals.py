@@ -109,7 +109,7 @@ def simple_piece(
     """
     simple = finite = True
     for e in range(directions.size):
-        if space.open[0, e] == 0.0:
+        if space.may_change[0, e] == 0.0:
             continue
         lost, largest = True, 0.0
         for j in range(8):

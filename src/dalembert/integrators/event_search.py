@@ -34,7 +34,7 @@ from .event_rules import (
     too_soon,
     zero_level,
 )
-from .event_series import alone, sample_curves, value_at, zero_of_curve
+from .event_series import happens_alone, sample_event_series, value_at, zero_of_series
 from .workspace import EventKernels, EventWorkspace
 
 __all__ = [
@@ -64,7 +64,7 @@ def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float
             space.one_out[0, 3 * e + 2],
         )
         sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, events.directions[e])
-        space.level[lane, e] = noise if math.isfinite(noise) else 0.0
+        space.start_noise[lane, e] = noise if math.isfinite(noise) else 0.0
         space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
 
 
@@ -123,7 +123,7 @@ def _find(
     """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
     count = 0
     for e in range(events.directions.size):
-        if space.open[0, e] == 0.0:
+        if space.may_change[0, e] == 0.0:
             continue
         first, last, noise = space.ends[0, e], space.ends[1, e], space.noise[0, e]
         for side in range(2):
@@ -134,8 +134,8 @@ def _find(
             if new * space.signs[lane, e] < 0.0:
                 theta = low
                 if side == 1 and first * new < 0.0:
-                    if events.followed > 0:
-                        theta = zero_of_curve(events, space, c, t, h, e, low, high, first, last)
+                    if events.events_with_series > 0:
+                        theta = zero_of_series(events, space, c, t, h, e, low, high, first, last)
                     else:
                         theta = _zero(events, space, c, t, h, e, low, high, first, last)
             space.signs[lane, e] = new
@@ -195,15 +195,15 @@ def _count(events: EventKernels, space: EventWorkspace, e: int, now: float, happ
 @compiled_subset
 def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int, t: float, h: float) -> None:
     """Take down the rates of all expressions where a step begins, and the sizes below which they count as zero."""
-    if events.followed == 0:
+    if events.events_with_series == 0:
         for m in range(space.series.shape[0]):
             space.one_point[0, m] = space.series[m, 0]
         space.one_clock[0, 0] = t
         call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
     for e in range(events.directions.size):
-        rate, noise = 0.0, space.level[lane, e]
-        if events.followed > 0:
-            rate = space.curves[e, 1] / h
+        rate, noise = 0.0, space.start_noise[lane, e]
+        if events.events_with_series > 0:
+            rate = space.event_series[e, 1] / h
         else:
             rate, noise = space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
         space.rates[0, e], space.noise[0, e] = rate, zero_level(rate, noise, t)
@@ -219,15 +219,15 @@ def scan(
     t: float,
     h: float,
     fresh: bool,
-    plainly: bool,
+    simple_step: bool,
     happened: FloatArray,
     case: int,
 ) -> tuple[int, float]:
     """Look for events in a step whose series are in place; return what became of the motion, and the fraction where.
 
     ``many`` and ``one`` are the addresses of the constants for eight points and for one. ``fresh`` says that the lane
-    starts with this step, ``plainly`` that all is known to be plain in it, ``values`` holding what is at its ends. What
-    stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
+    starts with this step, ``simple_step`` that each expression has at most one zero in it, ``values`` holding those
+    at its ends. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
     """
     _begin_step(events, space, lane, one, t, h)
     for e in range(events.directions.size):
@@ -240,10 +240,10 @@ def scan(
     while height > 0:
         height -= 1
         low, high, depth = space.stack[height, 0], space.stack[height, 1], space.stack[height, 2]
-        simple = finite = plainly and depth == 0.0
+        simple = finite = simple_step and depth == 0.0
         if not simple:
-            if events.followed > 0:
-                sample_curves(space, low, high - low)
+            if events.events_with_series > 0:
+                sample_event_series(space, low, high - low)
             else:
                 sample(events.values, events.used, space, many, t, h, low, high - low)
             simple, finite = simple_piece(events.directions, space, lane, fresh and low == 0.0, high)
@@ -261,7 +261,7 @@ def scan(
         if stop >= 0.0:
             return STOPPED, stop
         for e in range(events.directions.size):
-            if space.open[0, e] != 0.0 and abs(space.ends[1, e]) > space.noise[0, e]:
+            if space.may_change[0, e] != 0.0 and abs(space.ends[1, e]) > space.noise[0, e]:
                 space.seen[lane, e] = 1.0
     return NOTHING, 1.0
 
@@ -270,7 +270,7 @@ def scan(
 def _take_ends(events: EventKernels, space: EventWorkspace, lane: int, fresh: bool) -> None:
     """Take down the values at the ends of a piece; ``fresh`` says that it begins where the lane starts."""
     for e in range(events.directions.size):
-        if space.open[0, e] == 0.0:
+        if space.may_change[0, e] == 0.0:
             continue
         space.ends[0, e], space.ends[1, e] = space.values[e, 0], space.values[e, 7]
         if fresh and space.zero[lane, e] != 0.0:
@@ -333,7 +333,7 @@ def resolve(
 
     Returns the status that it gives the case, `RUNNING` where that goes on.
     """
-    if events.followed > 0 and theta < 1.0 and alone(events, space, theta):
+    if events.events_with_series > 0 and theta < 1.0 and happens_alone(events, space, theta):
         return Status.EVENT
     space.one_clock[0, 0] = t
     call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))

@@ -15,7 +15,16 @@ from .compiled_subset import compiled_subset, fma, sqrt
 from .event_intervals import output_at
 from .workspace import EventKernels, EventWorkspace
 
-__all__ = ["alone", "calm", "follow", "keeps_signs", "plain", "sample_curves", "value_at", "zero_of_curve"]
+__all__ = [
+    "at_most_one_zero",
+    "happens_alone",
+    "keeps_signs",
+    "load_event_series",
+    "no_sign_change",
+    "sample_event_series",
+    "value_at",
+    "zero_of_series",
+]
 
 _POINTS = POINTS.copy()
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
@@ -30,41 +39,41 @@ def value_at(
 
 
 @compiled_subset
-def follow(space: EventWorkspace, lane: int, states: FloatArray, first: int, h: float) -> None:
-    """Take the series of what may change its sign in a step, in its fraction, from those of its integrals."""
-    count, terms = space.curves.shape
+def load_event_series(space: EventWorkspace, lane: int, states: FloatArray, first: int, h: float) -> None:
+    """Load the series, in the fraction of the step, of events that may change their sign from those of integrals."""
+    count, terms = space.event_series.shape
     power = 1.0
     for k in range(terms):
         space.powers[0, k] = power * (k + 1)
         power *= h
     for e in range(count):
-        if space.open[0, e] != 0.0:
+        if space.may_change[0, e] != 0.0:
             for k in range(terms):
-                space.curves[e, k] = states[first + e * (terms + 1) + k + 1, lane] * space.powers[0, k]
+                space.event_series[e, k] = states[first + e * (terms + 1) + k + 1, lane] * space.powers[0, k]
 
 
 @compiled_subset
 def keeps_signs(space: EventWorkspace, lane: int) -> bool:
-    """Return whether all that is followed keeps the sign that it has, as ``over`` says."""
+    """Return whether every event keeps the sign that it has, by the test of the whole step."""
     keeps = True
-    for e in range(space.over.shape[0]):
-        keeps = keeps and space.over[e, lane] * space.signs[lane, e] > 0.0
+    for e in range(space.step_signs.shape[0]):
+        keeps = keeps and space.step_signs[e, lane] * space.signs[lane, e] > 0.0
     return keeps
 
 
 @compiled_subset
-def plain(space: EventWorkspace, lane: int, fresh: bool) -> bool:
-    """Return whether the series bound everything that may change its sign in a step: it keeps it, or is monotone.
+def at_most_one_zero(space: EventWorkspace, lane: int, fresh: bool) -> bool:
+    """Return whether the series show that each event keeps its sign in a step or is monotone, with at most one zero.
 
     The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
-    fractions lie between 0 and 1. Then ``values`` get what there is at the ends of the step. What is zero where the
-    motion begins is divided by the fraction, or where it leaves zero flatly by its square. See `scan.scan`.
+    fractions lie between 0 and 1. Then ``values`` get the values at the ends of the step. An event that is zero where
+    the motion begins is divided by the fraction, or where it leaves zero flatly by its square.
     """
-    count, terms = space.curves.shape
+    count, terms = space.event_series.shape
     for e in range(count):
-        if space.open[0, e] == 0.0:
+        if space.may_change[0, e] == 0.0:
             continue
-        curve = space.curves[e]
+        curve = space.event_series[e]
         begin, slope, bend = curve[0], curve[1], curve[2]
         tail = abs(curve[terms - 1]) + abs(curve[terms - 2])
         here = 1.0 if begin > 0.0 else -1.0
@@ -96,28 +105,28 @@ def plain(space: EventWorkspace, lane: int, fresh: bool) -> bool:
 
 
 @compiled_subset
-def calm(space: EventWorkspace, lane: int, t: float, h: float, fresh: bool) -> bool:
-    """Return whether nothing ends a `plain` step with another sign than it had; the signs are seen then."""
-    for e in range(space.curves.shape[0]):
-        if space.open[0, e] == 0.0:
+def no_sign_change(space: EventWorkspace, lane: int, t: float, h: float, fresh: bool) -> bool:
+    """Return whether no event ends a step with `at_most_one_zero` with another sign; the signs are seen then."""
+    for e in range(space.event_series.shape[0]):
+        if space.may_change[0, e] == 0.0:
             continue
-        noise = space.level[lane, e] + TIME_NOISE * abs(t * space.curves[e, 1] / h)
+        noise = space.start_noise[lane, e] + TIME_NOISE * abs(t * space.event_series[e, 1] / h)
         first, last, sign = space.values[e, 0], space.values[e, 7], space.signs[lane, e]
         if fresh and space.zero[lane, e] != 0.0:
             first = 0.0
         if not (last * sign > 0.0 and abs(last) > noise) or (first * sign < 0.0 and abs(first) > noise):
             return False
-    for e in range(space.curves.shape[0]):
-        if space.open[0, e] != 0.0:
+    for e in range(space.event_series.shape[0]):
+        if space.may_change[0, e] != 0.0:
             space.signs[lane, e] = 1.0 if space.values[e, 7] > 0.0 else -1.0
             space.seen[lane, e] = 1.0
     return True
 
 
 @compiled_subset
-def sample_curves(space: EventWorkspace, low: float, width: float) -> None:
-    """Evaluate what may change its sign at the eight points of a piece of the step, into ``values``."""
-    count, terms = space.curves.shape
+def sample_event_series(space: EventWorkspace, low: float, width: float) -> None:
+    """Evaluate the events that may change their sign at the eight points of a piece of the step, into ``values``."""
+    count, terms = space.event_series.shape
     x0, x1, x2, x3 = (
         low + width * _POINTS[0],
         low + width * _POINTS[1],
@@ -131,11 +140,11 @@ def sample_curves(space: EventWorkspace, low: float, width: float) -> None:
         low + width * _POINTS[7],
     )
     for e in range(count):
-        if space.open[0, e] == 0.0:
+        if space.may_change[0, e] == 0.0:
             continue
-        a = b = c = d = p = q = r = s = space.curves[e, terms - 1]
+        a = b = c = d = p = q = r = s = space.event_series[e, terms - 1]
         for k in range(terms - 2, -1, -1):
-            term = space.curves[e, k]
+            term = space.event_series[e, k]
             a, b, c, d = fma(a, x0, term), fma(b, x1, term), fma(c, x2, term), fma(d, x3, term)
             p, q, r, s = fma(p, x4, term), fma(q, x5, term), fma(r, x6, term), fma(s, x7, term)
         values = space.values[e]
@@ -144,13 +153,13 @@ def sample_curves(space: EventWorkspace, low: float, width: float) -> None:
 
 
 @compiled_subset
-def _on_curve(space: EventWorkspace, event: int, theta: float) -> tuple[float, float]:
-    """Return value and slope of what is followed at a fraction of the step."""
-    last = space.curves.shape[1] - 1
-    value, slope = space.curves[event, last], 0.0
+def _series_at(space: EventWorkspace, event: int, theta: float) -> tuple[float, float]:
+    """Return value and slope of an event at a fraction of the step."""
+    last = space.event_series.shape[1] - 1
+    value, slope = space.event_series[event, last], 0.0
     for k in range(last - 1, -1, -1):
         slope = fma(slope, theta, value)
-        value = fma(value, theta, space.curves[event, k])
+        value = fma(value, theta, space.event_series[event, k])
     return value, slope
 
 
@@ -163,7 +172,7 @@ def _guessed(first: float, slope: float, last: float, otherwise: float) -> float
 
 
 @compiled_subset
-def zero_of_curve(
+def zero_of_series(
     events: EventKernels,
     space: EventWorkspace,
     c: int,
@@ -175,15 +184,15 @@ def zero_of_curve(
     first: float,
     last: float,
 ) -> float:
-    """Return the zero of what is followed on a monotone piece of the step that goes from one value to another.
+    """Return the zero of an event on a monotone piece of the step, from ``first`` at one end to ``last`` at the other.
 
     Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
     """
     a, b = low, high
     theta = low + (high - low) * (first / (first - last))
     if low == 0.0 and high == 1.0:
-        theta = _guessed(first, space.curves[event, 1], last, theta)
-    value, slope = _on_curve(space, event, theta)
+        theta = _guessed(first, space.event_series[event, 1], last, theta)
+    value, slope = _series_at(space, event, theta)
     for _ in range(_NEWTON):
         if (value > 0.0) == (first > 0.0):
             a = theta
@@ -194,7 +203,7 @@ def zero_of_curve(
             following = 0.5 * (a + b)
         done = abs(following - theta) <= _CLOSE * (high - low)
         theta = following
-        value, slope = _on_curve(space, event, theta)
+        value, slope = _series_at(space, event, theta)
         if done:
             break
     exact = theta - value_at(events, space, c, t, h, theta, event) / slope
@@ -202,14 +211,14 @@ def zero_of_curve(
 
 
 @compiled_subset
-def alone(events: EventKernels, space: EventWorkspace, theta: float) -> bool:
-    """Return whether nothing else that may change its sign is near zero where something happens."""
+def happens_alone(events: EventKernels, space: EventWorkspace, theta: float) -> bool:
+    """Return whether no other event that may change its sign is near zero where something happens."""
     nothing = True
     for e in range(events.directions.size):
-        if space.happens[0, e] == 0.0 and space.open[0, e] != 0.0:
+        if space.happens[0, e] == 0.0 and space.may_change[0, e] != 0.0:
             size = 0.0
-            for k in range(space.curves.shape[1]):
-                size += abs(space.curves[e, k])
-            value, _ = _on_curve(space, e, theta)
+            for k in range(space.event_series.shape[1]):
+                size += abs(space.event_series[e, k])
+            value, _ = _series_at(space, e, theta)
             nothing = nothing and abs(value) > _NEAR * size
     return nothing

@@ -7,7 +7,7 @@ import numpy as np
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
 from .event_search import BROKEN, NOTHING, begin_signs, resolve, scan, starts, state_at, zeros_at_end
-from .event_series import calm, follow, keeps_signs, plain
+from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .projection import FAILED, NONE, WANTED, correct
 from .step_control import largest_step, status_after
 from .step_reductions import accumulate, advance
@@ -22,7 +22,7 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     """Begin to watch the case that has entered a lane."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
     count, place = state.constants.shape[0], state.progress.place - 1
-    points = 0 if arguments.shape.followed > 0 and events.kinds.size == 0 else POINT_LANES
+    points = 0 if arguments.shape.events_with_series > 0 and events.kinds.size == 0 else POINT_LANES
     state.numbers.fresh[lane] = 1
     for m in range(count):
         space.own[lane, m] = state.constants_ahead[m, place]
@@ -39,7 +39,7 @@ def hold_for_events(arguments: SweepArguments) -> None:
     state, space = arguments.state, arguments.workspace
     new = state.states.shape[0] // 2 - state.progress.old
     time, constants, settings = row(state.clock, 0), row(state.constants, 0), row(state.settings, 0)
-    call_code(arguments.events.quiet, time, row(state.states, new), constants, settings, row(space.over, 0))
+    call_code(arguments.events.step_signs, time, row(state.states, new), constants, settings, row(space.step_signs, 0))
     for lane in range(state.clock.shape[1]):
         state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, state.clock[END, lane]
         if state.numbers.fresh[lane] != 0 or not keeps_signs(space, lane):
@@ -51,13 +51,13 @@ def test_steps(arguments: SweepArguments) -> None:
     """Test over the steps of all lanes which expressions keep their sign, and bound those that are reduced."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
     for lane in range(state.clock.shape[1]):
-        space.earlier[0, lane] = state.tally[BEFORE, lane]
-    time, states, constants = row(space.earlier, 0), row(state.states, state.progress.old), row(state.constants, 0)
+        space.step_begins[0, lane] = state.tally[BEFORE, lane]
+    time, states, constants = row(space.step_begins, 0), row(state.states, state.progress.old), row(state.constants, 0)
     settings = row(state.settings, 0)
-    if space.over.shape[0] > 0 and arguments.kernels.advance == 0:
-        call_code(events.quiet, time, states, constants, settings, row(space.over, 0))
-    if space.quick.shape[0] > 0:
-        call_code(events.quick, time, states, constants, settings, row(space.quick, 0))
+    if space.step_signs.shape[0] > 0 and arguments.kernels.advance == 0:
+        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
+    if space.step_bounds.shape[0] > 0:
+        call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
 
 
 @compiled_subset
@@ -80,15 +80,15 @@ def _search(arguments: SweepArguments, lane: int) -> tuple[bool, int, float]:
     Returns whether tests left something to search, what was found, and at which fraction of the step.
     """
     state, events, space = arguments.state, arguments.events, arguments.workspace
-    followed, first = arguments.shape.followed, state.progress.old + _first_polynomial(arguments)
+    with_series, first = arguments.shape.events_with_series > 0, state.progress.old + _first_polynomial(arguments)
     now, fresh = state.tally[BEFORE, lane], state.numbers.fresh[lane] != 0
     h, simple = state.clock[NOW, lane] - now, False
     if _keeps_signs(arguments, lane, fresh):
         return False, NOTHING, 1.0
-    if followed > 0:
-        follow(space, lane, state.states, first + arguments.shape.n * (arguments.shape.degree + 1), h)
-        simple = plain(space, lane, fresh)
-        if simple and calm(space, lane, now, h, fresh):
+    if with_series:
+        load_event_series(space, lane, state.states, first + arguments.shape.n * (arguments.shape.degree + 1), h)
+        simple = at_most_one_zero(space, lane, fresh)
+        if simple and no_sign_change(space, lane, now, h, fresh):
             return False, NOTHING, 1.0
     _copy_polynomials(arguments, lane, h)
     one, many = row(space.own, lane), row(space.constants, lane * state.constants.shape[0])
@@ -101,20 +101,20 @@ def _search(arguments: SweepArguments, lane: int) -> tuple[bool, int, float]:
 def _first_polynomial(arguments: SweepArguments) -> int:
     """Return the place of the polynomials among the outputs of a step."""
     shape = arguments.shape
-    return shape.n + shape.followed + 2 + shape.memory
+    return shape.n + shape.events_with_series + 2 + shape.memory
 
 
 @compiled_subset
 def _keeps_signs(arguments: SweepArguments, lane: int, fresh: bool) -> bool:
     """Return whether the test of the whole step shows that no expression changes its sign; the others are opened."""
-    space, followed = arguments.workspace, arguments.shape.followed
+    space, with_series = arguments.workspace, arguments.shape.events_with_series > 0
     all_keep = True
-    for e in range(space.over.shape[0]):
-        keeps = space.over[e, lane] * space.signs[lane, e] > 0.0
+    for e in range(space.step_signs.shape[0]):
+        keeps = space.step_signs[e, lane] * space.signs[lane, e] > 0.0
         keeps = keeps and not (fresh and space.zero[lane, e] != 0.0)
         all_keep = all_keep and keeps
-        space.seen[lane, e] = 1.0 if all_keep or (followed > 0 and keeps) else space.seen[lane, e]
-        space.open[0, e] = 0.0 if followed > 0 and keeps else 1.0
+        space.seen[lane, e] = 1.0 if all_keep or (with_series and keeps) else space.seen[lane, e]
+        space.may_change[0, e] = 0.0 if with_series and keeps else 1.0
     return all_keep
 
 
@@ -144,7 +144,7 @@ def _reduce(arguments: SweepArguments, lane: int, copied: bool, found: int, thet
     one, many = row(space.own, lane), row(space.constants, lane * state.constants.shape[0])
     h, ready = state.clock[NOW, lane] - now, copied
     for e in range(events.kinds.size):
-        decided, total = advance(events.kinds[e], totals[i, e], space.quick, e, lane, h)
+        decided, total = advance(events.kinds[e], totals[i, e], space.step_bounds, e, lane, h)
         if found != NOTHING or not decided:
             if not ready:
                 _copy_polynomials(arguments, lane, h)

@@ -37,7 +37,7 @@ def advance_together(arguments: SweepArguments) -> int:
     state, shape = arguments.state, arguments.shape
     new = state.states.shape[0] // 2 - state.progress.old
     size, tally, settings = (
-        row(state.states, new + shape.n + shape.followed),
+        row(state.states, new + shape.n + shape.events_with_series),
         row(state.tally, 0),
         row(state.settings, 0),
     )
@@ -62,7 +62,7 @@ def _accept(arguments: SweepArguments, lane: int) -> None:
     state, shape, states = arguments.state, arguments.shape, arguments.state.states
     numbers, old, n = state.numbers, state.progress.old, shape.n
     new = states.shape[0] // 2 - old
-    now, size_at = state.clock[NOW, lane], new + n + shape.followed
+    now, size_at = state.clock[NOW, lane], new + n + shape.events_with_series
     size, rest, proposed = states[size_at, lane], abs(state.clock[END, lane] - now), 0.0
     if shape.memory > 0:
         proposed = states[size_at + PROPOSAL_AT, lane]
@@ -91,7 +91,7 @@ def _sample(arguments: SweepArguments, lane: int, t: float) -> None:
     states, numbers, n, terms = state.states, state.numbers, shape.n, shape.degree + 1
     now, direction = state.clock[NOW, lane], state.settings[1, lane]
     new = states.shape[0] // 2 - state.progress.old
-    size_at = new + n + shape.followed
+    size_at = new + n + shape.events_with_series
     sampled = numbers.sampled_before[lane] = numbers.sampled[lane]
     while sampled < t_eval.size and (t_eval[sampled] - t) * direction < 0.0:
         x = t_eval[sampled] - now
@@ -126,9 +126,10 @@ def _undo(arguments: SweepArguments, lane: int) -> None:
     """Return a lane to the state before its step, for an attempt of a smaller one where the step can be rejected."""
     state, shape, states = arguments.state, arguments.shape, arguments.state.states
     old = state.progress.old
-    before, new, size_at = state.tally[BEFORE, lane], states.shape[0] // 2 - old, old + shape.n + shape.followed
+    before, new = state.tally[BEFORE, lane], states.shape[0] // 2 - old
+    size_at = old + shape.n + shape.events_with_series
     size, rest = abs(state.clock[NOW, lane] - before), abs(state.clock[END, lane] - before)
-    for m in range(shape.n + shape.followed + 2 + shape.memory):
+    for m in range(shape.n + shape.events_with_series + 2 + shape.memory):
         states[old + m, lane] = states[new + m, lane]
     state.clock[NOW, lane], state.numbers.sampled[lane] = before, state.numbers.sampled_before[lane]
     state.tally[REJECTIONS, lane] += 1.0

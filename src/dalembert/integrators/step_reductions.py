@@ -12,7 +12,7 @@ from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
 from .event_intervals import SERIES, SLOPE_SERIES, output_at, push_halves, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
-from .workspace import QUICK, EventKernels, EventWorkspace
+from .workspace import BOUNDS, EventKernels, EventWorkspace
 
 __all__ = ["accumulate", "advance"]
 
@@ -22,15 +22,15 @@ _INTEGRAL = INTEGRAL.copy()
 
 
 @compiled_subset
-def advance(kind: int, total: float, quick: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
-    """Return whether the quick test decides what a step adds to a minimum, maximum or integral, and the new one."""
-    first = QUICK * e
+def advance(kind: int, total: float, bounds: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
+    """Return whether the bounds over a step decide what it adds to a minimum, maximum or integral, and the new one."""
+    first = BOUNDS * e
     if kind == MEAN:
-        return quick[first + 1, lane] != 0.0, total + h * quick[first, lane]
+        return bounds[first + 1, lane] != 0.0, total + h * bounds[first, lane]
     sign = 1.0 if kind == MAXIMUM else -1.0
-    best = max(sign * total, sign * quick[first + 4, lane], sign * quick[first + 5, lane])
-    bound = quick[first + 3, lane] if kind == MAXIMUM else -quick[first + 2, lane]
-    return quick[first + 6, lane] != 0.0 or bound <= best, sign * best
+    best = max(sign * total, sign * bounds[first + 4, lane], sign * bounds[first + 5, lane])
+    bound = bounds[first + 3, lane] if kind == MAXIMUM else -bounds[first + 2, lane]
+    return bounds[first + 6, lane] != 0.0 or bound <= best, sign * best
 
 
 @compiled_subset

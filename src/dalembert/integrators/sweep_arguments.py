@@ -31,14 +31,14 @@ class SweepKernels(NamedTuple):
 class CaseShape(NamedTuple):
     """Sizes of cases and of the outputs of a step.
 
-    A step writes the state, of ``n`` components, then ``followed`` integrals of expressions with series of their own,
-    its size, its check, ``memory`` outputs that the next step reads, and polynomials of a ``degree``: in the fraction
-    of the step where it has a memory, else in time. A case has so many ``parameters``, ``given`` values and ``checks``
-    of these; there are so many ``cases``, of which a thread takes a ``share`` at a time.
+    A step writes the state, of ``n`` components, then integrals of the ``events_with_series``, its size, its check,
+    ``memory`` outputs that the next step reads, and polynomials of a ``degree``: in the fraction of the step where it
+    has a memory, else in time. A case has so many ``parameters``, ``given`` values and ``checks`` of these; there are
+    so many ``cases``, of which a thread takes a ``share`` at a time.
     """
 
     n: int
-    followed: int
+    events_with_series: int
     degree: int
     memory: int
     parameters: int

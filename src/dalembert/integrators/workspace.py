@@ -16,13 +16,13 @@ from .arguments import Address, IntVector, Matrix, Record
 __all__ = [
     "ATTEMPTS",
     "BEFORE",
+    "BOUNDS",
     "END",
     "FIRST",
     "IDLE",
     "NEXT",
     "NOW",
     "POINT_LANES",
-    "QUICK",
     "REJECTIONS",
     "RUNNING",
     "EventKernels",
@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 POINT_LANES = 8
-QUICK = 7
-"""Outputs of the quick test for each expression, see `dalembert.transforms.step_bounds.running_kernel`."""
+BOUNDS = 7
+"""Outputs of the bounds of each expression over a step, see `dalembert.transforms.step_bounds.step_bounds_kernel`."""
 
 NOW, END, NEXT = range(3)
 """Rows of ``LaneState.clock``."""
@@ -156,19 +156,21 @@ def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, be
 class EventKernels(NamedTuple):
     """Addresses of compiled code, and the rules of the events.
 
-    ``quiet`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are the
-    watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same
-    expressions, ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0,
-    ``start`` the state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are
-    the components of the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
+    ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are
+    the watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same expressions,
+    ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
+    state from them with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are the components of
+    the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
 
     Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
-    points and ``at`` one; ``quick`` tests them over a step of every lane, and ``read`` is what they read of the state.
+    points and ``at`` one; ``step_bounds`` bounds them over a step of every lane, and ``read`` is what they read of the
+    state.
 
-    Where ``followed`` is not 0 but the number of events, all of these end the case, and a step writes their series too.
+    ``events_with_series`` is 0, or the number of events: then all of these end the case, and a step writes their series
+    too.
     """
 
-    quiet: Address
+    step_signs: Address
     values: Address
     value: Address
     begins: Address
@@ -180,12 +182,12 @@ class EventKernels(NamedTuple):
     directions: IntVector
     last: IntVector
     used: IntVector
-    quick: Address
+    step_bounds: Address
     running: Address
     at: Address
     kinds: IntVector
     read: IntVector
-    followed: int = 0
+    events_with_series: int = 0
 
 
 @once
@@ -198,9 +200,9 @@ def no_events() -> EventKernels:
 class EventWorkspace(NamedTuple):
     """Arrays to watch cases with, and what each lane remembers: signs, what was seen of them, and zeros at the start.
 
-    ``curves`` are the series of what is followed, in the fraction of the step, and ``level`` what rounding of the state
-    made of it where each lane began. ``open`` are 1 for what may change its sign in the present step, else 0; ``rates``
-    belong to its beginning.
+    ``event_series`` are those of the events that have any, in the fraction of the step, and ``start_noise`` what
+    rounding of the state made of them where each lane began. ``may_change`` are 1 for events that may change their sign
+    in the present step, else 0; ``rates`` belong to its beginning.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
     """
@@ -218,9 +220,9 @@ class EventWorkspace(NamedTuple):
     one_point: Matrix
     one_out: Matrix
     setting: Matrix
-    earlier: Matrix
-    over: Matrix
-    quick: Matrix
+    step_begins: Matrix
+    step_signs: Matrix
+    step_bounds: Matrix
     signs: Matrix
     seen: Matrix
     zero: Matrix
@@ -230,15 +232,15 @@ class EventWorkspace(NamedTuple):
     jumped: Matrix
     work: Matrix
     stack: Matrix
-    curves: Matrix
-    level: Matrix
+    event_series: Matrix
+    start_noise: Matrix
     rates: Matrix
-    open: Matrix
+    may_change: Matrix
     powers: Matrix
 
 
 def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
-    """Return room to watch cases of n components and n_c constants, by polynomials of a degree, in so many lanes."""
+    """Return the arrays to watch cases of n components and n_c constants, by polynomials of a degree, in lanes."""
     k, count = max(events.directions.size, events.kinds.size, 1), max(n_c, 1)
     size = max(3 * k, events.given, n + events.checks, 2 * n + 8)
     return EventWorkspace(
@@ -255,9 +257,9 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         one_point=aligned(2, max(n, events.given)),
         one_out=aligned(1, size),
         setting=aligned(1, n_s),
-        earlier=aligned(1, lanes),
-        over=aligned(events.directions.size, lanes),
-        quick=aligned(QUICK * events.kinds.size, lanes),
+        step_begins=aligned(1, lanes),
+        step_signs=aligned(events.directions.size, lanes),
+        step_bounds=aligned(BOUNDS * events.kinds.size, lanes),
         signs=aligned(lanes, k),
         seen=aligned(lanes, k),
         zero=aligned(lanes, k),
@@ -267,10 +269,10 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         jumped=aligned(lanes, 2),
         work=aligned(5, 8),
         stack=aligned(2 * DEEPEST + 4, 3),
-        curves=aligned(max(events.followed, 1), degree),
-        level=aligned(lanes, k),
+        event_series=aligned(max(events.events_with_series, 1), degree),
+        start_noise=aligned(lanes, k),
         rates=aligned(1, k),
-        open=np.ones((1, k)),
+        may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
     )
 

@@ -40,8 +40,8 @@ class Recurrences:
         Values that change along the motion; all others have one coefficient.
     states, rates : tuple
         Names of the components of the state, and the value that is the rate of each.
-    followed : int
-        How many of the states, the last ones, are integrals of what is followed along a step: nothing depends on them,
+    events_with_series : int
+        How many of the states, the last ones, are integrals of events with series: nothing depends on them,
         and they begin at zero in every step.
     controlled : tuple of int
         Which rates of the state depend on what a series may know nothing of: steps look at their defect.
@@ -58,7 +58,7 @@ class Recurrences:
     varying: frozenset[str]
     states: tuple[str, ...]
     rates: tuple[Operand, ...]
-    followed: int = 0
+    events_with_series: int = 0
     controlled: tuple[int, ...] = ()
     poles: tuple[str, ...] = ()
     step_growth_limited: bool = False
@@ -81,10 +81,10 @@ class Recurrences:
         return lines
 
 
-def recurrences(kernel: Kernel, followed: int = 0, *, step_growth_limited: bool = False) -> Recurrences:
+def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limited: bool = False) -> Recurrences:
     """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``.
 
-    The last `followed` outputs are not rates of the state, but what is followed along a step. Steps with a control of
+    The last `events_with_series` outputs are not rates of the state, but events with series. Steps with a control of
     their defect are `step_growth_limited`, and others may be.
     """
     loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
@@ -102,7 +102,7 @@ def recurrences(kernel: Kernel, followed: int = 0, *, step_growth_limited: bool 
             continue
         new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
         items += _without_fixed_terms(line, new, varying)
-    own = len(kernel.outputs) - followed
+    own = len(kernel.outputs) - events_with_series
     looked_at = reached_from(kernel, hidden)
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
@@ -113,7 +113,7 @@ def recurrences(kernel: Kernel, followed: int = 0, *, step_growth_limited: bool 
         frozenset(varying),
         states,
         kernel.outputs,
-        followed,
+        events_with_series,
         controlled,
         poles,
         step_growth_limited or bool(controlled),

@@ -17,7 +17,7 @@ from ..methods.chebyshev import COEFFICIENTS, INTEGRAL, NEGLIGIBLE, POINTS, SLOP
 from .pipelines import STEP_PASSES
 from .runge_kutta import inlined
 
-__all__ = ["StepShape", "followed_kernel", "quiet_kernel", "running_kernel"]
+__all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
 
@@ -36,16 +36,16 @@ class StepShape:
     in_time: bool
 
 
-def quiet_kernel(values: Kernel, shape: StepShape) -> Kernel:
+def step_signs_kernel(values: Kernel, shape: StepShape) -> Kernel:
     """Return the kernel of a step's outputs that gives 1 or -1 for expressions of that sign all over it, 0 for others.
 
     `values` are the expressions, from time, state and constants.
     """
-    return _over_step("quiet", values, shape, lambda lines, row: [_sign(lines, _series(lines, COEFFICIENTS, row))])
+    return _over_step("step_signs", values, shape, lambda lines, row: [_sign(lines, _series(lines, COEFFICIENTS, row))])
 
 
-def followed_kernel(count: int, size: int, degree: int) -> Kernel:
-    """Return the kernel of a step's outputs that `quiet_kernel` would be, from series.
+def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
+    """Return the kernel of a step's outputs that gives what `step_signs_kernel` does, from series of the expressions.
 
     The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
     fractions lie between 0 and 1.
@@ -53,7 +53,7 @@ def followed_kernel(count: int, size: int, degree: int) -> Kernel:
     Parameters
     ----------
     count : int
-        How many expressions are followed.
+        How many expressions have series.
     size : int
         Place of the size of the step among its outputs; behind its check are polynomials, the last of the integrals.
     degree : int
@@ -80,17 +80,17 @@ def followed_kernel(count: int, size: int, degree: int) -> Kernel:
         tail = lines.add(lines.op("abs", terms[-1]), lines.op("abs", terms[-2]))
         least = lines.fma(tail, -TAIL, least)
         outputs.append(lines.op("select", lines.op("less", 0.0, least), sign, 0.0))
-    kernel = Kernel("followed", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
+    kernel = Kernel("series_signs", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
     return STEP_PASSES(kernel)
 
 
-def running_kernel(values: Kernel, shape: StepShape) -> Kernel:
+def step_bounds_kernel(values: Kernel, shape: StepShape) -> Kernel:
     """Return the kernel of a step's outputs that tests expressions for `dalembert.integrators.reductions`.
 
     For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
     ends, and 1 if it is monotone.
     """
-    return _over_step("quick", values, shape, _running)
+    return _over_step("step_bounds", values, shape, _running)
 
 
 def _over_step(

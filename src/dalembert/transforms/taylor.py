@@ -99,7 +99,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
 
 _TURNS = 4.0 * math.pi
 LOW_TERMS = 4
-"""Terms of what is followed that may be the largest: those after which it leaves zero."""
+"""Terms of the series of an event that may be the largest: those after which it leaves zero."""
 _NOTHING, _LESS = 1e-250, 1e-300
 """Sizes that stand for zero, such that what is zero all over a step does not limit it."""
 
@@ -136,7 +136,7 @@ def closing(
     powers = [h]
     while len(powers) < (order - 1).bit_length():
         powers.append(lines.op("mul", powers[-1], powers[-1]))
-    own = len(recurrences.states) - recurrences.followed
+    own = len(recurrences.states) - recurrences.events_with_series
     for state, rate in zip(recurrences.states[:own], rates[:own], strict=True):
         moved = _polynomial(lines, [over(lines, coefficient(rate, k), k + 1, faithful) for k in range(order)], powers)
         new.append(lines.add(state, lines.mul(moved, h)))
@@ -181,7 +181,7 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
     It is the largest component that anything depends on, but at least the floor; quadratures count in the error and
     not in the scale, and an angle counts as two turns at most, however often it has gone round.
     """
-    own = len(recurrences.states) - recurrences.followed
+    own = len(recurrences.states) - recurrences.events_with_series
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
     used |= set(recurrences.rates)
     states = recurrences.states[:own]
@@ -197,15 +197,15 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
 
 def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand:
     """Return the step that the last two coefficients of the state allow, read off those of its rate."""
-    own = len(recurrences.states) - recurrences.followed
-    rates, followed = rates[:own], rates[own:]
+    own = len(recurrences.states) - recurrences.events_with_series
+    rates, event_series = rates[:own], rates[own:]
     size = lines.op("rough_log2", scale)
     steps = []
     for k in (order - 1, order):
         norm = lines.op("rough_log2", _norm(lines, [coefficient(rate, k - 1) for rate in rates], 1e-300))
         gap = lines.op("add", lines.op("sub", size, norm), math.log2(k))
         steps.append(lines.mul(gap, 1.0 / k))
-    steps += [lines.op("min", *_share_of_itself(lines, series, order)) for series in followed]
+    steps += [lines.op("min", *_share_of_itself(lines, series, order)) for series in event_series]
     share = _FLOOR_SHARE if order == _FLOOR_ORDER else _GROWTH
     safety = (-share - 0.7 / (order - 1)) / math.log(2.0)
     shortest = steps[0]

@@ -32,7 +32,7 @@ _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
 class SweepShape:
     """Lanes, components of the state, constants, degree and memory of a step, and how many cases are taken at a time.
 
-    ``dense`` says whether the step writes its polynomials, and ``followed`` how many it writes besides.
+    ``dense`` says whether the step writes its polynomials; it writes the series of so many ``events_with_series`` too.
     """
 
     lanes: int
@@ -42,7 +42,7 @@ class SweepShape:
     memory: int
     share: int
     dense: bool
-    followed: int = 0
+    events_with_series: int = 0
 
 
 def case_run(
@@ -75,7 +75,7 @@ def case_run(
     projected = bool(kernels.position or kernels.velocity)
     inside = np.zeros((k, wanted) if wanted and projected else (0, 0), np.bool_)
     turn, t_eval = np.zeros(1, np.int64), np.ascontiguousarray(cases.t_eval)
-    more = n + shape.followed
+    more = n + shape.events_with_series
     size = more + 2 + shape.memory
     rows = size + (more * (shape.degree + 1) if shape.dense else 0)
     loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop")
@@ -85,7 +85,7 @@ def case_run(
         sizes = n, shape.degree, shape.n_c, n_s, shape.lanes
         return SweepArguments(
             kernels=kernels,
-            shape=CaseShape(n, shape.followed, shape.degree, shape.memory, parameters, given, checks, k, shape.share),
+            shape=CaseShape(n, more - n, shape.degree, shape.memory, parameters, given, checks, k, shape.share),
             limits=np.array([[cases.max_step, float(cases.max_steps), *settings]]),
             columns=columns,
             turn=turn,

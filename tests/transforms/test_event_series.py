@@ -1,16 +1,16 @@
-"""What is followed along a Taylor step: its series, what it does to the step, and the test of its sign."""
+"""Events with series of their own: the series, what they do to a Taylor step, and the test of their signs."""
 
 import numpy as np
 import pytest
 
-from dalembert.integrators.event_series import plain
+from dalembert.integrators.event_series import at_most_one_zero
 from dalembert.integrators.workspace import event_workspace, no_events
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.nonsmooth import nonanalytic_operations
 from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.step_bounds import followed_kernel
+from dalembert.transforms.step_bounds import series_signs_kernel
 from dalembert.transforms.taylor import step_kernel
 
 ORDER = 14
@@ -74,7 +74,7 @@ def test_the_state_moves_as_without():
 
 def test_the_sign_over_a_step_is_never_wrong():
     """Random series: what is said to keep its sign does, and most of those far from zero are said to."""
-    kernel, rng, sure = followed_kernel(1, 3, ORDER), np.random.default_rng(11), 0
+    kernel, rng, sure = series_signs_kernel(1, 3, ORDER), np.random.default_rng(11), 0
     for _ in range(200):
         h = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 2.0)
         terms = rng.normal(size=ORDER) * 0.4 ** np.arange(ORDER) / np.abs(h) ** np.arange(ORDER)
@@ -98,18 +98,20 @@ def test_what_no_series_shows_is_not_followed():
 def test_a_plain_step_has_what_its_ends_say():
     """Random series, some of which leave zero, some of these flatly: no zero inside but the one between other signs."""
     rng, theta, found = np.random.default_rng(5), np.linspace(0, 1, 400)[1:], {True: 0, False: 0}
-    room = event_workspace(no_events()._replace(followed=1, directions=np.ones(1, np.int64)), 1, ORDER, 1, 2, 1)
+    space = event_workspace(
+        no_events()._replace(events_with_series=1, directions=np.ones(1, np.int64)), 1, ORDER, 1, 2, 1
+    )
     for i in range(600):
         terms = rng.normal(size=ORDER) * 0.3 ** np.arange(ORDER)
         fresh = bool(i % 2)
         if fresh:
             terms[: 1 + i % 3 // 2] = 0.0
-        room.curves[0], room.zero[0, 0], room.open[0, 0] = terms, float(fresh), 1.0
-        if not plain(room, 0, fresh):
+        space.event_series[0], space.zero[0, 0], space.may_change[0, 0] = terms, float(fresh), 1.0
+        if not at_most_one_zero(space, 0, fresh):
             continue
         values = np.polynomial.polynomial.polyval(theta, terms)
         signs = np.sign(values[np.abs(values) > 1e-14])
-        first, last = room.values[0, 0], room.values[0, 7]
+        first, last = space.values[0, 0], space.values[0, 7]
         assert last == pytest.approx(values[-1], abs=1e-14)
         changes = np.count_nonzero(np.diff(signs))
         assert changes == (0 if fresh else int(first * last < 0.0))
