@@ -1,6 +1,7 @@
 """What most steps of a sweep need, in vector instructions: against the same in plain Python, lane by lane."""
 
 import ctypes
+import math
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from dalembert.codegen.llvm.advance_lanes import advance_lanes_assembly
 from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.lane_types import native_lanes
+from dalembert.integrators import step_control as control
+from dalembert.methods.status import RUNNING, Status
 
 LARGEST, BUDGET = 2.0, 10.0
 # time, end, next time to record, size of the step, its check, attempts, direction, and whether there is nothing else
@@ -27,9 +30,9 @@ STEPS = {
 }
 
 
-def run(lanes, rows):
+def run(lanes, steps):
     """Return the mask, and clock, tally and settings afterwards, of steps side by side."""
-    now, end, ahead, size, check, attempts, direction, _ = np.array([STEPS[name] for name in rows], dtype=float).T
+    now, end, ahead, size, check, attempts, direction, _ = np.array(steps, dtype=float).T
     clock, step, tally = np.array([now, end, ahead]), np.array([size, check]), np.array([attempts])
     settings, limits = np.array([np.full(lanes, 7.0), direction]), np.array([LARGEST, BUDGET])
     code = load_object(compile_object(advance_lanes_assembly(lanes)))
@@ -42,7 +45,7 @@ def run(lanes, rows):
 @pytest.mark.parametrize("lanes", sorted({1, 2, native_lanes()}))
 def test_lanes_move_on_or_are_left_as_they_are(lanes, name):
     rows = [name, *list(STEPS)[: lanes - 1]]
-    mask, clock, tally, settings = run(lanes, rows)
+    mask, clock, tally, settings = run(lanes, [STEPS[row] for row in rows])
     for lane, row in enumerate(rows):
         now, end, ahead, size, _, attempts, direction, moves = STEPS[row]
         assert bool(mask >> lane & 1) is not moves
@@ -51,3 +54,22 @@ def test_lanes_move_on_or_are_left_as_they_are(lanes, name):
         assert tally[0, lane] == attempts + moves
         assert tuple(settings[:, lane]) == (min(LARGEST, abs(end - then)) if moves else 7.0, direction)
     assert mask >> lanes == 0
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("t", [0.0, 1.0, -3.0])
+def test_lanes_that_move_are_those_that_step_control_accepts(t, direction):
+    """A step of the least size moves, one just below does not: as the functions decide that other lanes go through."""
+    end = direction * 5.0
+    rest = abs(end - t)
+    least = control.smallest_step(t, rest)
+    for size, verdict in ((least, control.ACCEPTED), (math.nextafter(least, 0.0), Status.STEP_TOO_SMALL)):
+        assert control.attempt_verdict(size, False, 0.0, False, t, rest) == verdict
+        mask, clock, tally, settings = run(1, [(t, end, end, size, 0.0, BUDGET - 2.0, direction, True)])
+        assert (mask == 0) == (verdict == control.ACCEPTED)
+        if mask == 0:
+            assert clock[0, 0] == control.end_of_step(t, end, direction, size, rest)
+            assert settings[0, 0] == control.largest_step(clock[0, 0], end, LARGEST)
+            assert control.status_after(size == rest, tally[0, 0], BUDGET) == RUNNING
+    assert run(1, [(t, end, end, 1.0, 0.0, BUDGET - 1.0, direction, True)])[0] == 1
+    assert control.status_after(False, BUDGET, BUDGET) == Status.MAX_STEPS

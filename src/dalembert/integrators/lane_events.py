@@ -6,7 +6,8 @@ import numpy as np
 
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
-from .event_search import BROKEN, NOTHING, begin_signs, resolve, scan, starts, state_at, zeros_at_end
+from .event_resolution import begin_signs, resolve, starts, zeros_at_end
+from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .projection import FAILED, NONE, WANTED, correct
 from .step_control import largest_step, status_after

@@ -49,7 +49,6 @@ def accumulate(
     """Return a minimum, maximum or integral with a step up to a fraction of it, whose series are in place."""
     sign = 1.0 if kind == MAXIMUM else -1.0
     best = sign * total
-    work = space.work
     space.stack[0, 0], space.stack[0, 1], space.stack[0, 2] = 0.0, till, 0.0
     height, budget = 1, BUDGET
     deep, deepest = (DEEP_IN_MEAN, SHALLOW) if kind == MEAN else (DEEP, DEEPEST)
@@ -61,42 +60,73 @@ def accumulate(
             deepest = COARSE
         sample(events.running, events.read, space, many, t, h, low, high - low)
         transformed(SERIES, space, e, 0)
-        varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
-        for k in range(1, 8):
-            varies += abs(work[0, k])
         if kind == MEAN:
-            size, before = varies + abs(work[0, 0]), abs(work[0, 4]) + abs(work[0, 5])
-            smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
-            if smooth or depth >= deepest or not math.isfinite(tail):
-                mean = 0.0
-                for k in range(8):
-                    mean = fma(_INTEGRAL[k], work[0, k], mean)
+            settled, mean = _mean_of_piece(space.work, depth >= deepest)
+            if settled:
                 total += (high - low) * h * mean
-                continue
         else:
-            for j in range(8):
-                if not math.isfinite(space.values[e, j]):
-                    return math.nan
-                best = max(best, sign * space.values[e, j])
-            if sign * work[0, 0] + varies + TAIL * tail <= best or depth >= deepest:
-                continue
-            transformed(SLOPE_SERIES, space, e, 1)
-            transformed(_BENDS, space, e, 2)
-            falls, turns = 0.0, 0.0
-            for k in range(1, 8):
-                falls += abs(work[1, k])
-                turns += abs(work[2, k])
-            if abs(work[1, 0]) > falls + SLOPE_TAIL * tail:
-                continue
-            if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
-                if sign * work[2, 0] < 0.0:
-                    theta = low + (high - low) * _turning(work, sign)
-                    best = max(best, sign * output_at(events.at, events.read, space, 1, one, t, h, theta, e))
-                continue
-            if varies + TAIL * tail <= FLAT * abs(best):
-                continue
-        height = push_halves(space, height, low, high, depth)
+            settled, best = _largest_in_piece(events, space, one, t, h, low, high, e, sign, best, depth >= deepest)
+            if math.isnan(best):
+                return best
+        if not settled:
+            height = push_halves(space, height, low, high, depth)
     return total if kind == MEAN else sign * best
+
+
+@compiled_subset
+def _mean_of_piece(work: FloatArray, last: bool) -> tuple[bool, float]:
+    """Return whether the series in ``work`` gives the mean over a piece, or the piece is the last, and the mean."""
+    mean, varies, tail = 0.0, 0.0, abs(work[0, 6]) + abs(work[0, 7])
+    for k in range(1, 8):
+        varies += abs(work[0, k])
+    size, before = varies + abs(work[0, 0]), abs(work[0, 4]) + abs(work[0, 5])
+    smooth = tail * tail <= SMOOTH * size * before or tail <= NEGLIGIBLE * size
+    if not (smooth or last or not math.isfinite(tail)):
+        return False, 0.0
+    for k in range(8):
+        mean = fma(_INTEGRAL[k], work[0, k], mean)
+    return True, mean
+
+
+@compiled_subset
+def _largest_in_piece(
+    events: EventKernels,
+    space: EventWorkspace,
+    one: int,
+    t: float,
+    h: float,
+    low: float,
+    high: float,
+    e: int,
+    sign: float,
+    best: float,
+    last: bool,
+) -> tuple[bool, float]:
+    """Return whether a piece holds no larger value of sign times an expression than the one returned, NaN for NaN."""
+    work = space.work
+    for j in range(8):
+        if not math.isfinite(space.values[e, j]):
+            return True, math.nan
+        best = max(best, sign * space.values[e, j])
+    varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
+    for k in range(1, 8):
+        varies += abs(work[0, k])
+    if sign * work[0, 0] + varies + TAIL * tail <= best or last:
+        return True, best
+    transformed(SLOPE_SERIES, space, e, 1)
+    transformed(_BENDS, space, e, 2)
+    falls, turns = 0.0, 0.0
+    for k in range(1, 8):
+        falls += abs(work[1, k])
+        turns += abs(work[2, k])
+    if abs(work[1, 0]) > falls + SLOPE_TAIL * tail:
+        return True, best
+    if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
+        if sign * work[2, 0] < 0.0:
+            theta = low + (high - low) * _turning(work, sign)
+            best = max(best, sign * output_at(events.at, events.read, space, 1, one, t, h, theta, e))
+        return True, best
+    return varies + TAIL * tail <= FLAT * abs(best), best
 
 
 @compiled_subset

@@ -1,0 +1,158 @@
+"""What follows an event of a case of a sweep: other events there, jumps, the status, and signs to go on from."""
+
+from __future__ import annotations
+
+import math
+
+from ..arrays import FloatArray
+from ..methods.event_constants import RESIDUAL, TOGETHER
+from ..methods.status import RUNNING, Status
+from .compiled_subset import call_code, compiled_subset, row
+from .event_rules import accumulates, change_counts, start_sign, too_soon
+from .event_search import count_occurrence, occur
+from .event_series import happens_alone
+from .workspace import EventKernels, EventWorkspace
+
+__all__ = ["begin_signs", "resolve", "starts", "zeros_at_end"]
+
+
+@compiled_subset
+def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
+    """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
+    space.one_clock[0, 0] = t
+    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+    for e in range(events.directions.size):
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
+        sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, events.directions[e])
+        space.start_noise[lane, e] = noise if math.isfinite(noise) else 0.0
+        space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
+
+
+@compiled_subset
+def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, one: int) -> None:
+    """Begin a case in a lane, its state being in the first row of ``one_point``."""
+    space.jumped[lane, 0], space.jumped[lane, 1] = math.nan, 0.0
+    for e in range(events.directions.size):
+        space.residual[0, e] = 0.0
+    begin_signs(events, space, lane, t, direction, one)
+
+
+@compiled_subset
+def zeros_at_end(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
+) -> bool:
+    """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`."""
+    count = 0
+    for e in range(events.directions.size):
+        space.residual[0, e] = space.happens[0, e] = 0.0
+        space.ends[0, e] = space.signs[lane, e]
+    begin_signs(events, space, lane, t, direction, one)
+    for e in range(events.directions.size):
+        if space.zero[lane, e] != 0.0 and space.signs[lane, e] * space.ends[0, e] < 0.0:
+            space.found[count, 0], space.found[count, 1] = 0.0, e
+            count += 1
+            space.seen[lane, e] = 1.0
+    return occur(events, space, lane, count, t, 0.0, happened, case) >= 0.0
+
+
+@compiled_subset
+def resolve(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    n: int,
+    t: float,
+    direction: float,
+    span: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
+    theta: float,
+) -> int:
+    """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
+
+    `theta` is the fraction of the step where that is, 1 or more at its end.
+
+    Returns the status that it gives the case, `RUNNING` where that goes on.
+    """
+    if events.events_with_series > 0 and theta < 1.0 and happens_alone(events, space, theta):
+        return Status.EVENT
+    space.one_clock[0, 0] = t
+    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+    _count_together(events, space, lane, t, direction, happened, case)
+    ended, jumps, seen = False, False, True
+    for e in range(events.directions.size):
+        here = space.happens[0, e] > 0.0
+        space.residual[0, e] = RESIDUAL * abs(space.one_out[0, 3 * e]) if here else 0.0
+        ended = ended or space.happens[0, e] == 2.0
+        jumps = jumps or (here and events.jumps[e] != 0)
+        seen = seen and (not here or space.seen[lane, e] != 0.0)
+    for e in range(events.directions.size):
+        if space.happens[0, e] > 0.0 and events.jumps[e] != 0 and not _jump(events, space, n, e, one):
+            return Status.EVENT_STATE
+    if ended:
+        return Status.EVENT
+    return _status_after_jump(space, lane, t, span, seen) if jumps else RUNNING
+
+
+@compiled_subset
+def _count_together(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    happened: FloatArray,
+    case: int,
+) -> None:
+    """Count what is zero to rounding where something happens, and about to change its sign, as happening there too."""
+    for e in range(events.directions.size):
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
+        crosses = space.signs[lane, e] * rate * direction < 0.0
+        if crosses and space.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
+            if change_counts(events.directions[e], -space.signs[lane, e]):
+                count_occurrence(events, space, e, t, happened, case)
+                space.seen[lane, e] = 1.0
+
+
+@compiled_subset
+def _jump(events: EventKernels, space: EventWorkspace, n: int, e: int, one: int) -> bool:
+    """Apply the jump of an event to the state in ``one_point``; return whether the constraints allow it."""
+    clock, before, after = row(space.one_clock, 0), row(space.one_point, 0), row(space.one_point, 1)
+    call_code(events.jumps[e], clock, before, one, 0, after)
+    call_code(events.start, clock, after, one, 0, row(space.one_out, 0))
+    total = 0.0
+    for m in range(n + events.checks):
+        total += 0.0 * space.one_out[0, m]
+    for m in range(n, n + events.checks, 2):
+        total = total if abs(space.one_out[0, m]) <= space.one_out[0, m + 1] else math.nan
+    if total != 0.0:
+        return False
+    for m in range(n):
+        space.one_point[0, m] = space.one_out[0, m]
+    return True
+
+
+@compiled_subset
+def _status_after_jump(space: EventWorkspace, lane: int, t: float, span: float, seen: bool) -> int:
+    """Return the status of a lane whose state has jumped, from the jumps before."""
+    gap, space.jumped[lane, 0] = abs(t - space.jumped[lane, 0]), t
+    if math.isnan(gap):
+        return RUNNING
+    space.jumped[lane, 1] = too_soon(gap, span, space.jumped[lane, 1])
+    return Status.EVENTS_ACCUMULATE if accumulates(gap, t, span, seen, space.jumped[lane, 1]) else RUNNING
