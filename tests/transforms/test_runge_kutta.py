@@ -1,0 +1,91 @@
+"""Generated attempts of Runge-Kutta steps: they accept, reject and propose as the functions of step control do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from codegen.programs import oscillator
+from dalembert.integrators import step_control as control
+from dalembert.integrators.explicit_stages import error_norm
+from dalembert.integrators.packed_tableaus import packed_tableau
+from dalembert.ir.interpret import interpret
+from dalembert.methods.status import Status
+from dalembert.methods.step_constants import LARGEST_GROWTH, REDUCTION_BLIND, SMALLEST_PREVIOUS
+from dalembert.methods.tableaus import TABLEAUS
+from dalembert.transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT, attempt_kernel
+
+N, RHS = 2, oscillator().kernel("rhs")
+Y, C = np.array([0.7, -0.4]), [0.3, 2.0, 4.0]
+RTOL, ATOL = 1e-6, 1e-8
+PAIRS = [tableau for tableau in TABLEAUS if tableau.name in ("dop853", "tsit5")]
+named = pytest.mark.parametrize("tableau", PAIRS, ids=lambda tableau: tableau.name)
+
+
+def attempt(tableau, proposed, *, t=0.5, largest=10.0, previous=1.0, growth=LARGEST_GROWTH, y=Y, c=C):
+    """Return the outputs of an attempt: state, size, check, and what is remembered."""
+    kernel = attempt_kernel(RHS, tableau, dense=False, carried=False)
+    memory = [0.0, 0.0, proposed, math.log2(previous), growth]
+    return np.array(interpret(kernel, {"t": t, "y": [*y, *memory], "c": c, "s": [largest, 1.0, RTOL, ATOL]}))
+
+
+def error_of(tableau, h, t=0.5):
+    """Return the error norm of a step, as single runs have it."""
+    packed = packed_tableau(tableau)
+    work, slopes = np.zeros((packed.first + packed.total, N)), np.zeros((packed.total, N))
+    work[0] = Y
+    for i in range(tableau.end + 1):
+        point = Y + h * tableau.A[i] @ slopes
+        slopes[i] = interpret(RHS, {"t": t + tableau.c[i] * h, "y": point, "c": C})
+    work[1] = Y + h * tableau.A[tableau.end] @ slopes
+    work[packed.first :] = slopes
+    return float(error_norm(packed, h, work, 0, 1, RTOL, ATOL, N))
+
+
+@named
+@pytest.mark.parametrize("previous", [SMALLEST_PREVIOUS, 1.0])
+@pytest.mark.parametrize("retried", [False, True])
+def test_attempts_decide_as_step_control_does(tableau, previous, retried):
+    seen, exponent = set(), 1.0 / (tableau.error_order + 1)
+    for h in np.geomspace(0.02, 2.0, 25):
+        error = error_of(tableau, h)
+        verdict = control.error_verdict(error)
+        found = attempt(tableau, h, previous=previous, growth=control.growth_limit(retried))
+        seen.add(verdict)
+        factor = control.reduction(verdict, error, exponent)
+        if verdict == control.ACCEPTED:
+            factor = control.growth(error, previous, retried, exponent)
+        assert found[N] == (h if verdict == control.ACCEPTED else 0.0)
+        assert found[N + 1] == 0.0
+        assert found[N + PROPOSAL_AT] == pytest.approx(factor * h, rel=2e-3)
+        assert found[N + GROWTH_AT] == control.growth_limit(verdict != control.ACCEPTED)
+        assert np.array_equal(found[:N], Y) == (verdict != control.ACCEPTED)
+        kept = max(error, SMALLEST_PREVIOUS) if verdict == control.ACCEPTED else previous
+        assert 2.0 ** found[N + PROPOSAL_AT + 1] == pytest.approx(kept, rel=2e-3)
+    assert seen == {control.ACCEPTED, Status.STEP_TOO_SMALL}
+
+
+@named
+@pytest.mark.parametrize(
+    ("proposed", "t", "rest"),
+    [
+        (0.01, 0.5, 10.0),
+        (0.01, 0.5, 0.002),
+        (0.01 * (1.0 - 0.9e-9), 0.5, 0.01),
+        (0.01 * (1.0 - 1.1e-9), 0.5, 0.01),
+        (1e-30, 4.0, 10.0),
+        (1e-30, 0.0, 10.0),
+    ],
+)
+def test_the_size_of_an_attempt_is_that_of_the_next_step(tableau, proposed, t, rest):
+    size, _ = control.next_step(proposed, t, t + rest, math.inf)
+    found = attempt(tableau, proposed, t=t, largest=abs(t + rest - t))
+    assert found[N] == size
+
+
+@named
+def test_an_attempt_that_is_not_finite_is_repeated_blindly(tableau):
+    found = attempt(tableau, 0.25, c=[math.nan, 2.0, 4.0])
+    assert (found[N], found[N + PROPOSAL_AT]) == (0.0, REDUCTION_BLIND * 0.25)
+    assert found[N + 1] != 0.0
+    assert control.attempt_verdict(0.0, True, found[N + PROPOSAL_AT], True, 0.5, 1.0) == control.REJECTED
