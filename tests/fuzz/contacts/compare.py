@@ -9,7 +9,7 @@ import numpy as np
 
 from dalembert.methods.status import Status
 from fuzz.contacts.families import Case, drawn
-from fuzz.contacts.invariants import merged, violations
+from fuzz.contacts.invariants import TOLERANCE, merged, violations
 from fuzz.contacts.moreau_jean import Array, integrated
 from fuzz.contacts.scenes import compiled, setting
 from fuzz.contacts.uniqueness import motions
@@ -69,8 +69,9 @@ def examine(case: Case) -> Report:
         report.wrong(f"statuses at three tolerances: {statuses}")
     if not run.success:
         _refusal(report, case.scene, p, run)
-    for text in violations(which, p, run):
-        report.wrong(text)
+    for rtol, each in zip(RTOL, runs, strict=True):
+        for text in violations(which, p, each, max(TOLERANCE, 100.0 * rtol)):
+            report.wrong(f"{text}, rtol {rtol:g}")
     if run.success:
         _states(report, run, (which.system, p, q, v, case.span))
         _agreement(report, model, case, parameters, runs)
@@ -138,8 +139,9 @@ def _agreement(report: Report, model: Any, case: Case, parameters: dict[str, flo
     """Compare phases at three tolerances, and a sweep with the single run."""
     modes = [merged(run) for run in runs]
     lasting = [merged(run, BRIEF) for run in runs]
-    report.tie = not modes[0] == modes[1] == modes[2]
-    if not lasting[0] == lasting[1] == lasting[2]:
+    same = lasting[0] == lasting[1] == lasting[2]
+    report.tie = same and not modes[0] == modes[1] == modes[2]
+    if not same:
         text = "; ".join(f"{len(m)} at {rtol:g}" for m, rtol in zip(modes, RTOL, strict=True))
         first = next((i for i, m in enumerate(zip(*modes, strict=False)) if len(set(m)) > 1), min(map(len, modes)))
         report.wrong(f"phases: {text}, first in phase {first}")
