@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..interrupts import check
 from ..methods.status import RUNNING, Status
-from ..methods.step_constants import SMALLEST_SCALE
+from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
 from .packed_tableaus import POINT
@@ -22,8 +22,6 @@ from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
 
 __all__ = [
-    "FIRST_BLOCK",
-    "LARGEST_BLOCK",
     "Progress",
     "Run",
     "Settings",
@@ -41,9 +39,6 @@ __all__ = [
     "solution",
     "status_of",
 ]
-
-FIRST_BLOCK, LARGEST_BLOCK = 64, 8192
-"""Steps of the first block of a run, and at most; each block may hold twice as many as the one before."""
 
 
 class Settings(NamedTuple):

@@ -12,10 +12,10 @@ import numpy as np
 from ..arrays import FloatArray
 from ..interrupts import check
 from ..methods.status import RUNNING, Status
+from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..transforms.taylor import scale_floor
 from .arguments import address_of, pack, place_of
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
-from .recorded_runs import FIRST_BLOCK, LARGEST_BLOCK
 from .taylor_loop import TaylorArguments, TaylorProgress
 
 __all__ = ["StepCode", "integrate"]

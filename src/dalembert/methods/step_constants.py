@@ -75,3 +75,6 @@ QUADRATIC_CHANGE = 1e-8
 
 LINEAR_CHANGE = 1e-4
 """Relative change that the last correction allowed may still make."""
+
+FIRST_BLOCK, LARGEST_BLOCK = 64, 8192
+"""Steps of the first block of a recorded run, and at most; each block may hold twice as many as the one before."""
