@@ -18,6 +18,8 @@ from typing import Any, TypeVar, final
 from .codegen import backend_named
 from .codegen.base import Engine, RenderedModule
 from .errors import EnergyWarning, warn_caller
+from .hybrid.automaton import HybridAutomaton
+from .hybrid.modes import Mode, always, mode_equations
 from .ir.program import Program
 from .lowering.programs import lower
 from .mechanics.copying import copied
@@ -27,7 +29,6 @@ from .once import deriving
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
 from .reduction.keeping import keeping
-from .reduction.modes import Mode, always, in_mode
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
@@ -107,12 +108,12 @@ class Compiled:
 class SeveralModes:
     """A scene whose contacts have several modes, each of which is compiled when it is first needed.
 
-    `equations` are a copy of those of the derivation.
+    The automaton has a copy of the equations of the derivation.
     """
 
     scene: Scene
     options: CompileOptions
-    equations: EquationsOfMotion
+    automaton: HybridAutomaton
     derivation: Derivation
 
 
@@ -147,7 +148,7 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
     if contacts:
         mode = always(contacts)
         if mode is None:
-            return SeveralModes(scene, options, copied(derivation.equations), derivation)
+            return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
     return compile_equations(derivation, options, mode, seconds=derivation.seconds)
 
 
@@ -198,8 +199,8 @@ def compile_equations(
     equations = watch("copy", lambda: copied(derivation.equations))
     if mode is not None:
         single, whole = mode, equations
-        equations = watch("mode", lambda: in_mode(whole, single))
-        names += [point.output for point in equations.watchpoints]
+        equations = watch("mode", lambda: mode_equations(whole, single))
+        names += [point.output for point in equations.guards]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     if kept:
         unprojected = reduced

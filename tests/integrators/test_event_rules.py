@@ -50,8 +50,10 @@ def test_a_start_is_zero_up_to_noise_residual_and_rounding_of_the_time(noise, re
 
 
 @pytest.mark.parametrize("direction", [2, -2])
-def test_an_event_that_leaves_zero_by_construction_has_the_other_sign(direction):
-    assert rules.start_sign(1.0, 1.0, 0.0, 0.0, 0.0, 1.0, direction) == (-0.5 * direction, True)
+def test_an_armed_event_has_not_occurred_where_the_motion_begins(direction):
+    before = -0.5 * direction
+    for value, zero in ((before, False), (0.0, True), (before * 1e-20, True), (-before * 1e-20, True), (-before, True)):
+        assert rules.start_sign(value, 1.0, 1e-15, 0.0, 0.0, 1.0, direction) == (before, zero)
 
 
 def test_changes_count_by_direction():

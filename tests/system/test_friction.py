@@ -13,9 +13,9 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import carrying
-from dalembert.runtime.hybrid import running as hybrid_running
-from dalembert.runtime.hybrid import sweeping as hybrid_sweeping
+from dalembert.runtime.hybrid import phases
+from dalembert.runtime.hybrid import simulate as hybrid_simulate
+from dalembert.runtime.hybrid import sweep as hybrid_sweep
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
 from oracles.friction_rod import Rod
@@ -316,9 +316,9 @@ def test_a_run_seen_ahead_is_the_one_that_watches_for_its_events(monkeypatch):
         return model.simulate((0, 6), at_angle(0.5), p, rtol=1e-11, atol=1e-13, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_running.Lookout, "look", lambda *arguments: None)
+        patched.setattr(hybrid_simulate.PhasePreview, "preview", lambda *arguments: None)
         expected = simulated()
-    monkeypatch.setattr(hybrid_running._Run, "_phase", None)
+    monkeypatch.setattr(hybrid_simulate._Run, "_phase", None)
     run = simulated()
     assert modes(run) == modes(expected)
     np.testing.assert_allclose(begins(run), begins(expected), rtol=0, atol=1e-10)
@@ -353,11 +353,11 @@ def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypa
         return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_sweeping.Carrier, "carry", lambda self, some: False)
+        patched.setattr(hybrid_sweep.PhaseExecutor, "run", lambda self, some: False)
         expected, sampled = swept(), swept(**many)
-    monkeypatch.setattr(hybrid_sweeping._Sweep, "_round", None)
+    monkeypatch.setattr(hybrid_sweep._Sweep, "_round", None)
     found = [swept(threads=threads) for threads in (1, 2)]
-    monkeypatch.setattr(carrying, "_MOST_TOGETHER", 3)
+    monkeypatch.setattr(phases, "_MOST_TOGETHER", 3)
     for run in (*found, swept(threads=2), swept(progress=True)):
         for name in ("theta", "x_dot"):
             np.testing.assert_array_equal(run.final[name], expected.final[name])
@@ -384,8 +384,8 @@ def test_an_interrupt_ends_a_sweep(monkeypatch):
 
     model, p = plate_model(FORCE), {**PLATE, "mu": np.linspace(0.7, 0.95, 200)}
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_sweeping, "_BETWEEN_LOOKS", 20)
-        patched.setattr(hybrid_sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
+        patched.setattr(hybrid_sweep, "_BETWEEN_LOOKS", 20)
+        patched.setattr(hybrid_sweep, "meter", lambda total, wanted: contextlib.nullcontext(press))
         broken = model.sweep((0, 5), at_angle(0.5), p, progress=True)
     assert {Status(s) for s in broken.status} >= {Status.INTERRUPTED}
     assert model.sweep((0, 5), at_angle(0.5), p).success.all()

@@ -23,7 +23,7 @@ from .projected_states import projected
 from .reductions import running_values
 from .segments import Constants, Segments, constants_at
 
-__all__ = ["Event", "EventCode", "event_list", "leaving", "suspected"]
+__all__ = ["Event", "EventCode", "armed", "event_list", "suspected"]
 
 
 SUSPECT = -100.0
@@ -93,10 +93,11 @@ class Event:
         return str(self.expression) if self.name is None else self.name
 
 
-def leaving(event: Event) -> Event:
-    """Return a directed event whose expression is zero where the motion begins, and leaves it against its direction.
+def armed(event: Event) -> Event:
+    """Return a directed event that has not occurred where the motion begins, even if its expression is zero there.
 
-    So it is known by construction; no rounding decides on which side it begins. Its direction counts twice.
+    So no rounding decides on which side it begins: if the expression does not leave zero against the direction, the
+    event occurs at once. Its direction counts twice.
     """
     marked = replace(event)
     object.__setattr__(marked, "direction", 2 * event.direction)

@@ -19,6 +19,14 @@ __all__ = ["begin_signs", "resolve", "starts", "zeros_at_end"]
 @compiled_subset
 def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
     """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
+    _take_signs(events, space, lane, t, direction, c, True)
+
+
+@compiled_subset
+def _take_signs(
+    events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int, armed: bool
+) -> None:
+    """Take down the signs that expressions have or are about to have; those of armed events where they are ``armed``."""
     space.one_clock[0, 0] = t
     call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
     for e in range(events.directions.size):
@@ -27,7 +35,8 @@ def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float
             space.one_out[0, 3 * e + 1],
             space.one_out[0, 3 * e + 2],
         )
-        sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, events.directions[e])
+        rule = events.directions[e] if armed else 0
+        sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, rule)
         space.start_noise[lane, e] = noise if math.isfinite(noise) else 0.0
         space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
 
@@ -57,7 +66,7 @@ def zeros_at_end(
     for e in range(events.directions.size):
         space.residual[0, e] = space.happens[0, e] = 0.0
         space.ends[0, e] = space.signs[lane, e]
-    begin_signs(events, space, lane, t, direction, one)
+    _take_signs(events, space, lane, t, direction, one, False)
     for e in range(events.directions.size):
         if space.zero[lane, e] != 0.0 and space.signs[lane, e] * space.ends[0, e] < 0.0:
             space.found[count, 0], space.found[count, 1] = 0.0, e

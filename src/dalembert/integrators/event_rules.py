@@ -34,13 +34,15 @@ def start_sign(
 
     One that is zero takes the sign of its rate at once. What rounding leaves of a zero is what it makes of the state
     (``noise``) and of the time, and what was left when the zero was found, if the motion goes on from one
-    (``residual``). ``forward`` is the direction of time. A ``direction`` of 2 or -2 says that the expression leaves
-    zero against it (`dalembert.integrators.event_code.leaving`).
+    (``residual``). ``forward`` is the direction of time. A ``direction`` of 2 or -2 says that the event is armed
+    (`dalembert.integrators.event_code.armed`): its expression has not changed its sign yet, even if it is zero or past
+    it, and then counts as zero.
     """
-    if abs(direction) > 1:
-        return -0.5 * direction, True
     level = noise + RESOLUTION * abs(t) * abs(rate)
     zero = abs(value) <= (level if math.isfinite(level) else 0.0) + residual
+    if abs(direction) > 1:
+        side = -0.5 * direction
+        return side, zero or not side * value > 0.0
     deciding = rate * forward if zero else value
     return sign_beyond(deciding, 0.0), zero
 

@@ -31,7 +31,8 @@ Jump = Callable[[float, FloatArray], FloatArray | None]
 class Rule:
     """The rule of an event: the sign changes that count, the occurrence that ends the run (0: none), and the jump.
 
-    A direction of 2 or -2 says that the expression is zero where the motion begins, and leaves it the other way.
+    A direction of 2 or -2 says that the event is armed: an expression that is zero where the motion begins, or already
+    beyond it, counts as not having changed its sign yet. If it does not go back, the event occurs at once.
 
     The jump gives the state after it from time and state, or None where the constraints do not allow it.
     """
@@ -133,7 +134,7 @@ class _Run:
         self.residual = np.zeros(len(watched.rules))
         self.began = self.t
         self._directions = np.array([rule.direction for rule in watched.rules])
-        self._leaves = np.abs(self._directions) > 1
+        self._armed = np.abs(self._directions) > 1
 
     def solution(self) -> tuple[Solution, list[Occurrence]]:
         """Run to the end and collect what was recorded."""
@@ -175,14 +176,16 @@ class _Run:
         """Take down the state and the signs from which the motion begins, or goes on after a jump."""
         self._record(np.array([self.t]), self.y)
         self.began = self.t
-        self.signs, self.zero = self._signs(self.t, self.y, self.residual)
+        self.signs, self.zero = self._signs(self.t, self.y, self.residual, armed=True)
         self.seen = np.zeros(len(self.counts), np.bool_)
 
-    def _signs(self, t: float, y: FloatArray, residual: FloatArray) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    def _signs(
+        self, t: float, y: FloatArray, residual: FloatArray, *, armed: bool
+    ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
         """Return the sign that each expression has, or takes at once where it is zero, and where it is."""
         rows = zip(self.watched.begins(t, y).tolist(), residual.tolist(), self.watched.rules, strict=True)
         found = [
-            start_sign(value, rate, noise, left, t, self.forward, rule.direction)
+            start_sign(value, rate, noise, left, t, self.forward, rule.direction if armed else 0)
             for (value, rate, noise), left, rule in rows
         ]
         return np.array([sign for sign, _ in found], np.int8), np.array([zero for _, zero in found], np.bool_)
@@ -236,7 +239,7 @@ class _Run:
         least = TIME_NOISE * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
         slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
-        cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._leaves, self.signs, 0.0))
+        cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._armed, self.signs, 0.0))
         if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
@@ -354,7 +357,7 @@ class _Run:
         """Look for events at the very end, where an expression may be zero without having changed its sign."""
         if status is not Status.SUCCESS or self.span == 0.0:
             return status
-        signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)))
+        signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)), armed=False)
         found = (Crossing(int(i), 0, 1.0, int(signs[i]), True) for i in np.flatnonzero((signs * self.signs < 0) & zero))
         ended, outcome = self._occur(found, lambda crossing: (self.t, self.y), None)
         return outcome if ended else status

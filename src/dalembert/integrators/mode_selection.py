@@ -1,71 +1,502 @@
-"""How a case with contacts goes on, by the verdict of a kernel: see `dalembert.runtime.hybrid.deciding.judge`."""
+"""Mode selection: the mode of the contacts that contradicts no law of contact.
+
+Every combination of what contacts may do is tried. Closed contacts push and do not pull, open ones do not approach,
+what sticks needs no more friction than there is, and friction opposes the slip that it lets begin. After an impact the
+same holds of impulses and of rates. Where no combination is left, or one with a contact open and one with it closed,
+the laws have no solution or several.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from .compiled_subset import compiled_subset
-from .phase_tables import Bench, Fleet, Plan
+import numpy as np
 
-__all__ = ["NOISE", "REGULAR", "ROUNDING", "chosen", "go_on", "pose"]
+from ..methods.status import Status
+from .arguments import IntMatrix, IntVector, Matrix, Vector
+from .compiled_subset import compiled_subset, sqrt
+from .contact_system import (
+    CLOSED,
+    MU,
+    MU_STATIC,
+    OPEN,
+    REGULARIZATION,
+    SLIP,
+    SMOOTH,
+    STICK,
+    ContactSpace,
+    ContactTable,
+    number,
+    row_size,
+    solve_mode,
+    velocity,
+)
+from .slip_direction import steady_directions, uneven
 
-NOISE = 1e-8
-"""Share of a velocity, or of a position, below which it counts as zero."""
+__all__ = [
+    "FREE",
+    "GRIPPED",
+    "LIFTING",
+    "ROUNDING",
+    "SLIDING",
+    "TOUCHING",
+    "Candidates",
+    "candidates_space",
+    "select_mode",
+]
+
+FREE, LIFTING, TOUCHING, GRIPPED, SLIDING = 0, 1, 2, 3, 4
+"""What is known of a contact: open; its normal reaction has just vanished; closed without a law of sliding; closed
+with a slip velocity of zero; closed with a slip velocity."""
 
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
 
-REGULAR = 1e-6
-"""Share of its diagonal entry that a pivot must have, so that a decision by kernels is trusted."""
+_GRAZING = 1e-6
+"""Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
+
+_TOGETHER = 1e-9
+"""Share to which the slips of two contacts may differ from being multiples of each other."""
+
+_MOST_OPTIONS = 8
+_SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
+_IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
+
+
+class Candidates(NamedTuple):
+    """Working memory of mode selection, with one entry for each contact where nothing else is said.
+
+    Attributes
+    ----------
+    kind : (n_contacts,)
+        What is known of each contact: FREE, LIFTING, TOUCHING, GRIPPED or SLIDING.
+    broken : (n_contacts,)
+        Where friction has just failed to hold it: the direction of slip along a line, 2 in a plane; else 0.
+    struck : (n_contacts,)
+        1 where it is being struck: it is closed during the impact, if that contradicts nothing.
+    slides : (n_contacts,)
+        1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
+    turned : (n_contacts,)
+        1 where its normal reaction has just changed its sign, so that rounding decides about it.
+    given_along, given_sides : (n_contacts, 2), (n_contacts,)
+        Directions of the slip velocities, or the former ones where there is none; former signs of normal reactions.
+    base_sides : (n_contacts,)
+        Signs to which those of the options are relative.
+    options, option_count, choice : (n_contacts, 24), (n_contacts,), (n_contacts,)
+        State, side and direction of each option; their number; the number of the option in the combination.
+    mode, sides, along, begins
+        The combination, and 1 where slip in a plane begins in it.
+    best_mode, best_sides, best_along, best_motion, clear_mode, clear_sides
+        The combination that is taken, and the first that holds beyond rounding.
+    shared : (n_contacts,)
+        1 where another contact helps to hold it.
+    """
+
+    kind: IntVector
+    broken: IntVector
+    struck: IntVector
+    slides: IntVector
+    turned: IntVector
+    given_along: Matrix
+    given_sides: Vector
+    base_sides: Vector
+    options: IntMatrix
+    option_count: IntVector
+    choice: IntVector
+    mode: IntVector
+    sides: Vector
+    along: Matrix
+    begins: IntVector
+    best_mode: IntVector
+    best_sides: Vector
+    best_along: Matrix
+    best_motion: Vector
+    motion: Vector
+    clear_mode: IntVector
+    clear_sides: Vector
+    shared: IntVector
+    other_mode: IntVector
+    other_along: Matrix
+
+
+def candidates_space(table: ContactTable) -> Candidates:
+    """Return working memory for the contacts of a scene."""
+    k, n = len(table.constraint), table.coordinates
+
+    def whole() -> np.ndarray:
+        return np.zeros(k, np.int64)
+
+    return Candidates(
+        kind=whole(),
+        broken=whole(),
+        struck=whole(),
+        slides=whole(),
+        turned=whole(),
+        given_along=np.zeros((k, 2)),
+        given_sides=np.ones(k),
+        base_sides=np.ones(k),
+        options=np.zeros((k, 3 * _MOST_OPTIONS), np.int64),
+        option_count=whole(),
+        choice=whole(),
+        mode=whole(),
+        sides=np.zeros(k),
+        along=np.zeros((k, 2)),
+        begins=whole(),
+        best_mode=whole(),
+        best_sides=np.zeros(k),
+        best_along=np.zeros((k, 2)),
+        best_motion=np.zeros(n),
+        motion=np.zeros(n),
+        clear_mode=whole(),
+        clear_sides=np.zeros(k),
+        shared=whole(),
+        other_mode=whole(),
+        other_along=np.zeros((k, 2)),
+    )
+
+
+# -- combinations ------------------------------------------------------------------------------
 
 
 @compiled_subset
-def pose(plan: Plan, fleet: Fleet, bench: Bench, rule: int, i: int, lane: int) -> None:
-    """Write the directions of a case, those of its slip velocities where it has any, and its sides behind its state."""
-    n, k = fleet.x.shape[1], fleet.sides.shape[1]
-    for m in range(k):
-        slip, way = bench.slips[m, lane], fleet.directions[i, 2 * m]
-        if slip > 0.0:
-            way = 1.0
-        if slip < 0.0:
-            way = -1.0
-        bench.posed[n + m, lane] = way
-        bench.posed[n + k + m, lane] = fleet.sides[i, m] if plan.rules.known[rule] != 0 else 1.0
+def _side(pick: Candidates, i: int) -> int:
+    """Return the side on which a contact is pushed, relative to that just before."""
+    return -1 if pick.turned[i] != 0 else 1
 
 
 @compiled_subset
-def chosen(plan: Plan, bench: Bench, rule: int, lane: int) -> int:
-    """Return the first attempt of a rule that contradicts nothing, -1 where that is not sure."""
-    first, verdict = plan.rules.first_attempt[rule], bench.verdict
-    strict, loose, clear, torn = -1, -1, 0, False
-    for a in range(plan.rules.attempts[rule]):
-        margin = verdict[2 + a, lane]
-        if strict < 0 and margin >= 0.0:
-            strict = a
-        if loose < 0 and margin >= -ROUNDING:
-            loose = a
+def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> None:
+    place = 3 * pick.option_count[i]
+    pick.options[i, place], pick.options[i, place + 1], pick.options[i, place + 2] = state, side, way
+    pick.option_count[i] += 1
+
+
+@compiled_subset
+def _list_options(table: ContactTable, pick: Candidates, expected: bool) -> None:
+    """List what each contact may do, in the order of preference; ``expected`` leaves out other sides."""
+    for i in range(table.constraint.size):
+        pick.option_count[i] = 0
+        if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
+            _add_option(pick, i, OPEN, 1, 0)
+            continue
+        sides = 1 if pick.turned[i] != 0 or table.sided[i] == 0 or expected else 2
+        state = CLOSED
+        if table.width[i] > 0:
+            state = SLIP
+            if table.smooth[i] != 0:
+                state = SMOOTH
+        if state == SLIP and pick.kind[i] == GRIPPED and pick.broken[i] == 0:
+            for n in range(sides):
+                _add_option(pick, i, STICK, _side(pick, i) if n == 0 else -1, 0)
+        for n in range(sides):
+            side = _side(pick, i) if n == 0 else -1
+            if state == SLIP and pick.kind[i] == GRIPPED and table.width[i] == 1:
+                if pick.broken[i] != 0:
+                    _add_option(pick, i, SLIP, side, pick.broken[i])
+                else:
+                    _add_option(pick, i, SLIP, side, 1)
+                    _add_option(pick, i, SLIP, side, -1)
+            else:
+                _add_option(pick, i, state, side, 0)
+        if table.constraint[i] >= 0 and pick.struck[i] == 0:
+            _add_option(pick, i, OPEN, 1, 0)
+
+
+@compiled_subset
+def _next_combination(pick: Candidates) -> bool:
+    """Go to the next combination, the options of the last contact changing first; return whether there is one."""
+    for n in range(pick.option_count.size - 1, -1, -1):
+        pick.choice[n] += 1
+        if pick.choice[n] < pick.option_count[n]:
+            return True
+        pick.choice[n] = 0
+    return False
+
+
+@compiled_subset
+def _combine(table: ContactTable, space: ContactSpace, pick: Candidates) -> bool:
+    """Write the combination that is chosen; return whether slip in a plane begins in it."""
+    planar = False
+    for i in range(table.constraint.size):
+        place = 3 * pick.choice[i]
+        state, way = pick.options[i, place], pick.options[i, place + 2]
+        pick.mode[i], pick.sides[i] = state, pick.base_sides[i] * float(pick.options[i, place + 1])
+        pick.begins[i] = 0
+        pick.along[i, 0], pick.along[i, 1] = pick.given_along[i, 0], pick.given_along[i, 1]
+        if state == SMOOTH:
+            size = number(table, space, i, REGULARIZATION)
+            size *= size
+            for a in range(table.width[i]):
+                pick.along[i, a] = velocity(table, space, table.constraints + table.first[i] + a)
+                size += pick.along[i, a] * pick.along[i, a]
+            for a in range(table.width[i]):
+                pick.along[i, a] /= sqrt(size)
+        elif way != 0:
+            pick.along[i, 0], pick.along[i, 1] = float(way), 0.0
+        elif state == SLIP and pick.kind[i] == GRIPPED:
+            pick.begins[i], planar = 1, True
+    return planar
+
+
+# -- what a combination contradicts ------------------------------------------------------------
+
+
+@compiled_subset
+def _share(value: float, scale: float) -> float:
+    """Return a value in terms of a scale; zero stays zero where there is none."""
+    if value == 0.0:
+        return 0.0
+    return value / (scale if scale > 0.0 else 1.0)
+
+
+@compiled_subset
+def _friction(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the sum of the sizes of the friction forces of a contact."""
+    total = 0.0
+    for a in range(table.width[i]):
+        total += abs(space.forces[table.first[i] + a, 0])
+    return total
+
+
+@compiled_subset
+def _speed(space: ContactSpace) -> float:
+    largest = 0.0
+    for j in range(space.motion.size):
+        largest = max(largest, abs(space.motion[j]))
+    return largest
+
+
+@compiled_subset
+def _compliance(table: ContactTable, space: ContactSpace, place: int, a: int, b: int) -> float:
+    """Return the acceleration along one slip velocity for a unit of friction force along another."""
+    n, k = table.coordinates, table.normal.size
+    return space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + b]
+
+
+@compiled_subset
+def _forward(
+    table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int, x: float, y: float
+) -> float:
+    """Return by which share of the motion, and of what friction does to it, slip begins along a direction."""
+    first, rows = table.first[i], 0.0
+    forward = space.slip[first] * x
+    if table.width[i] > 1:
+        forward += space.slip[first + 1] * y
+    for a in range(table.width[i]):
+        rows = max(rows, row_size(table, space, table.constraints + first + a))
+    held = abs(_compliance(table, space, place, first, first)) * _friction(table, space, i)
+    return _share(forward, _speed(space) * rows + held)
+
+
+@compiled_subset
+def _contested(table: ContactTable, pick: Candidates, i: int) -> bool:
+    """Return whether a contact along a line sticks now, and goes on sticking or begins to slip."""
+    return pick.kind[i] == GRIPPED and table.width[i] == 1 and (pick.mode[i] == STICK or pick.mode[i] == SLIP)
+
+
+@compiled_subset
+def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: int) -> float:
+    """Return the sign of the ratio of two slips where the contacts can only slip together, else 0."""
+    a, b = table.first[i], table.first[j]
+    own = _compliance(table, space, place, a, a) * _compliance(table, space, place, b, b)
+    mixed = _compliance(table, space, place, a, b) * _compliance(table, space, place, b, a)
+    if not abs(own - mixed) <= _TOGETHER * abs(own):
+        return 0.0
+    return -1.0 if _compliance(table, space, place, b, a) < 0.0 else 1.0
+
+
+@compiled_subset
+def _together(table: ContactTable, pick: Candidates, i: int, j: int) -> bool:
+    """Return whether two contacts stick now, of which one at least is to go on sticking."""
+    sticks = pick.mode[i] == STICK or pick.mode[j] == STICK
+    return sticks and _contested(table, pick, i) and _contested(table, pick, j)
+
+
+@compiled_subset
+def _coupling(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
+    """Mark contacts that help each other to stick; return whether none sticks that only slips with one that slips."""
+    allowed = True
+    for i in range(table.constraint.size):
+        pick.shared[i] = 0
+    for i in range(table.constraint.size):
+        for j in range(i + 1, table.constraint.size):
+            if _together(table, pick, i, j) and _coupled(table, space, place, i, j) != 0.0:
+                allowed = allowed and pick.mode[i] == pick.mode[j]
+                pick.shared[i] = pick.shared[j] = 1
+    return allowed
+
+
+@compiled_subset
+def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int, force: float) -> float:
+    """Return the margin of what one contact does; `force` is the size of all forces."""
+    least, state = 1.0, pick.mode[i]
+    press, held = pick.sides[i] * space.normal[i], pick.shared[i] == 0
+    if state == OPEN:
+        if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
+            return 1.0
+        return _share(space.gap[i], _speed(space) * row_size(table, space, table.constraint[i]))
+    if held and pick.turned[i] == 0 and (table.constraint[i] >= 0 or table.sided[i] != 0):
+        least = min(least, _share(press, force))
+    if held and state == STICK:
+        used = 0.0
+        for a in range(table.width[i]):
+            used += space.forces[table.first[i] + a, 0] * space.forces[table.first[i] + a, 0]
+        limit = number(table, space, i, MU if pick.slides[i] != 0 else MU_STATIC) * press
+        least = min(least, _share(limit - sqrt(used), force))
+    if state == SLIP and pick.kind[i] == GRIPPED:
+        share = _forward(table, space, pick, place, i, pick.along[i, 0], pick.along[i, 1])
+        if pick.broken[i] != 0 and share >= -_GRAZING:
+            share = max(share, 0.0)
+        if pick.begins[i] != 0 and uneven(table, space, pick, place, i):
+            share = -1.0
+        least = min(least, share)
+    return least
+
+
+@compiled_subset
+def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> float:
+    """Return by which share of the forces, at least, a combination contradicts nothing; below zero it does."""
+    force, total = 0.0, 0.0
+    for i in range(table.constraint.size):
+        force += abs(space.normal[i]) + _friction(table, space, i)
+    for j in range(space.motion.size):
+        total += 0.0 * space.motion[j]
+    if total != 0.0:
+        return math.nan
+    if not _coupling(table, space, pick, place):
+        return -1.0
+    least = 1.0
+    for i in range(table.constraint.size):
+        least = min(least, _law(table, space, pick, place, i, force))
+    return least
+
+
+@compiled_subset
+def _impending(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, least: float) -> float:
+    """Return the margin where contacts that can only slip together stick; it overwrites the solution.
+
+    Which of them bears how much is not determined; with both at their limits it is.
+    """
+    k = table.constraint.size
+    for i in range(k):
+        for j in range(i + 1, k):
+            if not (pick.mode[i] == pick.mode[j] and _together(table, pick, i, j)):
+                continue
+            ratio = _coupled(table, space, place, i, j)
+            if ratio == 0.0:
+                continue
+            for n in range(k):
+                pick.other_mode[n] = SLIP if n == i or n == j else pick.mode[n]
+                pick.other_along[n, 0], pick.other_along[n, 1] = pick.along[n, 0], pick.along[n, 1]
+            for sign in (1.0, -1.0):
+                pick.other_along[i, 0], pick.other_along[i, 1] = sign, 0.0
+                pick.other_along[j, 0], pick.other_along[j, 1] = sign * ratio, 0.0
+                static = pick.slides[i] == 0 and pick.slides[j] == 0
+                solve_mode(table, space, pick.other_mode, pick.other_along, pick.sides, static)
+                least = min(least, -_forward(table, space, pick, place, i, sign, 0.0))
+    return least
+
+
+# -- selection ---------------------------------------------------------------------------------
+
+
+@compiled_subset
+def _take(pick: Candidates) -> None:
+    """Take the combination at hand; its motion is taken down already."""
+    for i in range(pick.mode.size):
+        pick.best_mode[i], pick.best_sides[i] = pick.mode[i], pick.sides[i]
+        pick.best_along[i, 0], pick.best_along[i, 1] = pick.along[i, 0], pick.along[i, 1]
+    for j in range(pick.best_motion.size):
+        pick.best_motion[j] = pick.motion[j]
+
+
+@compiled_subset
+def _apart(table: ContactTable, pick: Candidates, first: bool) -> bool:
+    """Return whether the combination and the first clear one cannot both hold; the first one is taken down."""
+    apart = False
+    for i in range(pick.mode.size):
+        if first:
+            pick.clear_mode[i], pick.clear_sides[i] = pick.mode[i], pick.sides[i]
+        opens = (pick.mode[i] == OPEN) != (pick.clear_mode[i] == OPEN)
+        apart = apart or opens or (table.sided[i] != 0 and pick.sides[i] != pick.clear_sides[i])
+    return apart
+
+
+@compiled_subset
+def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool) -> tuple[int, int]:
+    """Try all combinations; return a status, and 2 where one holds, 1 where one does within rounding, else 0."""
+    _list_options(table, pick, expected)
+    for i in range(table.constraint.size):
+        pick.choice[i] = 0
+        keep = expected or pick.turned[i] != 0
+        pick.base_sides[i] = pick.given_sides[i] if keep else 1.0
+    best, clear, lost, torn = 0, 0, False, False
+    while True:
+        if _combine(table, space, pick):
+            steady_directions(table, space, pick)
+        place = solve_mode(table, space, pick.mode, pick.along, pick.sides, False)
+        for j in range(pick.motion.size):
+            pick.motion[j] = space.motion[j]
+        margin = _margin(table, space, pick, place)
+        if margin >= -ROUNDING:
+            margin = _impending(table, space, pick, place, margin)
+        lost = lost or math.isnan(margin)
+        grade = 0
+        if margin >= -ROUNDING:
+            grade = 2 if margin >= 0.0 else 1
+        if grade > best:
+            best = grade
+            _take(pick)
         if margin > ROUNDING:
-            torn = torn or clear & plan.attempts.apart[first + a] != 0
-            clear += 1 << a
-    if torn or not math.isfinite(verdict[1, lane]) or not verdict[0, lane] >= REGULAR:
-        return -1
-    if strict < 0 and plan.rules.known[rule] != 0:
-        return -1
-    best = strict if strict >= 0 else loose
-    return first + best if best >= 0 else -1
+            torn = torn or _apart(table, pick, clear == 0)
+            clear += 1
+        if not _next_combination(pick):
+            break
+    if torn:
+        return _AMBIGUOUS, best
+    if best > 0:
+        return _SUCCESS, best
+    return _NON_FINITE if lost else _IMPOSSIBLE, best
 
 
 @compiled_subset
-def go_on(plan: Plan, fleet: Fleet, bench: Bench, attempt: int, i: int, lane: int) -> None:
-    """Give a case the rates, directions and sides of an attempt."""
-    n, k, held = fleet.x.shape[1], fleet.sides.shape[1], plan.attempts.held[attempt]
-    if held > 0:
-        for m in range(n // 2):
-            fleet.x[i, n // 2 + m] = bench.verdict[held + m, lane]
-    for m in range(k):
-        way, side = plan.attempts.ways[attempt, m], plan.attempts.sides[attempt, m]
-        fleet.directions[i, 2 * m] = bench.posed[n + m, lane]
-        if way != 0:
-            fleet.directions[i, 2 * m] = float(way)
-        fleet.directions[i, 2 * m + 1] = 0.0
-        fleet.sides[i, m] = bench.posed[n + k + m, lane] * float(side)
+def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, known: bool) -> int:
+    """Select the mode of the contacts into ``best_mode``, ``best_sides``, ``best_along`` and ``best_motion``.
+
+    The forces and demands are those of `load_accelerations` or `load_impact`. What has just failed to hold, or to
+    push, is taken at its word first; where all contacts together then contradict something, it is tried as well
+    (several contacts may change at one instant, each of them because of the others).
+
+    Parameters
+    ----------
+    known : bool
+        Whether the signs of normal reactions just before are known: others are tried where these contradict something.
+
+    Returns
+    -------
+    int
+        SUCCESS, CONTACT_IMPOSSIBLE, CONTACT_AMBIGUOUS or NON_FINITE.
+    """
+    sided, status, best = False, _IMPOSSIBLE, 0
+    for i in range(table.constraint.size):
+        sided = sided or table.sided[i] != 0
+    for attempt in range(2):
+        if known and sided:
+            status, best = _try_all(table, space, pick, True)
+            if best == 2:
+                return status
+        status, best = _try_all(table, space, pick, False)
+        if status != _IMPOSSIBLE:
+            return status
+        relaxed = False
+        for i in range(table.constraint.size):
+            relaxed = relaxed or pick.broken[i] != 0 or pick.kind[i] == LIFTING or pick.turned[i] != 0
+            relaxed = relaxed or pick.struck[i] != 0
+            pick.broken[i] = pick.turned[i] = pick.struck[i] = 0
+            if pick.kind[i] == LIFTING:
+                slides = table.width[i] > 0 and table.smooth[i] == 0
+                pick.kind[i] = GRIPPED if slides else TOUCHING
+        if attempt > 0 or not relaxed:
+            return status
+    return status

@@ -1,4 +1,4 @@
-"""Tables of the loop over phases: the cases of a sweep, what is known of their modes, and arrays of a thread."""
+"""Tables of the loop over phases: cases, modes as compiled code runs them, and memory of a thread."""
 
 from __future__ import annotations
 
@@ -7,36 +7,30 @@ from typing import NamedTuple
 import numpy as np
 
 from .arguments import Address, IntMatrix, IntVector, Matrix, Vector
+from .contact_decisions import ContactCases
 
-__all__ = [
-    "NOTHING_FIRED",
-    "AttemptTable",
-    "Bench",
-    "CaseNumbers",
-    "Fleet",
-    "Plan",
-    "RuleTable",
-    "StationTable",
-    "case_numbers",
-]
-
-NOTHING_FIRED = -1
-"""Value of `CaseNumbers.fired` where nothing waits for a decision."""
+__all__ = ["CaseNumbers", "CaseTable", "PhasePlan", "RunnerTable", "ThreadWorkspace", "case_numbers"]
 
 
 class CaseNumbers(NamedTuple):
     """Integers of the cases.
 
-    The status, the mode and why it began, the station (-1: none), what ended the last phase while that is not decided
-    (`NOTHING_FIRED` otherwise), how many phases others have followed, steps, phases in a row that ended too soon, the
-    next sample.
+    Attributes
+    ----------
+    state : (k,)
+        Status, or RUNNING.
+    runner : (k,)
+        Number of the runner of its mode; -1: none.
+    phases, steps : (k,)
+        How many phases others have followed; steps.
+    soon : (k,)
+        Phases in a row that ended too soon.
+    next : (k,)
+        The next sample.
     """
 
     state: IntVector
-    mode: IntVector
-    cause: IntVector
-    station: IntVector
-    fired: IntVector
+    runner: IntVector
     phases: IntVector
     steps: IntVector
     soon: IntVector
@@ -48,86 +42,88 @@ def case_numbers(count: int) -> CaseNumbers:
     return CaseNumbers(*np.zeros((len(CaseNumbers._fields), count), np.int64))
 
 
-class StationTable(NamedTuple):
-    """Sizes of the state, of the events and of the parameters of each station, and code.
+class RunnerTable(NamedTuple):
+    """Modes as compiled code runs them, one entry each.
 
-    The code gives coordinates and rates; ``plain`` is the station of motions that nothing has ended, ``paradox`` the
-    events, as bits, with which the reactions are no longer determined.
-    """
-
-    size: IntVector
-    events: IntVector
-    parameters: IntVector
-    expand: IntVector
-    plain: IntVector
-    paradox: IntVector
-
-
-class RuleTable(NamedTuple):
-    """How cases go on.
-
-    From a station, with these points fired and these contacts sliding, as bits, the code of a verdict decides between
-    so many attempts from the first on; whether sides are those just before; and the number of the cause.
-    """
-
-    station: IntVector
-    fired: IntVector
-    sliding: IntVector
-    code: IntVector
-    attempts: IntVector
-    first_attempt: IntVector
-    known: IntVector
-    cause: IntVector
-
-
-class AttemptTable(NamedTuple):
-    """Mode, station, where the verdict has its rates (0: nowhere), the attempts that it must not hold with, as bits.
-
-    ``ways`` and ``sides`` (n_attempts, n_contacts) are those of the contacts.
+    Attributes
+    ----------
+    mode : (n,)
+        Number of the mode (`dalembert.hybrid.automaton.HybridAutomaton.number`).
+    size, parameters : (n,)
+        Components of the state, and parameters.
+    events : (n,)
+        Events: those that users watch, then the guards of the mode.
+    first_guard : (n,)
+        Row of the first guard in ``PhasePlan.guards``.
+    expand : (n,)
+        Code of coordinates and rates.
     """
 
     mode: IntVector
-    station: IntVector
-    held: IntVector
-    apart: IntVector
-    ways: IntMatrix
-    sides: IntMatrix
+    size: IntVector
+    parameters: IntVector
+    events: IntVector
+    first_guard: IntVector
+    expand: IntVector
 
 
-class Plan(NamedTuple):
-    """What is known of the modes.
+class PhasePlan(NamedTuple):
+    """What is the same for all cases.
 
-    ``slips`` is the code of the slip velocities; ``columns`` (n_stations, n) says in which row of ``Bench.gathered``
-    each parameter of a station is. Of the events, those that were asked for come first; ``terminal`` is 1 for those
-    that end a case.
+    Attributes
+    ----------
+    contact_data : Address
+        Code of the numbers of the contacts.
+    decide : Address
+        Loop of `dalembert.integrators.contact_decisions`.
+    runners : RunnerTable
+    columns : (n_runners, n)
+        Rows of ``ThreadWorkspace.gathered`` that hold the parameters of each runner.
+    guards : (n_guards, 2)
+        Contact of each guard, and the bit that it sets; -1 and 0 for a paradox.
+    terminal : (n_asked,)
+        1 for events of users that end a case.
+    most_steps : int
+        Steps of all phases together after which a case ends.
     """
 
-    slips: Address
-    stations: StationTable
+    contact_data: Address
+    decide: Address
+    runners: RunnerTable
     columns: IntMatrix
-    rules: RuleTable
-    attempts: AttemptTable
+    guards: IntMatrix
     terminal: IntVector
+    most_steps: int
 
 
-class Fleet(NamedTuple):
-    """All cases, see `dalembert.runtime.hybrid.instants.Instants`, and those of them, in their ``order``, that go on.
+class CaseTable(NamedTuple):
+    """All cases, and those of them, in their ``order``, that go on.
 
-    ``span`` is signed, ``directions`` are (k, 2 n_contacts). ``occurred`` (k, 3 n) are numbers, first and last times of
-    the events that were asked for. What follows are the samples, and the ``log`` of a case that is alone: for every
-    phase that it begins its time, mode, cause, number of phases that were too short, directions, sides, speeds,
-    coordinates and rates. A full log ends the work.
+    Attributes
+    ----------
+    t, t1 : (k,)
+        Present and final times [s].
+    p : (k, n_p)
+        Parameters of the scene.
+    cases : ContactCases
+    numbers : CaseNumbers
+    occurred : (k, 3 n_asked)
+        Number, first and last time of each event that users watch.
+    order, turn : (n,), (1,)
+        Cases that go on, and how many of them threads have taken.
+    t_eval : (m,)
+        Times of samples [s].
+    sampled_t, sampled_x, sampled_mode, sampled_directions, sampled_sides, sampled_rest
+        Samples, case by case.
+    log : (n_lines, n)
+        For a case that is alone, a line for each phase that begins: its time, whether it is too soon, modes,
+        directions, sides and rest speeds of the contacts, coordinates and rates. A full log ends the work.
     """
 
     t: Vector
     t1: Vector
-    span: Vector
-    passed: Vector
-    x: Matrix
     p: Matrix
-    directions: Matrix
-    sides: Matrix
-    speeds: Matrix
+    cases: ContactCases
     numbers: CaseNumbers
     occurred: Matrix
     order: IntVector
@@ -138,30 +134,44 @@ class Fleet(NamedTuple):
     sampled_mode: IntVector
     sampled_directions: Matrix
     sampled_sides: Matrix
+    sampled_rest: Matrix
     log: Matrix
 
 
-class Bench(NamedTuple):
-    """Room of one thread, for so many cases at a time as ``gathered`` has columns.
+class ThreadWorkspace(NamedTuple):
+    """Memory of one thread, for so many cases at a time as ``gathered`` has columns.
 
-    Its rows are start, end, parameters, directions, sides, coordinates and rates. ``entries`` are the loops over lanes
-    of the stations, rows of ``packed_args`` their arguments; their results are in ``y``, ``ends`` and ``happened``. The
-    rest has one column a lane.
+    Attributes
+    ----------
+    gathered
+        Start, end, parameters, directions, sides, rest speeds, coordinates and rates of the cases.
+    entries, packed_args, turns
+        Loops over lanes of the runners, their arguments, and their turns.
+    y, ends, happened
+        Results of these loops.
+    chosen
+        The cases at hand.
+    clock, states, constants, scene, posed, data
+        Arguments and results of kernels, one column a lane.
+    wanted, values, after_impact, decision
+        Arguments of the decisions: cases or -1, one row a lane; packed.
     """
 
     gathered: Matrix
-    packed_args: IntMatrix
     entries: IntVector
+    packed_args: IntMatrix
     turns: IntVector
     y: Vector
     ends: Matrix
     happened: Vector
     chosen: IntVector
-    rules: IntVector
     clock: Matrix
     states: Matrix
     constants: Matrix
     scene: Matrix
     posed: Matrix
-    slips: Matrix
-    verdict: Matrix
+    data: Matrix
+    wanted: IntVector
+    values: Matrix
+    after_impact: IntVector
+    decision: IntMatrix

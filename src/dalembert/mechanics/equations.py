@@ -14,7 +14,7 @@ from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix
 
 __all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
-__all__ += ["LoadEnergy", "Watchpoint"]
+__all__ += ["Guard", "LoadEnergy"]
 
 
 @final
@@ -80,7 +80,7 @@ class ContactRow:
 
 @final
 @dataclass(frozen=True)
-class Watchpoint:
+class Guard:
     """An output whose fall through zero ends a mode.
 
     Attributes
@@ -90,9 +90,10 @@ class Watchpoint:
     contact : int
         Number of the contact; -1 for all of them.
     kind : str
-        "stop" (the slip velocity vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal
-        reaction vanishes), "turn" (it changes its side, at a constraint that never opens), "meet" (the gap closes) or
-        "paradox" (the normal reactions are no longer determined).
+        "stop" (the slip velocity along its former direction vanishes), "rest" (the slip speed in a plane falls below
+        the rest speed), "break" (friction cannot hold, towards `sign`), "lift" (the normal reaction vanishes), "turn"
+        (it changes its sign, at a constraint that never opens), "meet" (the gap closes) or "paradox" (the normal
+        reactions are no longer determined).
     sign : int
         Direction of the slip that begins where friction breaks along one direction.
     """
@@ -190,10 +191,10 @@ class EquationsOfMotion:
     outputs : mapping of str to Node
         Requested expressions; they may contain reactions as inputs.
     contacts : tuple of ContactRow
-        Laws of friction and constraints that open, which `dalembert.reduction.modes` applies.
+        Laws of friction and constraints that open, which `dalembert.hybrid.modes` applies.
     defaults : mapping of str to float
         Parameters that were added to those of the scene, and may be left out.
-    watchpoints : tuple of Watchpoint
+    guards : tuple of Guard
         What ends the mode that contacts are in.
     least : bool
         Whether reactions that are not determined are the least ones, and not an error.
@@ -220,7 +221,7 @@ class EquationsOfMotion:
     outputs: Mapping[str, Node]
     contacts: tuple[ContactRow, ...] = ()
     defaults: Mapping[str, float] = field(default_factory=dict)
-    watchpoints: tuple[Watchpoint, ...] = ()
+    guards: tuple[Guard, ...] = ()
     least: bool = False
     nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)

@@ -58,7 +58,7 @@ def reduce(
     given: object = formulation
     if not isinstance(given, str) or given not in (*FORMULATIONS, "auto"):
         raise OptionError(unknown_name("formulation", str(formulation), ["auto", *FORMULATIONS]))
-    if any(point.kind == "break" for point in equations.watchpoints):
+    if any(point.kind == "break" for point in equations.guards):
         still = prescribed(equations, requested)
         if still is not None:
             return still

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -23,7 +23,8 @@ __all__ = ["HybridSweep", "States"]
 class States:
     """States of cases: times (k,), (q, q_dot) (k, 2 n_q), the numbers of their cases and modes (-1: none).
 
-    What they slip with: `directions` are (k, n_contacts, 2), `sides` (k, n_contacts).
+    What they slip with: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
+    numbered as `dalembert.hybrid.HybridAutomaton` does.
     """
 
     t: FloatArray
@@ -32,18 +33,19 @@ class States:
     mode: NDArray[np.intp]
     directions: FloatArray
     sides: FloatArray
+    rest: FloatArray
 
     @classmethod
     def nothing_yet(cls, count: int, size: int, contacts: int) -> States:
         """Return states to write to."""
         case, mode = np.arange(count), np.full(count, -1)
-        directions, sides = np.zeros((count, contacts, 2)), np.ones((count, contacts))
-        return cls(np.full(count, np.nan), np.full((count, 2 * size), np.nan), case, mode, directions, sides)
+        directions, sides, rest = np.zeros((count, contacts, 2)), *np.ones((2, count, contacts))
+        return cls(np.full(count, np.nan), np.full((count, 2 * size), np.nan), case, mode, directions, sides, rest)
 
     def part(self, some: NDArray[np.intp]) -> States:
         """Return some of them."""
-        case, mode = self.case[some], self.mode[some]
-        return States(self.t[some], self.x[some], case, mode, self.directions[some], self.sides[some])
+        fields: Any = (self.t, self.x, self.case, self.mode, self.directions, self.sides, self.rest)
+        return States(*(values[some] for values in fields))
 
 
 @final
@@ -71,20 +73,22 @@ class HybridSweep(CaseResults):
         stats: SweepStatistics,
         states: tuple[States, States | None],
         phases: NDArray[np.int64],
-        modes: Sequence[Mapping[str, str]],
+        modes: Mapping[int, Mapping[str, str]],
         value: Callable[[str, States], FloatArray],
     ) -> None:
         super().__init__(name, "by mode", layout, varied, ends, t_eval, axes, stats)
         self._last, self._samples = states
-        self.phases, self._modes, self._value = phases, tuple(modes), value
+        self.phases, self._modes, self._value = phases, dict(modes), value
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return what a contact does at the end of each case (n_case,), or (n_case, n_t) at the samples."""
-        if self._modes and contact not in self._modes[0]:
-            raise OptionError(unknown_name("contact", contact, self._modes[0]))
-        words = np.array([*(mode[contact] for mode in self._modes), "none"])
+        known = next(iter(self._modes.values()), {})
+        if self._modes and contact not in known:
+            raise OptionError(unknown_name("contact", contact, known))
         states = self._last if self._samples is None else self._samples
-        found = words[states.mode]
+        numbers, places = np.unique(states.mode, return_inverse=True)
+        words = np.array([self._modes[int(number)][contact] if number >= 0 else "none" for number in numbers])
+        found = words[places]
         return found if self.t_eval is None else found.reshape(len(self), -1)
 
     def _known(self, key: Any) -> str:

@@ -56,7 +56,7 @@ def compiled_events(
             plan[name] = reduction.kind, len(running)
             running.append(reduction.expression)
             kinds.append(reduction.kind)
-    ends = {p.output for p in reduced.equations.watchpoints if p.kind != "meet"}
+    ends = {p.output for p in reduced.equations.guards if p.kind != "meet"}
     smooth = bool(watched) and all(e.expression in ends and e.terminal and e.apply is None for e in watched)
     rank = len(watched) if margins else -1
     watched += [Event(name, direction=-1) for name in margins or {}]

@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability, Engine
 from ..errors import OptionError, list_names, nesting_named, unknown_name
+from ..hybrid.modes import Mode
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout
 from ..options import (
@@ -22,7 +23,6 @@ from ..options import (
     simulate_options,
 )
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
-from ..reduction.modes import Mode
 from ..results.comparison import Comparison
 from ..results.grid import Grid
 from ..results.linearization import Linearization

@@ -1,4 +1,4 @@
-"""`HybridModel`: what `dalembert.compile_model` hands back for a scene whose contacts may stick, slip and open."""
+"""`HybridModel`: the model of a scene whose contacts may stick, slip and open."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...errors import CapabilityError, ExpressionError, OptionError, ValueInputError, list_names
+from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
@@ -19,8 +20,6 @@ from ...ir.program import Layout
 from ...once import derived_once
 from ...options import CompileOptions
 from ...pipeline import SeveralModes, compile_mode, compile_stages
-from ...reduction.contact_data import contact_data
-from ...reduction.modes import CLOSED, OPEN, SLIP, SMOOTH, STICK, Mode
 from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -35,13 +34,12 @@ from ..inputs import span_of
 from ..model import CompiledModel
 from ..reductions import reduction_table
 from ..segments import at_time
-from .campaign import Campaign
-from .kernels import outputs
-from .modes import Modes
-from .quick import Quick
-from .running import Request, simulate
-from .settling import Laws
-from .sweeping import sweep
+from .decisions import Decisions
+from .evaluate import evaluate
+from .mode_models import ModeModels
+from .request import SweepRequest
+from .simulate import Request, simulate
+from .sweep import sweep
 
 __all__ = ["HybridModel"]
 
@@ -63,12 +61,12 @@ class HybridModel(Evaluated):
     """
 
     def __init__(self, several: SeveralModes) -> None:
-        options, equations = several.options, several.equations
+        options, automaton = several.options, several.automaton
+        equations = automaton.equations
         self._several, self._scene, self._options, self._equations = several, several.scene, options, equations
         self._models: dict[Mode, CompiledModel] = {}
         self._counters: dict[tuple[Any, ...], HybridModel] = {}
-        self._laws = Laws(contact_data(equations), equations.contacts, Quick(equations, self._rows))
-        self._modes = Modes(equations, self._laws, self._model, self._engine)
+        self._modes = ModeModels(automaton, Decisions(automaton, self._rows), self._model, self._engine)
         self.contacts = tuple(contact.name for contact in equations.contacts)
         first = self._model(self._plain(OPEN))
         symbols = equations.symbols
@@ -126,9 +124,9 @@ class HybridModel(Evaluated):
                 f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
             )
         mode = []
-        for contact, plain in zip(self._equations.contacts, self._plain(CLOSED), strict=True):
-            able = [plain] + ([STICK] if plain == SLIP else []) + ([OPEN] if contact.constraint is not None else [])
-            state = states.get(contact.name, plain)
+        for i, contact in enumerate(self._equations.contacts):
+            able = self._modes.automaton.states(i)
+            state = states.get(contact.name, able[0])
             if state not in able:
                 raise OptionError(f"contact {contact.name!r} cannot be {state!r}; it can be: {list_names(able)}")
             mode.append(state)
@@ -206,7 +204,7 @@ class HybridModel(Evaluated):
         return self._start(option("t", t), inputs.given_values(self.layout, initial), given)
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
-        return outputs(self._equations, self._laws, kernel, t, x, p)
+        return evaluate(self._modes.decisions, kernel, t, x, p)
 
     def _refuse(self, project_invariants: Any, error_estimate: bool) -> None:
         if error_estimate:
@@ -468,7 +466,7 @@ class HybridModel(Evaluated):
         block, status = cases.block(slice(0, cases.count), settings)
         columns = {n: cases.parameters[n] for n in self.layout.parameters}
         p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
-        campaign = Campaign(
+        campaign = SweepRequest(
             t=block.spans[:, 0],
             t1=block.spans[:, 1],
             x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),

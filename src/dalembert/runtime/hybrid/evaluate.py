@@ -1,4 +1,4 @@
-"""What of a scene with contacts can be told of a state: without their forces, or in the mode that the state decides."""
+"""Kernels of a scene with contacts at given states: without their forces, or in the mode that a state decides."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ import numpy as np
 from ...arrays import FloatArray
 from ...errors import InitialStateError, list_names
 from ...ir.conditions import CONDITION_TIME
-from ...mechanics.equations import EquationsOfMotion
 from ...methods.status import Status
-from .instants import Instants
-from .settling import Laws
+from .decisions import Decisions
+from .state import HybridState
 
-__all__ = ["outputs"]
+__all__ = ["evaluate"]
 
 _STRUCK = 1e-6
 """Share of the rates by which a state may miss what its contacts allow."""
 
 
-def outputs(
-    equations: EquationsOfMotion, laws: Laws, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray
-) -> FloatArray:
+def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
     """Return what a kernel of `dalembert.runtime.evaluation.Evaluated` gives for k states.
 
     Raises
@@ -29,30 +26,33 @@ def outputs(
         For accelerations at states that the contacts forbid, or from which they let the motion go on in no way, or in
         several.
     """
+    equations, data = decisions.automaton.equations, decisions.automaton.contact_data
     c = np.broadcast_to(p, (len(t), len(p)))
     if CONDITION_TIME in equations.symbols.parameters:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":
-        return _accelerations(equations, laws, t, x, c)
-    facts = laws.facts(t, x, c)
+        return _accelerations(decisions, t, x, c)
+    n, values = data.coordinates, decisions.values(t, x, np.ascontiguousarray(c))
     if kernel == "mass_matrix":
-        return facts.mass
+        return values[:, : n * n].reshape(-1, n, n)
     if kernel == "forcing":
-        return facts.forcing
-    opening = {contact.constraint for contact in equations.contacts}
-    return facts.jacobian[:, [i for i in range(facts.jacobian.shape[1]) if i not in opening]]
+        return values[:, n * n : n * n + n]
+    first, opening = n * n + n, {contact.constraint for contact in equations.contacts}
+    rows = values[:, first : first + data.constraints * (n + 2)].reshape(-1, data.constraints, n + 2)
+    return rows[:, [i for i in range(data.constraints) if i not in opening], :n]
 
 
-def _accelerations(equations: EquationsOfMotion, laws: Laws, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
+def _accelerations(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
     """Return the second rates (k, n_q) with which motions go on from states (k, 2 n_q)."""
-    now = Instants.starting(t, x, c, len(equations.contacts))
-    settled, facts = laws.settle(now, None, ()), laws.facts(t, x, c)
+    equations = decisions.automaton.equations
+    state = HybridState.starting(t, x, c, np.ones(len(t)), len(equations.contacts))
+    decisions.decide(state, np.arange(len(t)))
     names = (*equations.symbols.coordinates, *equations.symbols.rates)
     faults = []
-    for i, status in enumerate(settled.status):
+    for i, status in enumerate(state.cases.status):
         place = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, x[i], strict=True))
-        jump, size = np.abs(settled.x[i] - x[i]), np.max(np.abs(x[i]), initial=0.0)
+        jump, size = np.abs(state.x[i] - x[i]), np.max(np.abs(x[i]), initial=0.0)
         if status != Status.SUCCESS:
             faults.append(f"at {place}: {Status(int(status)).message}")
         elif np.any(jump > _STRUCK * max(size, 1.0)):
@@ -60,11 +60,4 @@ def _accelerations(equations: EquationsOfMotion, laws: Laws, t: FloatArray, x: F
             faults.append(f"at {place}: a closed contact forbids the rates, and {list_names(moved)} would jump")
     if faults:
         raise InitialStateError("no accelerations belong to a state\n  " + "\n  ".join(faults))
-    found = np.empty_like(facts.forcing)
-    for number, mode in enumerate(settled.table):
-        here = np.flatnonzero(settled.mode == number)
-        if len(here):
-            part = facts.part(here)
-            directions, sides = settled.directions[here], settled.sides[here]
-            found[here] = part.solve(part.accelerating(), mode, directions, sides).motion
-    return found
+    return state.cases.motion

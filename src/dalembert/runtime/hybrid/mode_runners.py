@@ -1,4 +1,4 @@
-"""Modes as compiled code runs them: one station for each mode, and for each set of events that a phase leaves."""
+"""Modes as compiled code runs them, and the memory of a thread that runs them."""
 
 from __future__ import annotations
 
@@ -11,39 +11,43 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...codegen.base import LoopCall
+from ...hybrid import Mode
+from ...hybrid.modes import direction_names, rest_name, side_name
+from ...integrators.arguments import pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
-from ...integrators.phase_tables import Bench
+from ...integrators.phase_tables import CaseTable, ThreadWorkspace
 from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
-from ...reduction.modes import Mode, direction_names, side_name
 from .. import inputs
 from ..cases import Cases, Settings
 from ..sweep import runs_unchecked
 from ..sweeping import fitted
+from .decisions import Decisions
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["Rows", "Station", "bench", "fitting_method"]
+__all__ = ["GatheredRows", "ModeRunner", "fitting_method", "thread_workspace"]
 
 
 @final
 @dataclass(frozen=True)
-class Rows:
-    """In which row of ``Bench.gathered`` each value of a case is; see `dalembert.integrators.phase_tables`."""
+class GatheredRows:
+    """In which row of ``ThreadWorkspace.gathered`` each value of a case is."""
 
     parameters: Mapping[str, int]
     states: Mapping[str, int]
     count: int
 
     @classmethod
-    def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> Rows:
+    def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> GatheredRows:
         """Return the rows of a scene, start and end being the first two."""
         names = list(layout.parameters)
         names += [name for contact in contacts for name in (*direction_names(contact), "", "")[:2]]
         names += [side_name(contact) or "" for contact in contacts]
+        names += [rest_name(contact) or "" for contact in contacts]
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
         states = {name: row for row, name in enumerate((*layout.coordinates, *layout.rates), first)}
@@ -52,7 +56,7 @@ class Rows:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Station:
+class ModeRunner:
     """A mode, what is watched in it, and the method that fits it."""
 
     mode: Mode
@@ -66,12 +70,12 @@ class Station:
         """Components of the state."""
         return len(self.model.layout.state)
 
-    def call(self, rows: Rows, room: _Room, turn: NDArray[np.int64]) -> LoopCall | None:
-        """Return the call that runs the cases that are gathered in a room, None where the engine has none.
+    def call(self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64]) -> LoopCall | None:
+        """Return the call that runs the cases that are gathered in a memory, None where the engine has none.
 
         Its next case is `turn` (1,).
         """
-        model, names, gathered, k = self.model, tuple(rows.states), room.gathered, room.gathered.shape[1]
+        model, names, gathered, k = self.model, tuple(rows.states), memory.gathered, memory.gathered.shape[1]
         start = model.derived.start(names)
         columns = CaseColumns(
             count=k,
@@ -83,9 +87,9 @@ class Station:
             watch=model.derived.events(self.events),
             **self.settings,
         )
-        happened = room.happened[: 3 * k * len(self.events)].reshape(k, -1)
-        y = room.y[: k * self.size].reshape(k, self.size)
-        result = BlockResult(y, room.ends, np.empty((k, 0, self.size)), happened, np.empty((k, 0)))
+        happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
+        y = memory.y[: k * self.size].reshape(k, self.size)
+        result = BlockResult(y, memory.ends, np.empty((k, 0, self.size)), happened, np.empty((k, 0)))
         run = model.engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         return None if run is None or run.call is None else run.call(turn)
 
@@ -104,7 +108,7 @@ def fitting_method(model: CompiledModel, cases: Cases, settings: Mapping[str, An
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Room:
+class _Memory:
     """Where cases are gathered, and what becomes of them."""
 
     gathered: FloatArray
@@ -113,54 +117,65 @@ class _Room:
     happened: FloatArray
 
 
-def bench(
-    stations: Sequence[Station], rows: Rows, together: int, lanes: int, outputs: int, contacts: int
-) -> tuple[Bench, object] | None:
-    """Return room for one thread, and what must stay alive.
+def thread_workspace(
+    runners: Sequence[ModeRunner],
+    rows: GatheredRows,
+    together: int,
+    lanes: int,
+    decisions: Decisions,
+    table: CaseTable,
+) -> tuple[ThreadWorkspace, object] | None:
+    """Return memory for one thread, and what must stay alive.
 
-    None where a station has no call.
+    None where a runner has no call.
 
     Parameters
     ----------
-    stations : sequence of Station
-    rows : Rows
+    runners : sequence of ModeRunner
+    rows : GatheredRows
     together : int
         Cases at a time.
-    lanes, outputs, contacts : int
-        Lanes of the kernels, and the most outputs of a verdict.
+    lanes : int
+        Lanes of the kernels.
+    decisions : Decisions
+    table : CaseTable
+        The cases that are decided.
     """
-    size = max(station.size for station in stations)
-    events = max(len(station.events) for station in stations)
-    room = _Room(
+    size = max(runner.size for runner in runners)
+    events = max(len(runner.events) for runner in runners)
+    memory = _Memory(
         aligned(rows.count, together),
         np.zeros(together * size),
         np.zeros((together, 3)),
         np.zeros(together * 3 * events),
     )
-    turns, calls = np.zeros(len(stations), np.int64), []
-    for i, station in enumerate(stations):
-        call = station.call(rows, room, turns[i : i + 1])
+    turns, calls = np.zeros(len(runners), np.int64), []
+    for i, runner in enumerate(runners):
+        call = runner.call(rows, memory, turns[i : i + 1])
         if call is None:
             return None
         calls.append(call)
-    packed_args = np.array([call.packed_args for call in calls])
-    n_q2, parameters = len(rows.states), rows.count - 2 - len(rows.states) - 3 * contacts
-    made = Bench(
-        room.gathered,
-        packed_args,
-        np.array([call.entry for call in calls], np.int64),
-        turns,
-        room.y,
-        room.ends,
-        room.happened,
-        np.zeros(together, np.int64),
-        np.zeros(lanes, np.int64),
-        aligned(1, lanes),
-        aligned(size, lanes),
-        np.ones((max(parameters + 3 * contacts, 1), lanes)),
-        aligned(parameters, lanes),
-        aligned(n_q2 + 2 * contacts, lanes),
-        aligned(max(contacts, 1), lanes),
-        aligned(max(outputs, 2), lanes),
+    numbers = len(decisions.automaton.contact_data.kernel.outputs)
+    arguments = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1))
+    scene = table.p.shape[1]
+    made = ThreadWorkspace(
+        gathered=memory.gathered,
+        entries=np.array([call.entry for call in calls], np.int64),
+        packed_args=np.array([call.packed_args for call in calls]),
+        turns=turns,
+        y=memory.y,
+        ends=memory.ends,
+        happened=memory.happened,
+        chosen=np.zeros(together, np.int64),
+        clock=aligned(1, lanes),
+        states=aligned(max(size, 1), lanes),
+        constants=np.ones((max(rows.count, 1), lanes)),
+        scene=aligned(max(scene, 1), lanes),
+        posed=aligned(table.cases.x.shape[1], lanes),
+        data=aligned(numbers, lanes),
+        wanted=arguments.wanted,
+        values=arguments.values,
+        after_impact=arguments.after_impact,
+        decision=pack(arguments).reshape(1, -1),
     )
-    return made, calls
+    return made, (calls, arguments)

@@ -1,4 +1,4 @@
-"""One motion with contacts: phase after phase, each a run of the model of its mode up to what ends it."""
+"""Simulation of one motion with contacts: phase after phase, each a run of the model of its mode up to a guard."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import InitialStateError, ValueInputError
+from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
+from ...hybrid.modes import STATES
+from ...integrators.contact_decisions import NOISE, SOON, SOON_IN_A_ROW, UNDECIDED
+from ...integrators.contact_system import GAP, MU, MU_STATIC, RESTITUTION
 from ...integrators.event_code import Event
-from ...integrators.events import SOON, SOON_IN_A_ROW
 from ...ir.program import Layout
-from ...mechanics.equations import Watchpoint
+from ...mechanics.equations import Guard
 from ...methods.status import Status
 from ...options import SimulateOptions
-from ...reduction.modes import SLIP, Mode
 from ...results.events import EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from .. import inputs
 from ..simulate import simulate_from_state, simulate_in_own_time
-from .instants import Instants, Settled
-from .looking import Lookout
-from .modes import Modes
+from .decisions import flag
+from .mode_models import ModeModels
+from .preview import PhasePreview, PhaseStart
+from .state import HybridState
 
 __all__ = ["JAMMED", "Request", "simulate"]
 
@@ -71,7 +74,7 @@ class Request:
     layout: Layout
 
 
-def simulate(modes: Modes, request: Request) -> HybridTrajectory:
+def simulate(modes: ModeModels, request: Request) -> HybridTrajectory:
     """Return the motion that was asked for."""
     return _Run(modes, request).trajectory()
 
@@ -89,16 +92,15 @@ class _Begun:
 class _Run:
     """One run in progress."""
 
-    def __init__(self, modes: Modes, request: Request) -> None:
+    def __init__(self, modes: ModeModels, request: Request) -> None:
         self.modes, self.request = modes, request
         self.begin = time.perf_counter()
         self.forward = 1.0 if request.t1 >= request.t0 else -1.0
         t, x, c = np.array([request.t0]), request.x[np.newaxis], request.c[np.newaxis]
-        self.t = request.t0
-        self.now = Instants.starting(t, x, c, len(modes.equations.contacts))
-        self.breaks = modes.breaks(c, t, np.array([request.t1]))
+        self.t, t1 = request.t0, np.array([request.t1])
+        self.now = HybridState.starting(t, x, c, t1 - t, len(modes.equations.contacts))
+        self.breaks = modes.breaks(c, t, t1)
         self.mode: Mode | None = None
-        self.cause: tuple[Mode | None, tuple[Watchpoint, ...]] = (None, ())
         self.parts: list[Part] = []
         self.records: list[tuple[Part, EventRecords]] = []
         self.counts = {event.label: 0 for event in request.events}
@@ -106,76 +108,74 @@ class _Run:
         self.compile_seconds = 0.0
         self.method = str(request.options["method"])
         self.note = ""
-        span, about = (request.t0, request.t1), (modes, request.layout, request.options)
-        # what users watch for may happen just where a phase ends, and is looked for together with that
+        # events of users may happen just where a phase ends, and are located together with its guards
         alone = bool(request.events) or self.breaks is not None
-        self.lookout = None if alone else Lookout(*about, span, self.now)
+        about = modes, request.layout, request.options, request.t1, self.now
+        self.preview = None if alone else PhasePreview(*about)
 
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
         status = self._settle(())
-        if status is not None and not self.parts:
-            self._stay(status)
         while status is None:
-            status = self._carried()
+            status = self._previewed()
             if status is None:
                 status = self._phase()
+        if not self.parts:
+            self._stay(status)
         return self._joined(status)
 
     # -- between phases --------------------------------------------------------------------
 
-    def _settle(self, fired: Sequence[Watchpoint]) -> Status | None:
+    def _settle(self, fired: Sequence[Guard]) -> Status | None:
         """Decide how the motion goes on; return a status where it cannot."""
-        laws = self.modes.laws
+        cases = self.now.cases
         if self.breaks is not None and self.breaks.place is not None:
-            c = self.now.c.copy()
-            c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
-            self.now = replace(self.now, c=c)
-        settled = laws.settle(self.now, self.mode, fired)
-        status = Status(int(settled.status[0]))
+            self.now.c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
+        if self.mode is None:
+            cases.modes[:] = UNDECIDED
+        cases.fired[:] = 0
+        for guard in fired:
+            if guard.contact >= 0:
+                cases.fired[0, guard.contact] |= flag(guard)
+        self.modes.decisions.decide(self.now, np.zeros(1, np.intp))
+        status = Status(int(cases.status[0]))
         if status is Status.INITIAL_STATE:
             raise self._complaint()
         if status is not Status.SUCCESS:
             self.note = self._where()
             return status
-        self.cause = self.mode, tuple(fired)
-        self._take(settled)
+        self.mode = self.modes.automaton.mode(int(self.now.mode_numbers()[0]))
         return None
-
-    def _take(self, settled: Settled) -> None:
-        fields = {name: getattr(settled, name) for name in ("x", "directions", "sides", "speeds")}
-        self.now = replace(self.now, **fields)
-        self.mode = settled.table[settled.mode[0]]
 
     def _complaint(self) -> Exception:
         """Return what is wrong with the start."""
-        facts = self.modes.laws.facts(self.now.t, self.now.x, self.now.c)
+        decisions, now = self.modes.decisions, self.now
+        values = decisions.values(now.t, now.x, now.c)
+        gap, mu, static, e = (decisions.numbers(values, which)[0] for which in (GAP, MU, MU_STATIC, RESTITUTION))
         faults = []
         for i, contact in enumerate(self.modes.equations.contacts):
-            mu, static, e = facts.mu[0, i], facts.mu_static[0, i], facts.restitution[0, i]
-            if mu < 0.0:
-                faults.append(f"mu of {contact.name!r} is {mu:g}; it must not be negative")
-            elif static < mu:
+            if mu[i] < 0.0:
+                faults.append(f"mu of {contact.name!r} is {mu[i]:g}; it must not be negative")
+            elif static[i] < mu[i]:
                 faults.append(
-                    f"mu_static of {contact.name!r} is {static:g}, less than mu = {mu:g}; raise it, or leave it out"
+                    f"mu_static of {contact.name!r} is {static[i]:g}, less than mu = {mu[i]:g}; raise it, or leave it"
+                    " out"
                 )
-            if not 0.0 <= e <= 1.0:
-                faults.append(f"restitution of {contact.name!r} is {e:g}; it must lie between 0 and 1")
+            if not 0.0 <= e[i] <= 1.0:
+                faults.append(f"restitution of {contact.name!r} is {e[i]:g}; it must lie between 0 and 1")
         if faults:
             return ValueInputError("; ".join(faults))
         for i, contact in enumerate(self.modes.equations.contacts):
             name = self.modes.equations.symbols.unknowns[contact.normal]
             if contact.constraint is None:
                 continue
-            if not facts.pushes_open(i)[0]:
+            if not decisions.pushes_open(values[0], i):
                 faults.append(
                     f"contact {contact.name!r}: {name} pushes its gap closed here; turn the sign of the gap, or the"
                     " direction of the force in the joint"
                 )
-            elif facts.gap[0, i] < 0.0:
-                faults.append(
-                    f"contact {contact.name!r} penetrates: its gap is {facts.gap[0, i]:.3g}; start with gap >= 0"
-                )
+            elif gap[i] < 0.0:
+                faults.append(f"contact {contact.name!r} penetrates: its gap is {gap[i]:.3g}; start with gap >= 0")
         return InitialStateError("the initial state contradicts the contacts:\n  " + "\n  ".join(faults))
 
     def _where(self) -> str:
@@ -206,12 +206,18 @@ class _Run:
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
         options = SimulateOptions(events=events, **self._options())
-        return simulate_in_own_time(model, (self.t, t1), initial, self._parameters(self.now, mode), options)
+        return simulate_in_own_time(model, (self.t, t1), initial, self._parameters(self._present(mode)), options)
 
-    def _parameters(self, now: Instants, mode: Mode) -> dict[str, float]:
+    def _parameters(self, start: PhaseStart) -> dict[str, float]:
         """Return the parameters of a mode."""
-        added = self.modes.added(mode, now.directions[0], now.sides[0])
+        added = self.modes.added(start.mode, start.directions, start.sides, start.rest)
         return {**self.request.parameters, **{name: float(value) for name, value in added.items()}}
+
+    def _present(self, mode: Mode) -> PhaseStart:
+        """Return how the phase at hand begins."""
+        now = self.now
+        about = now.x[0].copy(), now.directions()[0].copy(), now.cases.sides[0].copy(), now.cases.rest[0].copy()
+        return PhaseStart(float(now.t[0]), self.soon, mode, *about)
 
     def _options(self) -> dict[str, Any]:
         """Return the options of the next phase."""
@@ -222,62 +228,67 @@ class _Run:
             options["first_step"] = None
         return options
 
-    def _carried(self) -> Status | None:
-        """Go through the phases that compiled code sees ahead; return a status where the motion ends."""
-        while self.lookout is not None and self.mode is not None:
-            seen = self.lookout.look(self.now, self.mode, self.cause, self.soon)
-            if seen is None:
+    def _previewed(self) -> Status | None:
+        """Run the phases that compiled code sees ahead; return a status where the motion ends."""
+        while self.preview is not None and self.mode is not None:
+            seen = self.preview.preview(self.now, self.soon)
+            if seen is None or not (seen.starts or seen.status is Status.SUCCESS):
                 return None
-            legs = [(self.now, self.mode), *((stop.now, stop.mode) for stop in seen.stops)]
-            begun = iter(self._begun(legs))
-            for stop in seen.stops:
-                status = self._up_to(float(stop.now.t[0]), next(begun))
+            starts = [self._present(self.mode), *seen.starts]
+            begun = self._begun(starts)
+            for start, state, following in zip(starts, begun, seen.starts, strict=False):
+                status = self._up_to(following.t, start.mode, state)
                 if status is not Status.SUCCESS:
                     return status
-                self.now, self.mode, self.cause, self.soon = stop.now, stop.mode, stop.cause, stop.soon
-            if seen.done:
-                return self._up_to(self.request.t1, next(begun))
-            if seen.fired is None and not seen.stops:
+            self.mode, self.soon = starts[-1].mode, starts[-1].soon
+            if seen.status is Status.SUCCESS and starts[-1].t != self.request.t1:
+                return self._up_to(self.request.t1, self.mode, begun[-1])
+            self._go_to(starts[-1], seen.state)
+            if seen.status is not None:  # the last phase fails, or takes no time: its run says how it ends
                 return None
-            if seen.fired is not None:
-                status = self._up_to(float(seen.now.t[0]), next(begun))
-                if status is not Status.SUCCESS:
-                    return status
-                before, self.now = self.now.t[0], seen.now
-                ends = self._too_soon(abs(self.t - before)) or self._settle(seen.fired)
-                if ends is not None:
-                    return ends
         return None
 
-    def _begun(self, legs: Sequence[tuple[Instants, Mode]]) -> list[_Begun]:
-        """Return states (n_y,) and constants (n_c,) from which phases begin, each a case in its mode."""
-        begun = [_Begun(np.empty(0), np.empty(0)) for _ in legs]
-        for mode in dict.fromkeys(mode for _, mode in legs):
-            some = [i for i, leg in enumerate(legs) if leg[1] == mode]
-            own = [self._parameters(legs[i][0], mode) for i in some]
+    def _go_to(self, start: PhaseStart, later: HybridState) -> None:
+        """Go to the beginning of a phase; what contacts remember is taken from a later state."""
+        self.now.copied_from(later)
+        now, cases = self.now, self.now.cases
+        now.t[:], now.x[:], cases.sides[:], cases.rest[:] = start.t, start.x, start.sides, start.rest
+        cases.directions[:] = start.directions.ravel()
+        cases.modes[:] = [STATES.index(state) for state in start.mode]
+        cases.after[:] = UNDECIDED
+
+    def _begun(self, starts: Sequence[PhaseStart]) -> list[_Begun]:
+        """Return states (n_y,) and constants (n_c,) from which phases begin, each in its mode."""
+        begun = [_Begun(np.empty(0), np.empty(0)) for _ in starts]
+        for mode in dict.fromkeys(start.mode for start in starts):
+            some = [i for i, start in enumerate(starts) if start.mode == mode]
+            own = [self._parameters(starts[i]) for i in some]
             program = self.modes.model(mode).stages.program
             c = inputs.prepare_rows(program, np.array([[p[name] for name in program.layout.parameters] for p in own]))
-            t, x = (np.concatenate([getattr(legs[i][0], name) for i in some]) for name in ("t", "x"))
+            t, x = np.array([starts[i].t for i in some]), np.array([starts[i].x for i in some])
             y = self.modes.states(mode, t, x, c)
             for place, i in enumerate(some):
                 begun[i] = _Begun(y[place], c[place])
         return begun
 
-    def _up_to(self, t1: float, begun: _Begun) -> Status:
-        """Run one phase that ends at a time; return its status."""
-        mode = self.mode
-        assert mode is not None
+    def _up_to(self, t1: float, mode: Mode, begun: _Begun) -> Status:
+        """Run one phase that ends at a time; return its status. One that takes no time is left out."""
+        self.mode = mode
+        if t1 == self.t:
+            return Status.SUCCESS
         options = SimulateOptions(**self._options())
         run = simulate_from_state(self.modes.model(mode), (self.t, t1), begun.y, begun.c, options)
         self._add(run, mode, float(run.t[-1]))
         return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
 
     def _add(self, run: Trajectory, mode: Mode, end: float) -> None:
-        """Take down a phase that ended at a time."""
+        """Take down a phase that ended at a time; one that took no time, and in which nothing occurred, leaves none."""
         stats = run.stats
         self.steps, self.rejected = self.steps + stats.steps, self.rejected + stats.rejected
         self.evaluations += stats.evaluations
         self.method = stats.method
+        if end == self.t != self.request.t1 and run.status is Status.EVENT and not self.request.events:
+            return
         part = Part(Phase(self.t, end, self.modes.named(mode)), run, self.modes.violation(mode))
         self.t = end
         self.parts.append(part)
@@ -289,7 +300,7 @@ class _Run:
         """Run one phase and settle what comes after; return a status where the motion ends."""
         mode = self.mode
         assert mode is not None
-        run = self._run(mode, self.request.t1, self._events() + self.modes.events(mode, *self.cause))
+        run = self._run(mode, self.request.t1, self._events() + self.modes.events(mode))
         ended = run.status is Status.EVENT
         end = (
             max((r.t[-1] for r in run.events.values() if len(r)), key=lambda t: t * self.forward)
@@ -303,7 +314,7 @@ class _Run:
             return self._failed(run, mode)
         last = run.events[happened[0]].after
         x = np.concatenate([last.q[-1], last.qdot[-1]])[np.newaxis]
-        self.now = replace(self.now, t=np.array([self.t]), x=x, passed=np.array([self.t - before]))
+        self.now.t[:], self.now.x[:], self.now.cases.passed[:] = self.t, x, self.t - before
         status = self._too_soon(abs(self.t - before))
         if status is not None:
             return status
@@ -319,11 +330,11 @@ class _Run:
             after = self.request.jumps[event.label](self.t, self.now.x[0])
             if after is None:
                 return Status.EVENT_STATE
-            self.now = replace(self.now, x=after[np.newaxis])
+            self.now.x[:] = after
         if any(0 < int(event.terminal) <= self.counts[event.label] for event in applied):
             return Status.EVENT
-        fired = [point for point in self.modes.points(mode) if point.output in happened]
-        if any(point.kind == "paradox" for point in fired):
+        fired = [guard for guard in self.modes.guards(mode) if guard.output in happened]
+        if any(guard.kind == "paradox" for guard in fired):
             self.note = self._where()
             return Status.CONTACT_IMPOSSIBLE
         if applied:
@@ -337,12 +348,14 @@ class _Run:
         if status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS) and SLIP in mode:
             if not run["uniqueness of reactions"][-1] > JAMMED:
                 status = Status.CONTACT_IMPOSSIBLE
-                self.now = replace(self.now, x=np.hstack([run.q[-1:], run.qdot[-1:]]))
+                self.now.x[:] = np.hstack([run.q[-1], run.qdot[-1]])
                 self.note = self._where()
         return status
 
     def _too_soon(self, passed: float) -> Status | None:
         """Judge whether phases follow each other too fast to be told apart."""
+        if self.steps + self.rejected >= self.request.options["max_steps"]:
+            return Status.MAX_STEPS
         span = abs(self.request.t1 - self.request.t0)
         self.soon = self.soon + 1 if passed <= SOON * span else 0
         if self.soon < SOON_IN_A_ROW:
@@ -356,14 +369,23 @@ class _Run:
 
     def _stay(self, status: Status) -> None:
         """Record the start of a motion that cannot go on from it."""
-        facts = self.modes.laws.facts(self.now.t, self.now.x, self.now.c)
-        mode = self.modes.laws.plain(facts)
+        mode = self._sliding_mode()
         model = self.modes.model(mode)
         names = (*model.layout.coordinates, *model.layout.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
         options = SimulateOptions(method=self.request.options["method"])
         run = simulate_in_own_time(model, (self.t, self.t), initial, self.request.parameters, options)
         self.parts.append(Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode)))
+
+    def _sliding_mode(self) -> Mode:
+        """Return the mode at the start in which all that touches is closed, and slips."""
+        decisions, now, able = self.modes.decisions, self.now, []
+        gaps = decisions.numbers(decisions.values(now.t, now.x, now.c), GAP)[0]
+        for contact, gap in zip(self.modes.equations.contacts, gaps, strict=True):
+            smooth = SMOOTH if contact.regularization is not None else SLIP
+            apart = contact.constraint is not None and gap > NOISE * (abs(gap) + 1.0)
+            able.append(OPEN if apart else smooth if contact.tangential else CLOSED)
+        return tuple(able)
 
     def _joined(self, status: Status) -> HybridTrajectory:
         seconds = time.perf_counter() - self.begin - self.compile_seconds

@@ -1,9 +1,9 @@
-"""Many motions with contacts: in every round, all cases that are in one mode run side by side up to what ends it."""
+"""Sweeps of motions with contacts: by the loop over phases, or in rounds of all cases that are in one mode."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import final
 
@@ -11,24 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...hybrid import SLIP, Mode
+from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
 from ...integrators.event_code import Event
-from ...integrators.events import SOON, SOON_IN_A_ROW
-from ...integrators.phase_tables import NOTHING_FIRED, Fleet, case_numbers
 from ...ir.conditions import CONDITION_TIME
-from ...mechanics.equations import Watchpoint
+from ...mechanics.equations import Guard
 from ...methods.status import Status
 from ...options import SweepOptions
-from ...reduction.modes import SLIP, Mode
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
 from ..sweep import begin_sweep
 from ..sweeping import meter
 from ..symbol_assumptions import warn_of_motion
-from .campaign import Campaign, Value
-from .carrying import Carrier
-from .instants import Instants, placed
-from .modes import Modes
-from .running import JAMMED
+from .decisions import flag
+from .mode_models import ModeModels
+from .phases import PhaseExecutor
+from .preview import case_table
+from .request import OutputValues, SweepRequest
+from .simulate import JAMMED
+from .state import HybridState, placed
 
 __all__ = ["sweep"]
 
@@ -40,80 +41,53 @@ _BETWEEN_LOOKS = 1024
 _BROKEN = (int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE), int(Status.MAX_STEPS))
 
 
-def sweep(modes: Modes, campaign: Campaign) -> HybridSweep:
+def sweep(modes: ModeModels, request: SweepRequest) -> HybridSweep:
     """Return the results of all cases."""
-    return _Sweep(modes, campaign).results()
+    return _Sweep(modes, request).results()
 
 
 @final
 class _Sweep:
     """One sweep in progress."""
 
-    def __init__(self, modes: Modes, campaign: Campaign) -> None:
-        self.modes, self.campaign = modes, campaign
+    def __init__(self, modes: ModeModels, request: SweepRequest) -> None:
+        self.modes, self.request = modes, request
         self.begin = time.perf_counter()
-        count, k = len(campaign.t), len(modes.equations.contacts)
-        self.names = (*campaign.layout.coordinates, *campaign.layout.rates)
-        self.now = Instants.starting(campaign.t.copy(), campaign.x.copy(), campaign.p, k)
-        self.numbers = numbers = case_numbers(count)
-        self.status, self.mode, self.cause, self.station = numbers.state, numbers.mode, numbers.cause, numbers.station
-        self.fired, self.phases, self.steps = numbers.fired, numbers.phases, numbers.steps
-        self.soon, self.next = numbers.soon, numbers.next
-        self.status[:], self.mode[:], self.station[:], self.fired[:] = campaign.status, -1, -1, NOTHING_FIRED
-        self.table: list[Mode] = []
-        self.breaks = modes.breaks(campaign.p, campaign.t, campaign.t1)
-        self.value = Value(modes, campaign.layout, campaign.p, self.table, self.breaks)
-        self.causes: list[tuple[Mode | None, tuple[Watchpoint, ...]]] = [(None, ())]
-        self.span = campaign.t1 - campaign.t
+        count, k = len(request.t), len(modes.equations.contacts)
+        self.names = (*request.layout.coordinates, *request.layout.rates)
+        self.span = request.t1 - request.t
+        self.now = HybridState.starting(request.t, request.x, request.p, self.span, k)
+        wanted = 0 if request.t_eval is None else len(request.t_eval)
+        self.samples = samples = States.nothing_yet(count * wanted, len(request.layout.coordinates), k)
+        slipping = samples.directions.reshape(len(samples.t), 2 * k), samples.sides, samples.rest
+        t_eval = np.empty(0) if request.t_eval is None else request.t_eval
+        recorded = (samples.t, samples.x, samples.mode, *slipping)
+        table = case_table(self.now, request.t1, len(request.events), t_eval, recorded, np.empty((0, 0)))
+        self.numbers, self.occurred = table.numbers, table.occurred
+        self.status, self.phases, self.steps = self.numbers.state, self.numbers.phases, self.numbers.steps
+        self.soon, self.next = self.numbers.soon, self.numbers.next
+        self.status[:], self.numbers.runner[:] = request.status, -1
+        self.breaks = modes.breaks(request.p, request.t, request.t1)
+        self.value = OutputValues(modes, request.layout, request.p, self.breaks)
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
-        self.occurred = np.tile(np.array([0.0, np.nan, np.nan]), (count, len(campaign.events)))
-        self.kept = {name: np.full(count, np.nan) for name in campaign.reductions}
-        wanted = 0 if campaign.t_eval is None else len(campaign.t_eval)
-        self.samples = States.nothing_yet(count * wanted, len(campaign.layout.coordinates), k)
+        self.kept = {name: np.full(count, np.nan) for name in request.reductions}
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
-        self.watched: dict[tuple[Mode, int], tuple[Event, ...]] = {}
-        known = modes, campaign.layout, campaign.options, campaign.events, self._fleet(), self.table, self.causes
-        self.carrier = None if campaign.reductions or self.breaks is not None else Carrier(*known)
-
-    def _fleet(self) -> Fleet:
-        """Return all cases as compiled code sees them: the very same arrays."""
-        now, samples, count, k = self.now, self.samples, len(self.status), len(self.modes.equations.contacts)
-        nothing = np.zeros(0, np.int64)
-        return Fleet(
-            now.t,
-            np.ascontiguousarray(self.campaign.t1),
-            self.span,
-            now.passed,
-            now.x,
-            np.ascontiguousarray(now.c),
-            now.directions.reshape(count, 2 * k),
-            now.sides,
-            now.speeds,
-            self.numbers,
-            self.occurred,
-            nothing,
-            nothing,
-            np.empty(0) if self.campaign.t_eval is None else np.ascontiguousarray(self.campaign.t_eval),
-            samples.t,
-            samples.x,
-            samples.mode,
-            samples.directions.reshape(len(samples.t), 2 * k),
-            samples.sides,
-            np.empty((0, 0)),
-        )
+        self.watched: dict[Mode, tuple[Event, ...]] = {}
+        known = modes, request.layout, request.options, request.events, self.now, table
+        self.executor = None if request.reductions or self.breaks is not None else PhaseExecutor(*known)
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
         every = np.flatnonzero(self.status == _RUNNING)
-        self._settle(every, None, ())
+        self._settle(every, None, {})
         self._sample(every)
-        with meter(len(self.status), self.campaign.progress) as advance:
+        with meter(len(self.status), self.request.progress) as advance:
             advance(len(self.status) - len(self._going()))
             try:
                 while len(going := self._going()):
-                    if not self._carried(going):
+                    if not self._executed(going):
                         self._round(going)
                     advance(len(going) - len(self._going()))
             except KeyboardInterrupt:
@@ -127,40 +101,29 @@ class _Sweep:
 
     # -- compiled code ---------------------------------------------------------------------
 
-    def _carried(self, going: NDArray[np.intp]) -> bool:
-        """Let compiled code carry cases as far as it can; return whether it could do anything."""
-        if self.campaign.progress:
+    def _executed(self, going: NDArray[np.intp]) -> bool:
+        """Let compiled code run cases as far as it can; return whether it could do anything."""
+        if self.request.progress:
             going = going[:_BETWEEN_LOOKS]
-        if self.carrier is None or not self.carrier.carry(going):
+        if self.executor is None or not self.executor.run(going):
             return False
-        self.methods |= dict.fromkeys(method for method in self.carrier.methods.values() if method)
-        status = self.status[going]
-        broken = going[np.isin(status, _BROKEN)]
-        for number in np.unique(self.mode[broken]):
-            here, mode = broken[self.mode[broken] == number], self.table[number]
-            if SLIP in mode:
+        self.methods |= dict.fromkeys(method for method in self.executor.methods.values() if method)
+        broken = going[np.isin(self.status[going], _BROKEN)]
+        numbers = self.now.mode_numbers(broken)
+        for number in np.unique(numbers):
+            here = broken[numbers == number]
+            if SLIP in self.modes.automaton.mode(int(number)):
                 regular = self.value("uniqueness of reactions", self._states(here)) > JAMMED
                 self.status[here[~regular]] = int(Status.CONTACT_IMPOSSIBLE)
-        waiting = going[(status == _RUNNING) & (self.fired[going] != NOTHING_FIRED)]
-        alike = self.mode[waiting] + len(self.table) * self.fired[waiting]
-        for number in np.unique(alike):
-            some = waiting[alike == number]
-            mode, bits = self.table[self.mode[some[0]]], int(self.fired[some[0]])
-            fired = [point for i, point in enumerate(self.modes.points(mode)) if bits >> i & 1]
-            self.carrier.learn(some, mode, fired)
-            self.fired[some] = NOTHING_FIRED
-            self._settle(some, mode, fired)
-        self._sample(waiting)
         return True
 
     # -- one round -------------------------------------------------------------------------
 
     def _round(self, running: NDArray[np.intp]) -> None:
         """Run cases, each to its next sample, its end, or what ends its mode: those alike together."""
-        mixed = self.mode[running] * len(self.causes) + self.cause[running]
-        for number in np.unique(mixed):
-            some = running[mixed == number]
-            mode = self.table[self.mode[some[0]]]
+        numbers = self.now.mode_numbers(running)
+        for number in np.unique(numbers):
+            some, mode = running[numbers == number], self.modes.automaton.mode(int(number))
             columns = self._columns(mode, some)
             self._end_round(mode, some, columns, self._begin(mode, some, columns))
 
@@ -177,15 +140,14 @@ class _Sweep:
         x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
         passed = run.t - self.now.t[place]
         self._keep(run, some, passed)
-        self.now.t[place], self.now.x[place], self.now.passed[place] = run.t, x, passed
+        self.now.t[place], self.now.x[place], self.now.cases.passed[place] = run.t, x, passed
         self.steps[place] += run.steps
-        self.cause[place] = 0
         status = run.status.astype(np.int64)
         failed = (status != Status.SUCCESS) & (status != Status.EVENT)
         if np.any(failed):
             self.status[some[failed]] = self._judged(run, status, mode)[failed]
         reached = status == Status.SUCCESS
-        done = reached & (run.t == self.campaign.t1[some])
+        done = reached & (run.t == self.request.t1[some])
         self.status[some[done]] = int(Status.SUCCESS)
         self._sample(some[reached])
         self._after(run, mode, some, np.flatnonzero(status == Status.EVENT))
@@ -194,8 +156,8 @@ class _Sweep:
 
     def _goal(self, some: NDArray[np.intp]) -> FloatArray:
         """Return the times up to which cases run."""
-        goal = self.campaign.t1[some].copy()
-        t_eval = self.campaign.t_eval
+        goal = self.request.t1[some].copy()
+        t_eval = self.request.t_eval
         if t_eval is not None:
             more = self.next[some] < len(t_eval)
             goal[more] = t_eval[self.next[some[more]]]
@@ -203,28 +165,29 @@ class _Sweep:
 
     def _columns(self, mode: Mode, some: NDArray[np.intp]) -> dict[str, FloatArray]:
         """Return the parameters (k,) or (1,) of a mode's model for some cases, in the order of its layout."""
-        before, place, given = time.perf_counter(), placed(some), self.campaign.varied[1]
+        before, place, given = time.perf_counter(), placed(some), self.request.varied[1]
         layout = self.modes.model(mode).layout
         self.compile_seconds += time.perf_counter() - before
-        own = {name: given[name] for name in self.campaign.layout.parameters}
+        own = {name: given[name] for name in self.request.layout.parameters}
         columns = {name: values if len(values) == 1 else values[place] for name, values in own.items()}
-        columns |= self.modes.added(mode, self.now.directions[place], self.now.sides[place])
+        cases = self.now.cases
+        columns |= self.modes.added(mode, self.now.directions(place), cases.sides[place], cases.rest[place])
         return {name: columns[name] for name in layout.parameters}
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
-        now = self.now
-        return States(now.t[some], now.x[some], some, self.mode[some], now.directions[some], now.sides[some])
+        now, cases = self.now, self.now.cases
+        about = now.directions(some), cases.sides[some], cases.rest[some]
+        return States(now.t[some], now.x[some], some, now.mode_numbers(some), *about)
 
     def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[..., Sweep]:
-        """Begin to run cases in one mode that come from one cause; return what waits for the results."""
+        """Begin to run cases in one mode; return what waits for the results."""
         model, place = self.modes.model(mode), placed(some)
-        key = mode, int(self.cause[some[0]])
-        if key not in self.watched:
-            asked = [replace(e, name=e.label) for e in self.campaign.events]
-            self.watched[key] = (*asked, *self.modes.events(mode, *self.causes[key[1]]))
+        if mode not in self.watched:
+            asked = [replace(e, name=e.label) for e in self.request.events]
+            self.watched[mode] = (*asked, *self.modes.events(mode))
         rounds, method = self.fits.get(mode, (0, ""))
-        options = {**self.campaign.options}
+        options = {**self.request.options}
         if rounds % _BETWEEN_FITS:
             options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
         return begin_sweep(
@@ -232,7 +195,7 @@ class _Sweep:
             (self.now.t[some], self._goal(some)),
             {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
-            SweepOptions(events=self.watched[key], reduce=self.campaign.reductions, **options),
+            SweepOptions(events=self.watched[mode], reduce=self.request.reductions, **options),
         )
 
     def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
@@ -246,14 +209,14 @@ class _Sweep:
 
     def _keep(self, run: Sweep, some: NDArray[np.intp], passed: FloatArray) -> None:
         """Join what was counted and reduced in a phase to what was before."""
-        for i, event in enumerate(self.campaign.events):
+        for i, event in enumerate(self.request.events):
             record, occurred = run.events[event.label], self.occurred[some, 3 * i : 3 * i + 3]
             occurred[:, 0] += record.count
             occurred[:, 1] = np.where(np.isnan(occurred[:, 1]), record.first, occurred[:, 1])
             occurred[:, 2] = np.where(record.count > 0, record.last, occurred[:, 2])
             self.occurred[some, 3 * i : 3 * i + 3] = occurred
-        whole = np.abs(self.now.t[some] - self.campaign.t[some])
-        for name, reduction in self.campaign.reductions.items():
+        whole = np.abs(self.now.t[some] - self.request.t[some])
+        for name, reduction in self.request.reductions.items():
             old, new = self.kept[name][some], run.reduced[name]
             if reduction.kind == "minimum":
                 new = np.fmin(old, new)
@@ -268,41 +231,38 @@ class _Sweep:
 
     def _sample(self, some: NDArray[np.intp]) -> None:
         """Take down the samples that cases have reached."""
-        t_eval, samples = self.campaign.t_eval, self.samples
+        t_eval, samples = self.request.t_eval, self.samples
         if t_eval is None:
             return
         while len(some):
             some = some[self.next[some] < len(t_eval)]
             some = some[(t_eval[self.next[some]] - self.now.t[some]) * self.forward[some] <= 0.0]
-            rows = some * len(t_eval) + self.next[some]
-            samples.t[rows], samples.x[rows], samples.mode[rows] = self.now.t[some], self.now.x[some], self.mode[some]
-            samples.directions[rows], samples.sides[rows] = self.now.directions[some], self.now.sides[some]
+            rows, now = some * len(t_eval) + self.next[some], self._states(some)
+            for name in ("t", "x", "mode", "directions", "sides", "rest"):
+                getattr(samples, name)[rows] = getattr(now, name)
             self.next[some] += 1
 
     # -- between rounds --------------------------------------------------------------------
 
     def _after(self, run: Sweep, mode: Mode, some: NDArray[np.intp], ended: NDArray[np.intp]) -> None:
         """Settle the cases whose phase was ended by events."""
-        points = self.modes.points(mode)
-        fired = np.array([run.events[p.output].last == run.t for p in points]).reshape(len(points), len(some))
-        for event in self.campaign.events:
+        guards = self.modes.guards(mode)
+        fired = np.array([run.events[g.output].last == run.t for g in guards]).reshape(len(guards), len(some))
+        for event in self.request.events:
             if event.terminal:
                 ended = self._over(some, ended, run.events[event.label].last == run.t, Status.EVENT)
-        for point, row in zip(points, fired, strict=True):
-            if point.kind == "paradox":
+        for guard, row in zip(guards, fired, strict=True):
+            if guard.kind == "paradox":
                 ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
         cases = some[ended]
-        quick = np.abs(self.now.passed[cases]) <= SOON * np.abs(self.span[cases])
+        quick = np.abs(self.now.cases.passed[cases]) <= SOON * np.abs(self.span[cases])
         self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
+        self.status[cases[self.steps[cases] >= self.request.options["max_steps"]]] = int(Status.MAX_STEPS)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
         self.phases[cases] += 1
-        mixed = np.zeros(len(ended), np.int64)
-        for i, row in enumerate(fired):
-            mixed += np.left_shift(row[ended], i, dtype=np.int64)
-        for number in np.unique(mixed):
-            self._settle(cases[mixed == number], mode, [p for i, p in enumerate(points) if int(number) >> i & 1])
+        self._settle(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
         self._sample(cases)
 
     def _over(
@@ -314,66 +274,64 @@ class _Sweep:
         self.status[some[ended[over[ended]]]] = int(status)
         return ended[~over[ended]]
 
-    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Sequence[Watchpoint]) -> None:
-        """Decide how cases go on."""
+    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Mapping[Guard, NDArray[np.bool_]]) -> None:
+        """Decide how cases go on; `fired` tells of which of them a guard has fired (k,)."""
         if not len(some):
             return
-        cause = mode, tuple(fired)
-        if cause not in self.causes:
-            self.causes.append(cause)
-        self.cause[some] = self.causes.index(cause)
+        cases = self.now.cases
         if self.breaks is not None and self.breaks.place is not None:
             self.now.c[some, self.breaks.place] = self.breaks.middles(some, self.now.t[some])
-        settled = self.modes.laws.settle(self.now.part(placed(some)), mode, fired)
-        good = settled.status == Status.SUCCESS
-        if not np.all(good):
-            self.status[some[~good]] = settled.status[~good]
-            self.phases[some[~good]] -= mode is not None
-            some, settled = some[good], settled.part(good)
-        for name in ("x", "directions", "sides", "speeds"):
-            getattr(self.now, name)[placed(some)] = getattr(settled, name)
-        self.table.extend(found for found in settled.table if found not in self.table)
-        numbers = np.array([self.table.index(found) for found in settled.table], np.intp)
-        self.mode[some], self.station[some] = numbers[settled.mode], -1
-        over = some[self.now.t[some] == self.campaign.t1[some]]
+        cases.fired[some] = 0
+        for guard, here in fired.items():
+            if guard.contact >= 0:
+                cases.fired[some[here], guard.contact] |= flag(guard)
+        self.modes.decisions.decide(self.now, some)
+        status = cases.status[some]
+        bad = some[status != Status.SUCCESS]
+        self.status[bad] = cases.status[bad]
+        self.phases[bad] -= mode is not None
+        some = some[status == Status.SUCCESS]
+        self.numbers.runner[some] = -1
+        over = some[self.now.t[some] == self.request.t1[some]]
         self.status[over] = int(Status.SUCCESS)
         self.phases[over] -= mode is not None
 
     # -- results ---------------------------------------------------------------------------
 
     def _finished(self) -> HybridSweep:
-        campaign = self.campaign
-        started = self.mode >= 0
+        request = self.request
+        started = self.now.mode_numbers() >= 0
         ends = np.column_stack([self.now.t, self.status.astype(float), self.steps.astype(float)])
         stats = SweepStatistics(
             method=", ".join(self.methods),
-            threads=int(campaign.options["threads"]),
+            threads=int(request.options["threads"]),
             steps=int(self.steps.sum()),
             compile_seconds=self.compile_seconds,
             run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
         )
-        count = len(self.mode)
+        count = len(self.status)
         last = self._states(np.arange(count))
-        if campaign.t_eval is not None:
-            self.samples.case[:] = np.repeat(np.arange(count), len(campaign.t_eval))
-        modes = [self.modes.named(mode) for mode in self.table]
+        if request.t_eval is not None:
+            self.samples.case[:] = np.repeat(np.arange(count), len(request.t_eval))
+        met, automaton = np.concatenate([last.mode, self.samples.mode]), self.modes.automaton
+        modes = {int(n): self.modes.named(automaton.mode(int(n))) for n in np.unique(met[met >= 0])}
         run = HybridSweep(
             self.modes.equations.name,
-            campaign.layout,
-            campaign.varied,
+            request.layout,
+            request.varied,
             ends,
-            campaign.t_eval,
-            campaign.axes,
+            request.t_eval,
+            request.axes,
             stats,
-            (last, None if campaign.t_eval is None else self.samples),
+            (last, None if request.t_eval is None else self.samples),
             self.phases + started,
             modes,
             self.value,
         )
-        warn_of_motion(campaign.layout.assumptions, campaign.layout.coordinates, run.t, run._final)
+        warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
         failed = ~run.success
         for values in self.kept.values():
             values[failed] = np.nan
         reduced = np.array(list(self.kept.values())).T.reshape(count, len(self.kept))
-        labels = [event.label for event in campaign.events]
+        labels = [event.label for event in request.events]
         return run.with_events(labels, self.occurred, list(self.kept), reduced)

@@ -1,4 +1,7 @@
-"""[EquationsOfMotion] -> [Kernel]: the numbers from which `dalembert.runtime.hybrid` decides what a contact does."""
+"""Numbers of contacts at an instant as a kernel: [EquationsOfMotion] -> [Kernel].
+
+Mode selection and impacts are computed from them (`dalembert.integrators.contact_system`).
+"""
 
 from __future__ import annotations
 

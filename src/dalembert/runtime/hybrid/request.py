@@ -1,8 +1,8 @@
-"""What a sweep of motions with contacts was asked for, and values by name at states of its cases."""
+"""Request of a sweep of motions with contacts, and values by name at states of its cases."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -10,25 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...hybrid import Mode
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
-from ...reduction.modes import Mode
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
 from ..reductions import Reduction
-from .modes import Modes
+from .mode_models import ModeModels
 
-__all__ = ["Campaign", "Value"]
+__all__ = ["OutputValues", "SweepRequest"]
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Campaign:
-    """What a sweep was asked for.
+class SweepRequest:
+    """What a sweep is asked for.
 
     Attributes
     ----------
@@ -69,13 +69,12 @@ class Campaign:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Value:
-    """Gives values by name: of the scene with this layout and parameters (k, n_p), whose modes are numbered."""
+class OutputValues:
+    """Gives values by name, of the scene with this layout and parameters (k, n_p)."""
 
-    modes: Modes
+    modes: ModeModels
     layout: Layout
     p: FloatArray
-    table: Sequence[Mode]
     breaks: CaseBreaks | None = None
 
     def __call__(self, key: str, states: States) -> FloatArray:
@@ -85,10 +84,8 @@ class Value:
         if name in names:
             return states.x[:, names.index(name)]
         values = np.full(len(states.t), np.nan)
-        for number, mode in enumerate(self.table):
-            here = np.flatnonzero(states.mode == number)
-            if not len(here):
-                continue
+        for number in np.unique(states.mode[states.mode >= 0]):
+            here, mode = np.flatnonzero(states.mode == number), self.modes.automaton.mode(int(number))
             program, part = self.modes.model(mode).stages.program, states.part(here)
             c = inputs.prepare_rows(program, self._rows(mode, part))
             if name in ENERGIES:
@@ -107,5 +104,5 @@ class Value:
         own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
         if self.breaks is not None and self.breaks.place is not None:
             own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
-        columns = {**own, **self.modes.added(mode, states.directions, states.sides)}
+        columns = {**own, **self.modes.added(mode, states.directions, states.sides, states.rest)}
         return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

@@ -1,11 +1,9 @@
-"""[EquationsOfMotion] -> [EquationsOfMotion]: a scene with contacts, in one of its modes.
+"""Equations of a scene with contacts in one of its modes: [EquationsOfMotion] -> [EquationsOfMotion].
 
-In a mode every contact is open or closed, and slips or sticks. What is open has neither constraint nor reactions; what
-sticks has its slip velocity as a further constraint, which the friction force holds; where a contact slips, friction is
-a given force (`dalembert.reduction.rubbing`). What is left is a scene without contacts, so that every formulation,
-backend and method serves it.
-
-Which mode holds is decided by `dalembert.runtime.hybrid`, from numbers.
+In a mode every contact is open or closed, and slips or sticks. An open contact has neither constraint nor reactions; a
+sticking one has its slip velocity as a further constraint, which the friction force holds; where a contact slips,
+friction is a given force (`dalembert.hybrid.sliding_friction`). What is left is a scene without contacts, so that every
+formulation, backend and method serves it.
 """
 
 from __future__ import annotations
@@ -17,31 +15,37 @@ from typing import final
 
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Watchpoint
+from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
-from .rubbing import Rubbed, Rubbing, rub
-from .saddle import SaddlePoint
+from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
 
 __all__ = [
     "CLOSED",
     "OPEN",
     "SLIP",
     "SMOOTH",
+    "STATES",
     "STICK",
     "Mode",
     "added_parameters",
     "always",
     "direction_names",
-    "in_mode",
+    "mode_equations",
+    "rest_name",
     "side_name",
 ]
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
 
+STATES = (OPEN, CLOSED, SLIP, STICK, SMOOTH)
+"""Their places are their numbers in compiled code (`dalembert.integrators.contact_system`)."""
+
 Mode = tuple[str, ...]
 """One word a contact."""
 
-_TINY = 1e-150
+_ONSET = 0.5
+"""Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
 def direction_names(contact: ContactRow) -> tuple[str, ...]:
@@ -56,11 +60,19 @@ def side_name(contact: ContactRow) -> str | None:
     return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
 
 
+def rest_name(contact: ContactRow) -> str | None:
+    """Return the parameter that holds the slip speed in a plane below which a contact counts as at rest."""
+    return f"rest speed of {contact.name}" if len(contact.tangential) > 1 else None
+
+
 def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
     """Return the parameters that a contact in a state adds to those of the scene, with values to start from."""
     added: dict[str, float] = {}
     if state == SLIP:
         added |= dict(zip(direction_names(contact), (1.0, 0.0), strict=False))
+        rest = rest_name(contact)
+        if rest is not None:
+            added[rest] = 1e-9
     side = side_name(contact)
     if side is not None and state in (SLIP, STICK):
         added[side] = 1.0
@@ -73,19 +85,19 @@ def always(contacts: Sequence[ContactRow]) -> Mode | None:
     return (SMOOTH,) * len(contacts) if smooth else None
 
 
-def in_mode(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotion:
-    """Return the equations of a scene in a mode, with the outputs of its watchpoints.
+def mode_equations(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotion:
+    """Return the equations of a scene in a mode, with its guards as outputs.
 
     Raises
     ------
     ConstraintError
         When the equations do not determine the normal reaction of a contact that rubs.
     """
-    return _InMode(equations, mode).equations()
+    return _ModeEquations(equations, mode).equations()
 
 
 @final
-class _InMode:
+class _ModeEquations:
     """The making of one mode."""
 
     def __init__(self, equations: EquationsOfMotion, mode: Mode) -> None:
@@ -93,7 +105,7 @@ class _InMode:
         self.graph: Graph = equations.graph
         self.contacts = list(zip(equations.contacts, mode, strict=True))
         rubbing = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
-        self.rubbing = [Rubbing(c, partial(self._factors, c, state)) for c, state in rubbing]
+        self.rubbing = [SlidingContact(c, partial(self._factors, c, state)) for c, state in rubbing]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
         self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
@@ -142,7 +154,7 @@ class _InMode:
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
         bare = self._bare(self.rows, self.kept)
-        rubbed = rub(bare, whole, self.kept, self.rubbing)
+        rubbed = sliding_friction(bare, whole, self.kept, self.rubbing)
         known: dict[Node, Node] = {}
         for rubbing, kappa in zip(self.rubbing, rubbed.factors, strict=True):
             pressing = graph.input(names[rubbing.contact.normal])
@@ -153,7 +165,7 @@ class _InMode:
                 known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
         outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
         outputs |= {str(node.payload): value for node, value in known.items()}
-        points = self._watchpoints(rubbed)
+        points = self._guards(rubbed)
         added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
         symbols = replace(
             whole.symbols,
@@ -166,7 +178,7 @@ class _InMode:
             forcing=rubbed.forcing,
             outputs=outputs | {point.output: node for point, node in points},
             defaults=added,
-            watchpoints=tuple(point for point, _ in points),
+            guards=tuple(point for point, _ in points),
             least=bool(self.groups),
         )
 
@@ -193,10 +205,17 @@ class _InMode:
         held = [graph.input(name) for name in direction_names(contact)]
         if len(held) == 1:
             return [mu * held[0]]
-        tiny = graph.node(_TINY)
-        forward = graph.sum(w * d for w, d in zip(slips, held, strict=True))
-        sign = graph.call("select", graph.call("less", forward, graph.zero), graph.const(-1), graph.one)
-        along = [sign * w + tiny * d for w, d in zip(slips, held, strict=True)]
+        # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
+        # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
+        rest = rest_name(contact)
+        assert rest is not None
+        onset = graph.node(_ONSET) * graph.input(rest)
+        # A step that goes on beyond the end of slip, where w turns back, sees the same friction as before it.
+        forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
+        back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
+        sign = graph.call("select", back, graph.const(-1), graph.one)
+        faded = onset * graph.call("exp", -speed / (onset * onset))
+        along = [sign * w + faded * d for w, d in zip(slips, held, strict=True)]
         size = graph.call("sqrt", graph.sum(a * a for a in along))
         return [mu * a / size for a in along]
 
@@ -210,34 +229,39 @@ class _InMode:
 
     # -- what ends the mode ----------------------------------------------------------------
 
-    def _watchpoints(self, rubbed: Rubbed) -> list[tuple[Watchpoint, Node]]:
+    def _guards(self, rubbed: SlidingFriction) -> list[tuple[Guard, Node]]:
         """Return what ends the mode, with its value; reactions in it are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
         together = {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
-        points: list[tuple[Watchpoint, Node]] = []
+        points: list[tuple[Guard, Node]] = []
         for i, (contact, state) in enumerate(self.contacts):
             name = contact.name
             if state == OPEN:
                 assert contact.gap is not None
-                points.append((Watchpoint(f"gap of {name}", i, "meet"), contact.gap))
+                points.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
             if name not in together and (contact.constraint is not None or state in (SLIP, STICK)):
                 kind = "turn" if contact.constraint is None else "lift"
-                points.append((Watchpoint(f"press of {name}", i, kind), press))
+                points.append((Guard(f"press of {name}", i, kind), press))
             if state == SLIP:
                 held = [graph.input(n) for n in direction_names(contact)]
                 forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
-                points.append((Watchpoint(f"slip speed of {name}", i, "stop"), forward))
+                points.append((Guard(f"slip speed of {name}", i, "stop"), forward))
+                rest = rest_name(contact)
+                if rest is not None:
+                    speed = graph.sum(self._speed(row) * self._speed(row) for row in contact.slips)
+                    above = speed - graph.input(rest) * graph.input(rest)
+                    points.append((Guard(f"slip speed of {name} above rest", i, "rest"), above))
             elif state == STICK and name in together:
                 points += self._impending(i)
             elif state == STICK:
                 points += self._holding(i, press)
         if any(state == SLIP for state in self.mode):
-            points.append((Watchpoint("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
+            points.append((Guard("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
         return points
 
-    def _holding(self, i: int, press: Node) -> list[tuple[Watchpoint, Node]]:
+    def _holding(self, i: int, press: Node) -> list[tuple[Guard, Node]]:
         """Return by how much friction could be larger where a contact sticks by itself."""
         graph, contact = self.graph, self.whole.contacts[i]
         assert contact.mu_static is not None
@@ -245,12 +269,10 @@ class _InMode:
         forces = [graph.input(self.whole.symbols.unknowns[j]) for j in contact.tangential]
         if len(forces) > 1:
             rest = most * most - graph.sum(f * f for f in forces)
-            return [(Watchpoint(f"hold of {contact.name}", i, "break"), rest)]
-        return [
-            (Watchpoint(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)
-        ]
+            return [(Guard(f"hold of {contact.name}", i, "break"), rest)]
+        return [(Guard(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)]
 
-    def _impending(self, i: int) -> list[tuple[Watchpoint, Node]]:
+    def _impending(self, i: int) -> list[tuple[Guard, Node]]:
         """Return how fast slip would end if all contacts that hold each other slipped: they stick as long as it would.
 
         Which of them bears how much is not determined, but with all of them at their limits it is.
@@ -264,13 +286,13 @@ class _InMode:
         bare = self._bare(rows, kept)
         points = []
         for sign in (1, -1):
-            limits = [Rubbing(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
-            rubbed = rub(bare, self.whole, kept, [*self.rubbing, *limits])
+            limits = [SlidingContact(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
+            rubbed = sliding_friction(bare, self.whole, kept, [*self.rubbing, *limits])
             moving = SaddlePoint.of(replace(bare, forcing=rubbed.forcing), guarded=False)
             found = moving.accelerations([row.bias for row in rows], bare.name)
             slip = contact.slips[0]
             rate = graph.sum(a * b for a, b in zip(slip.jacobian, found, strict=True)) - slip.bias
-            points.append((Watchpoint(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
+            points.append((Guard(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
         return points
 
     def _limit(self, contact: ContactRow, sign: int, ratio: Node, free: Node) -> list[Node]:

@@ -1,8 +1,8 @@
-"""What a scene with contacts offers its motions: equations, laws, and a model for every mode."""
+"""Models of the modes of a scene with contacts, and the guards that end each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -11,43 +11,51 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
+from ...hybrid import OPEN, SLIP, STICK, HybridAutomaton, Mode
+from ...hybrid.modes import direction_names, rest_name, side_name
 from ...integrators.breakpoints import CaseBreaks
-from ...integrators.event_code import Event, leaving
+from ...integrators.event_code import Event, armed
 from ...ir.conditions import Conditions
 from ...ir.kernel import Kernel
-from ...mechanics.equations import EquationsOfMotion, Watchpoint
+from ...mechanics.equations import EquationsOfMotion, Guard
 from ...once import derived_once
-from ...reduction.modes import OPEN, SLIP, STICK, Mode, direction_names, side_name
 from ...reduction.time_conditions import decided
-from ...reduction.verdicts import Verdict
 from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory
-from .settling import Laws
+from .decisions import Decisions
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["Modes", "Violation"]
+__all__ = ["ModeModels", "Violation"]
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Modes:
-    """What a scene with contacts offers its motions: equations, laws, and the model of every mode.
+class ModeModels:
+    """The automaton of a scene, its decisions, and the model of every mode.
 
-    `engine` evaluates kernels that belong to no mode. `rulings` are the verdicts met so far: by the mode that ended, by
-    what ended it, and by the contacts that slide, as bits; None where there is no verdict.
+    Attributes
+    ----------
+    automaton : HybridAutomaton
+    decisions : Decisions
+    model : callable
+        Returns the model of a mode, compiled when it is first needed.
+    engine : callable
+        Returns the engine that evaluates kernels which belong to no mode.
     """
 
-    equations: EquationsOfMotion
-    laws: Laws
+    automaton: HybridAutomaton
+    decisions: Decisions
     model: Callable[[Mode], CompiledModel]
     engine: Callable[[], Engine]
-    rulings: dict[tuple[Mode, tuple[Watchpoint, ...]], dict[int, Verdict | None]] = field(
-        default_factory=dict, init=False
-    )
-    _points: dict[Mode, list[Watchpoint]] = field(default_factory=dict, init=False)
+    _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
+
+    @property
+    def equations(self) -> EquationsOfMotion:
+        """The equations of the scene, of no mode."""
+        return self.automaton.equations
 
     @cached_property
     def conditions(self) -> Conditions | None:
@@ -61,29 +69,26 @@ class Modes:
         found = CaseBreaks.of(self.conditions, p, t0, t1)
         return found if self.conditions.decides or len(found.times) else None
 
-    def points(self, mode: Mode) -> list[Watchpoint]:
+    def guards(self, mode: Mode) -> list[Guard]:
         """Return what can end a mode; what is constant along its motions cannot."""
 
-        def make() -> list[Watchpoint]:
+        def make() -> list[Guard]:
             reduced = self.model(mode).stages.reduced
             graph, moving = reduced.equations.graph, [*reduced.inputs, *reduced.equations.timing]
-            found = reduced.equations.watchpoints
-            return [p for p in found if graph.freed_of(reduced.outputs[p.output], moving) is None]
+            found = reduced.equations.guards
+            return [guard for guard in found if graph.freed_of(reduced.outputs[guard.output], moving) is None]
 
-        return derived_once(self._points, mode, make)
+        return derived_once(self._guards, mode, make)
 
-    def events(self, mode: Mode, before: Mode | None, fired: Sequence[Watchpoint]) -> list[Event]:
-        """Return what can end a mode as events, for motions that come from the mode `before` because of `fired`."""
+    def events(self, mode: Mode) -> list[Event]:
+        """Return the guards of a mode as events, which occur where they fall through zero, or at once below it.
+
+        Slip in a plane begins below the rest speed; that guard waits until it has been above.
+        """
         found = []
-        for point in self.points(mode):
-            event = Event(point.output, terminal=True, direction=-1, name=point.output)
-            kinds = {other.kind for other in fired if other.contact == point.contact}
-            leaves = before is not None and (
-                (point.kind == "meet" and ("lift" in kinds or "meet" in kinds))
-                or (point.kind == "turn" and "turn" in kinds)
-                or (point.kind == "stop" and ("stop" in kinds or before[point.contact] == STICK))
-            )
-            found.append(leaving(event) if leaves else event)
+        for guard in self.guards(mode):
+            event = Event(guard.output, terminal=True, direction=-1, name=guard.output)
+            found.append(event if guard.kind == "rest" else armed(event))
         return found
 
     def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
@@ -108,16 +113,18 @@ class Modes:
         """Return the kernel of coordinates and rates in a mode."""
         return derived_once(self._expansions, mode, lambda: expanding(self.model(mode).stages.reduced))
 
-    def added(self, mode: Mode, directions: FloatArray, sides: FloatArray) -> dict[str, Any]:
-        """Return the parameters of a mode for directions (..., n_contacts, 2) and sides (..., n_contacts)."""
+    def added(self, mode: Mode, directions: FloatArray, sides: FloatArray, rest: FloatArray) -> dict[str, Any]:
+        """Return the parameters of a mode.
+
+        They follow from directions (..., n_contacts, 2), sides and rest speeds (..., n_contacts) of the contacts.
+        """
         values: dict[str, Any] = {}
         for i, (contact, state) in enumerate(zip(self.equations.contacts, mode, strict=True)):
+            names = {side_name(contact): sides[..., i]} if state in (SLIP, STICK) else {}
             if state == SLIP:
-                names = direction_names(contact)
-                values |= {name: directions[..., i, j] for j, name in enumerate(names)}
-            side = side_name(contact)
-            if side is not None and state in (SLIP, STICK):
-                values[side] = sides[..., i]
+                names |= {name: directions[..., i, j] for j, name in enumerate(direction_names(contact))}
+                names[rest_name(contact)] = rest[..., i]
+            values |= {name: value for name, value in names.items() if name is not None}
         return values
 
     def named(self, mode: Mode) -> dict[str, str]:

@@ -15,16 +15,16 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
+from ..reduction.reactions import independent_columns
+from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
-from .reactions import independent_columns
-from .saddle import SaddlePoint
 
-__all__ = ["Rubbed", "Rubbing", "rub"]
+__all__ = ["SlidingContact", "SlidingFriction", "sliding_friction"]
 
 
 @final
 @dataclass(frozen=True)
-class Rubbing:
+class SlidingContact:
     """A contact that slides; `factors` gives kappa, one a direction, from what N would be without friction."""
 
     contact: ContactRow
@@ -33,7 +33,7 @@ class Rubbing:
 
 @final
 @dataclass(frozen=True)
-class Rubbed:
+class SlidingFriction:
     """The forcing with friction (n_q,), kappa of each contact, and det(I - B)."""
 
     forcing: tuple[Node, ...]
@@ -41,7 +41,9 @@ class Rubbed:
     determinant: Node
 
 
-def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], rubbing: Sequence[Rubbing]) -> Rubbed:
+def sliding_friction(
+    bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
+) -> SlidingFriction:
     """Return what sliding friction adds to equations.
 
     Parameters
@@ -52,7 +54,7 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
         Of the scene, with all its reactions.
     kept : sequence of int
         Which of these `bare` has.
-    rubbing : sequence of Rubbing
+    sliding : sequence of SlidingContact
 
     Raises
     ------
@@ -60,15 +62,15 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
         When the equations do not determine the normal reaction of a contact that slides.
     """
     graph = bare.graph
-    if not rubbing:
-        return Rubbed(tuple(bare.forcing), (), graph.one)
+    if not sliding:
+        return SlidingFriction(tuple(bare.forcing), (), graph.one)
     accelerations = _accelerations(bare)
-    normals = _normals(bare, whole, kept, rubbing)
+    normals = _normals(bare, whole, kept, sliding)
     free = accelerations(bare.forcing, [row.bias for row in bare.constraints])
     n0 = normals(_residual(bare, free, bare.forcing))
-    factors = [item.factors(normal) for item, normal in zip(rubbing, n0, strict=True)]
+    factors = [item.factors(normal) for item, normal in zip(sliding, n0, strict=True)]
     directions = []
-    for item, kappa in zip(rubbing, factors, strict=True):
+    for item, kappa in zip(sliding, factors, strict=True):
         rows = ([row[i] for i in item.contact.tangential] for row in whole.reactions)
         directions.append([-graph.sum(k * c for k, c in zip(kappa, row, strict=True)) for row in rows])
     nothing = [graph.zero for _ in bare.constraints]
@@ -82,7 +84,7 @@ def rub(bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], 
     forcing = list(bare.forcing)
     for direction, normal in zip(directions, pressing, strict=True):
         forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
-    return Rubbed(tuple(forcing), tuple(factors), determinant)
+    return SlidingFriction(tuple(forcing), tuple(factors), determinant)
 
 
 Accelerations = Callable[[Sequence[Node], Sequence[Node]], list[Node]]
@@ -170,13 +172,13 @@ def _residual(bare: EquationsOfMotion, a: Sequence[Node], forcing: Sequence[Node
 
 
 def _normals(
-    bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], rubbing: Sequence[Rubbing]
+    bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
 ) -> Callable[[Sequence[Node]], list[Node]]:
     """Return the function from what reactions have to supply to the normal reactions of what slides."""
     graph: Graph = bare.graph
     independent, undetermined = independent_columns(graph, bare.reactions)
     places = []
-    for item in rubbing:
+    for item in sliding:
         place = list(kept).index(item.contact.normal)
         if place in undetermined:
             name = whole.symbols.unknowns[item.contact.normal]

@@ -1,0 +1,118 @@
+"""`HybridAutomaton`: modes, guards and transitions of a scene with contacts.
+
+In a mode each contact is open or closed, and slips or sticks; the equations of a mode have no contacts any more. A mode
+ends where one of its guards falls through zero. What happens then is a row of `TRANSITIONS`; it ends in a selection
+among all modes, which takes the one that contradicts no law of contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ..mechanics.equations import ContactRow, EquationsOfMotion
+from .contact_data import ContactData, contact_data
+from .modes import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode, mode_equations
+
+__all__ = ["TRANSITIONS", "HybridAutomaton", "Transition"]
+
+
+@final
+@dataclass(frozen=True)
+class Transition:
+    """What follows when a guard of a contact falls through zero.
+
+    Attributes
+    ----------
+    guard : str
+        Kind of the guard, see `dalembert.mechanics.equations.Guard`.
+    meaning : str
+        What the guard is, and what its zero means.
+    source : tuple of str
+        States of the contact that have such a guard.
+    target : tuple of str
+        States of the contact among which mode selection chooses; what the other contacts do may change at the same
+        time.
+    impact : bool
+        Whether rates may jump first.
+    """
+
+    guard: str
+    meaning: str
+    source: tuple[str, ...]
+    target: tuple[str, ...]
+    impact: bool = False
+
+
+_RUBBING = (SLIP, STICK)
+
+TRANSITIONS: Mapping[str, Transition] = {
+    row.guard: row
+    for row in (
+        Transition("meet", "the gap closes", (OPEN,), (CLOSED, SLIP, STICK, SMOOTH, OPEN), impact=True),
+        Transition("lift", "the normal reaction vanishes", (CLOSED, SLIP, STICK, SMOOTH), (OPEN,)),
+        Transition("turn", "the normal reaction of a constraint that never opens changes its sign", _RUBBING, _RUBBING),
+        Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
+        Transition("rest", "the slip speed in a plane falls below the rest speed", (SLIP,), (STICK, SLIP, OPEN)),
+        Transition("break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN)),
+        Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
+    )
+}
+"""What ends a mode, and what follows, by the kind of the guard. After a paradox nothing follows."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HybridAutomaton:
+    """A scene with contacts.
+
+    Attributes
+    ----------
+    equations : EquationsOfMotion
+        With all constraints and reactions of the contacts, without friction.
+    contact_data : ContactData
+        Kernel of the numbers from which mode selection and impacts are computed.
+    """
+
+    equations: EquationsOfMotion
+    contact_data: ContactData
+
+    @classmethod
+    def of(cls, equations: EquationsOfMotion) -> HybridAutomaton:
+        """Return the automaton of equations with contacts."""
+        return cls(equations, contact_data(equations))
+
+    @property
+    def contacts(self) -> tuple[ContactRow, ...]:
+        """The contacts of the scene."""
+        return tuple(self.equations.contacts)
+
+    def states(self, contact: int) -> tuple[str, ...]:
+        """Return what a contact may do, its ordinary closed state first."""
+        row = self.contacts[contact]
+        if not row.tangential:
+            closed: tuple[str, ...] = (CLOSED,)
+        elif row.regularization is not None:
+            closed = (SMOOTH,)
+        else:
+            closed = (SLIP, STICK)
+        return closed if row.constraint is None else (*closed, OPEN)
+
+    def equations_of(self, mode: Mode) -> EquationsOfMotion:
+        """Return the equations in a mode, with its guards.
+
+        Raises
+        ------
+        ConstraintError
+            When the equations do not determine the normal reaction of a contact that rubs.
+        """
+        return mode_equations(self.equations, mode)
+
+    def number(self, mode: Mode) -> int:
+        """Return the number of a mode: the states of its contacts as digits, the first contact being the lowest."""
+        return sum(STATES.index(state) * len(STATES) ** i for i, state in enumerate(mode))
+
+    def mode(self, number: int) -> Mode:
+        """Return the mode of a number."""
+        return tuple(STATES[number // len(STATES) ** i % len(STATES)] for i in range(len(self.contacts)))

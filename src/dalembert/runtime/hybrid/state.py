@@ -1,0 +1,73 @@
+"""Cases with contacts at an instant: times, parameters, and what their contacts do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...hybrid.modes import STATES
+from ...integrators.contact_decisions import ContactCases, contact_cases
+
+__all__ = ["HybridState", "placed"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HybridState:
+    """Cases at an instant; the arrays change.
+
+    Attributes
+    ----------
+    t : ndarray (k,)
+        Times [s].
+    c : ndarray (k, n_p)
+        Parameters of the scene.
+    cases : ContactCases
+        States, modes, and what is remembered of the contacts.
+    """
+
+    t: FloatArray
+    c: FloatArray
+    cases: ContactCases
+
+    @classmethod
+    def starting(cls, t: FloatArray, x: FloatArray, c: FloatArray, span: FloatArray, contacts: int) -> HybridState:
+        """Return cases before their first decision, with states x (k, 2 n_q) and signed spans (k,)."""
+        own = [np.array(values, dtype=float, order="C") for values in (t, x, c, span)]
+        return cls(own[0], own[2], contact_cases(own[1], own[3], contacts))
+
+    @property
+    def x(self) -> FloatArray:
+        """Coordinates and rates (k, 2 n_q)."""
+        return self.cases.x
+
+    def copied_from(self, other: HybridState) -> None:
+        """Take over what another state says, of as many cases."""
+        for mine, given in zip((self.t, self.c, *self.cases), (other.t, other.c, *other.cases), strict=True):
+            mine[...] = given
+
+    def copy(self) -> HybridState:
+        """Return the same with arrays of its own."""
+        return HybridState(self.t.copy(), self.c.copy(), ContactCases._make(values.copy() for values in self.cases))
+
+    def directions(self, some: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
+        """Return directions of slip (k, n_contacts, 2) of some cases."""
+        found = self.cases.directions[some]
+        return found.reshape(len(found), found.shape[1] // 2, 2)
+
+    def mode_numbers(self, some: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.int64]:
+        """Return the numbers of the modes of some cases (k,), see `HybridAutomaton.number`; -1 where there is none."""
+        modes = self.cases.modes[some]
+        numbers = modes @ (len(STATES) ** np.arange(modes.shape[1]))
+        return np.where(np.any(modes < 0, axis=1), -1, numbers)
+
+
+def placed(some: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Return numbers that rise, as a slice where none is left out."""
+    if len(some) and int(some[-1]) - int(some[0]) + 1 == len(some):
+        return slice(int(some[0]), int(some[-1]) + 1)
+    return some

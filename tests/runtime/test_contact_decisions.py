@@ -1,0 +1,95 @@
+"""Mode selection against the equations of the selected mode, which are compiled from the graph, and against the laws."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import dalembert as da
+from dalembert.integrators import contact_decisions as rules
+from dalembert.methods.status import Status
+from dalembert.runtime.hybrid.state import HybridState
+from hard_cases.contacts import corner_plate, loose_plate
+
+MU = sp.Symbol("mu", positive=True)
+CASES = 200
+VALUES = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81}
+SCENES = {
+    "starts": (lambda: corner_plate(7), None, {}),
+    "stops": (lambda: corner_plate(7), ("slip",), {0: rules.STOP}),
+    "breaks": (lambda: corner_plate(7), ("stick",), {0: rules.BREAK_UP}),
+    "turns": (lambda: corner_plate(7), ("slip",), {0: rules.TURN}),
+    "lifts": (lambda: corner_plate(7, contact=True), ("slip",), {0: rules.LIFT}),
+    "one of two lifts": (lambda: loose_plate(3, corner=MU), ("closed", "slip"), {0: rules.LIFT}),
+    "one of two stops": (lambda: loose_plate(3, corner=MU), ("closed", "slip"), {1: rules.STOP}),
+}
+
+
+def _cases(model, moving):
+    """Return random states (k, 2 n_q) in which the contacts touch, and parameters (k, n_p)."""
+    rng, layout = np.random.default_rng(7), model.layout
+    theta, rate = rng.uniform(0.3, 1.2, CASES), rng.normal(size=CASES) * moving
+    given = {"x": -0.5 / np.tan(theta), "y": 0 * theta, "theta": theta, "theta_dot": rate, "y_dot": 0 * theta}
+    given["x_dot"] = 0.5 * rate / np.sin(theta) ** 2
+    x = np.column_stack([given[name] for name in (*layout.coordinates, *layout.rates)])
+    values = VALUES | {"mu": rng.uniform(0.1, 1.0, CASES)}
+    return x, np.column_stack([np.broadcast_to(values[name], CASES) for name in layout.parameters])
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law(name):
+    scene, mode, fired = SCENES[name]
+    model = da.compile_model(scene())
+    x, p = _cases(model, moving=0.0 if {rules.STOP, rules.BREAK_UP} & set(fired.values()) else 1.0)
+    state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), len(model.contacts))
+    automaton = model._modes.automaton
+    if mode is not None:
+        digits = automaton.number(mode)
+        state.cases.modes[:] = [digits // 5**i % 5 for i in range(len(mode))]
+    for contact, flag in fired.items():
+        state.cases.fired[:, contact] = flag
+    model._modes.decisions.decide(state, np.arange(CASES))
+    good = np.flatnonzero(state.cases.status == Status.SUCCESS)
+    assert len(good) > CASES / 10  # not every state is one in which this can happen
+    for i in good[:40]:
+        selected = automaton.mode(int(state.mode_numbers()[i]))
+        own = model._model(selected)
+        added = model._modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
+        values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True)) | {k: float(v) for k, v in added.items()}
+        n = len(model.layout.coordinates)
+        q, qdot = state.x[i, :n], state.x[i, n:]
+        acceleration = own.accelerations(0.0, q, qdot, values)
+        np.testing.assert_allclose(state.cases.motion[i], acceleration, rtol=1e-9, atol=1e-9)
+        states = dict(zip((*model.layout.coordinates, *model.layout.rates), state.x[i].tolist(), strict=True))
+        run = own.simulate((0.0, 0.0), states, values)
+        for guard in model._modes.guards(selected):
+            assert run[guard.output][0] > -1e-6, (guard, selected)
+
+
+def test_senseless_coefficients_and_penetration_are_initial_states_refused():
+    model = da.compile_model(corner_plate(7, contact=True))
+    x, p = _cases(model, moving=1.0)
+    p[5, model.layout.parameters.index("mu")] = -0.1
+    x[6, model.layout.coordinates.index("x")] -= 0.3
+    state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 1)
+    model._modes.decisions.decide(state, np.arange(CASES))
+    assert state.cases.status[5] == Status.INITIAL_STATE
+    assert state.cases.status[0] == Status.SUCCESS
+
+
+def test_decisions_as_plain_python_are_those_of_machine_code(monkeypatch):
+    from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, debugging, loop_named
+
+    model = da.compile_model(loose_plate(3, corner=MU))
+    x, p = _cases(model, moving=1.0)
+    found = []
+    for debug in ("0", "1"):
+        monkeypatch.setenv(DEBUG_VARIABLE, debug)
+        debugging.cache_clear()
+        loop_named.cache_clear()
+        state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 2)
+        model._modes.decisions.decide(state, np.arange(20))
+        found.append(state)
+    debugging.cache_clear()
+    loop_named.cache_clear()
+    for compiled, plain in zip(found[0].cases, found[1].cases, strict=True):
+        np.testing.assert_array_equal(compiled, plain)
