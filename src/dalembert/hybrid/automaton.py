@@ -54,7 +54,6 @@ TRANSITIONS: Mapping[str, Transition] = {
         Transition("lift", "the normal reaction vanishes", (CLOSED, SLIP, STICK, SMOOTH), (OPEN,)),
         Transition("turn", "the normal reaction of a constraint that never opens changes its sign", _RUBBING, _RUBBING),
         Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
-        Transition("rest", "the slip speed in a plane falls below the rest speed", (SLIP,), (STICK, SLIP, OPEN)),
         Transition("break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN)),
         Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
     )

@@ -44,7 +44,7 @@ STATES = (OPEN, CLOSED, SLIP, STICK, SMOOTH)
 Mode = tuple[str, ...]
 """One word a contact."""
 
-_ONSET = 0.5
+_ONSET = 0.05
 """Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
@@ -248,11 +248,6 @@ class _ModeEquations:
                 held = [graph.input(n) for n in direction_names(contact)]
                 forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
                 points.append((Guard(f"slip speed of {name}", i, "stop"), forward))
-                rest = rest_name(contact)
-                if rest is not None:
-                    speed = graph.sum(self._speed(row) * self._speed(row) for row in contact.slips)
-                    above = speed - graph.input(rest) * graph.input(rest)
-                    points.append((Guard(f"slip speed of {name} above rest", i, "rest"), above))
             elif state == STICK and name in together:
                 points += self._impending(i)
             elif state == STICK:

@@ -82,6 +82,9 @@ _SLOW, _EXCURSION = 1e-2, 64.0 * 2.220446049250313e-16
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
 and of the terms of the gap."""
 
+_ROUNDED = 1e-14
+"""Share of the largest speed so far that rounding leaves of one that is zero."""
+
 _STOPPED = 2.0
 """Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
 
@@ -306,10 +309,14 @@ def _refused(table: ContactTable, space: ContactSpace, cases: ContactCases, case
 @compiled_subset
 def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Take down slip speeds so far, with what they have lost in the last phase, and directions of slip."""
-    n, decided = table.coordinates, True
+    sliding, planar = 0, False
     for i in range(table.constraint.size):
-        decided = decided and cases.modes[case, i] != UNDECIDED
-    if decided and cases.after[case, 0] == UNDECIDED:
+        planar = planar or table.width[i] > 1
+        if cases.modes[case, i] == SLIP:
+            sliding += 1
+    # where the only slip along a line ends, its guard says so, and no size is needed
+    losing = cases.after[case, 0] == UNDECIDED and (sliding > 1 or (planar and sliding > 0))
+    if losing:
         load_accelerations(table, space)
         for i in range(table.constraint.size):
             pick.mode[i], pick.sides[i] = cases.modes[case, i], cases.sides[case, i]
@@ -319,7 +326,7 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
         change = 0.0
         for a in range(table.width[i]):
             change += space.slip[table.first[i] + a] * space.slip[table.first[i] + a]
-        lost = sqrt(change) * abs(cases.passed[case]) if decided and cases.modes[case, i] == SLIP else 0.0
+        lost = sqrt(change) * abs(cases.passed[case]) if losing and cases.modes[case, i] == SLIP else 0.0
         speed = _slip_speed(table, space, i)
         largest = max(cases.speeds[case, i], speed)
         cases.speeds[case, i] = max(largest, lost) if lost < 1e300 else largest
@@ -332,8 +339,6 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
                 if a < table.width[i]:
                     row = table.constraints + table.first[i] + a
                     pick.given_along[i, a] = velocity(table, space, row) / speed
-    for j in range(n):
-        pick.best_motion[j] = 0.0
 
 
 # -- impacts -----------------------------------------------------------------------------------
@@ -400,6 +405,18 @@ def _kind_after(
 
 
 # -- decisions ---------------------------------------------------------------------------------
+
+
+@compiled_subset
+def _moves(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Return whether a contact that is closed, or sticks, in the selected mode moves more than rounding makes of it."""
+    moves = False
+    for i in range(table.constraint.size):
+        if pick.best_mode[i] == STICK:
+            moves = moves or not _slip_speed(table, space, i) <= _ROUNDED * cases.speeds[case, i]
+        if pick.best_mode[i] != OPEN and table.constraint[i] >= 0:
+            moves = moves or not abs(_gap_rate(table, space, i)) <= _ROUNDED * cases.approach[case, i]
+    return moves
 
 
 @compiled_subset
@@ -488,7 +505,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         for i in range(k):
             if pick.best_mode[i] == SLIP and table.width[i] > 1:
                 _rest_speed(arguments, case, i, place)
-    if closing:
+    if closing and _moves(table, space, pick, cases, case):
         _hold(arguments, case)
     return False
 

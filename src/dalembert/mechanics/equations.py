@@ -90,8 +90,7 @@ class Guard:
     contact : int
         Number of the contact; -1 for all of them.
     kind : str
-        "stop" (the slip velocity along its former direction vanishes), "rest" (the slip speed in a plane falls below
-        the rest speed), "break" (friction cannot hold, towards `sign`), "lift" (the normal reaction vanishes), "turn"
+        "stop" (the slip velocity along its former direction vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal reaction vanishes), "turn"
         (it changes its sign, at a constraint that never opens), "meet" (the gap closes) or "paradox" (the normal
         reactions are no longer determined).
     sign : int

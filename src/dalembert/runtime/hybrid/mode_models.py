@@ -81,15 +81,9 @@ class ModeModels:
         return derived_once(self._guards, mode, make)
 
     def events(self, mode: Mode) -> list[Event]:
-        """Return the guards of a mode as events, which occur where they fall through zero, or at once below it.
-
-        Slip in a plane begins below the rest speed; that guard waits until it has been above.
-        """
-        found = []
-        for guard in self.guards(mode):
-            event = Event(guard.output, terminal=True, direction=-1, name=guard.output)
-            found.append(event if guard.kind == "rest" else armed(event))
-        return found
+        """Return the guards of a mode as events, which occur where they fall through zero, or at once below it."""
+        outputs = [guard.output for guard in self.guards(mode)]
+        return [armed(Event(output, terminal=True, direction=-1, name=output)) for output in outputs]
 
     def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
         """Return coordinates and rates (k, 2 n_q) of states (k, n_y) of a mode at times (k,).

@@ -235,13 +235,14 @@ class _Run:
             if seen is None or not (seen.starts or seen.status is Status.SUCCESS):
                 return None
             starts = [self._present(self.mode), *seen.starts]
-            begun = self._begun(starts)
+            last = seen.status is Status.SUCCESS and starts[-1].t != self.request.t1
+            begun = self._begun(starts if last else starts[:-1])
             for start, state, following in zip(starts, begun, seen.starts, strict=False):
                 status = self._up_to(following.t, start.mode, state)
                 if status is not Status.SUCCESS:
                     return status
             self.mode, self.soon = starts[-1].mode, starts[-1].soon
-            if seen.status is Status.SUCCESS and starts[-1].t != self.request.t1:
+            if last:
                 return self._up_to(self.request.t1, self.mode, begun[-1])
             self._go_to(starts[-1], seen.state)
             if seen.status is not None:  # the last phase fails, or takes no time: its run says how it ends
