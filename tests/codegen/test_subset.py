@@ -215,7 +215,7 @@ def written(arguments):
 def both(function, arguments):
     """Return what Python and what the translation make of the same arguments: results, and arrays written to."""
     found = []
-    code = load_object(compile_object(loop_assembly(function), straight=False))
+    code = load_object(compile_object(loop_assembly(function), "loops"))
     entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.address("entry"))
 
     def translated(given):

@@ -54,7 +54,10 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
         selected = automaton.mode(int(state.mode_numbers()[i]))
         own = model._model(selected)
         added = model._modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
-        values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True)) | {k: float(v) for k, v in added.items()}
+        values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True))
+        values |= {key: float(value) for key, value in added.items()}
+            k: float(v) for k, v in added.items()
+        }
         n = len(model.layout.coordinates)
         q, qdot = state.x[i, :n], state.x[i, n:]
         acceleration = own.accelerations(0.0, q, qdot, values)

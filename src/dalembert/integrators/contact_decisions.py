@@ -61,6 +61,9 @@ LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE = 1, 2, 4, 8, 16, 32, 
 """Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
 ends; friction fails to hold against slip forwards, backwards, or in a plane."""
 
+SHORT_LOOPS = True
+"""Loops over coordinates and contacts have a few rounds: they are not unrolled."""
+
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
 

@@ -65,6 +65,10 @@ def solve_dense(matrix: FloatArray, right: FloatArray, n: int, columns: int, spa
     """
     if n == 0:
         return
+    if n == 1:
+        for j in range(columns):
+            right[0, j] = right[0, j] / matrix[0, 0] if matrix[0, 0] != 0.0 else 0.0
+        return
     total = 0.0
     for i in range(n):
         for j in range(n):

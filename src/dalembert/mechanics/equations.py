@@ -90,9 +90,9 @@ class Guard:
     contact : int
         Number of the contact; -1 for all of them.
     kind : str
-        "stop" (the slip velocity along its former direction vanishes), "break" (friction cannot hold, towards `sign`), "lift" (the normal reaction vanishes), "turn"
-        (it changes its sign, at a constraint that never opens), "meet" (the gap closes) or "paradox" (the normal
-        reactions are no longer determined).
+        "stop" (the slip velocity along its former direction vanishes), "break" (friction cannot hold, towards `sign`),
+        "lift" (the normal reaction vanishes), "turn" (it changes its sign, at a constraint that never opens), "meet"
+        (the gap closes) or "paradox" (the normal reactions are no longer determined).
     sign : int
         Direction of the slip that begins where friction breaks along one direction.
     """

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Any, final
+from typing import Any, Literal, final
 
 import llvmlite.binding as llvm
 
@@ -24,6 +24,7 @@ from .vector_functions import LIBRARY, prelude_variables
 
 __all__ = [
     "Compiled",
+    "Shape",
     "assembly",
     "compile_object",
     "instructions",
@@ -81,29 +82,39 @@ def _machine(level: int) -> Any:
     )
 
 
-def compile_object(source: str, *, straight: bool = True) -> bytes:
+Shape = Literal["straight", "loops", "short loops"]
+"""Shape of code: straight-line code; loops translated from Python; such loops of a few rounds each."""
+
+
+def compile_object(source: str, shape: Shape = "straight") -> bytes:
     """Return the object code of a module of LLVM assembly, for this machine.
 
-    Code that is not `straight`, but loops translated from Python, goes through LLVM's optimisation passes.
+    Loops go through LLVM's optimisation passes; short ones are neither unrolled nor vectorized, which would take half
+    of the time to compile and make them slower.
     """
     with _ENTERED:
-        machine, module = _compiled(source, straight)
+        machine, module = _compiled(source, shape)
         return bytes(machine.emit_object(module))
 
 
 def instructions(source: str) -> str:
     """Return what `compile_object` makes of straight code, as this machine's assembler has it: for those who look."""
     with _ENTERED:
-        machine, module = _compiled(source, True)
+        machine, module = _compiled(source, "straight")
         return str(machine.emit_assembly(module))
 
 
-def _compiled(source: str, straight: bool) -> tuple[Any, Any]:
+def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
+    straight = shape == "straight"
     machine, module = _machine(2), llvm.parse_assembly(source)
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0 if straight else 2))
+    options = llvm.create_pipeline_tuning_options(speed_level=0 if straight else 2)
+    if shape == "short loops":
+        options.loop_unrolling = options.loop_interleaving = False
+        options.loop_vectorization = options.slp_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
     passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
     if straight:  # the code is in the shape that it should have: nothing but inlining is worth its time
         passes.add_always_inliner_pass()

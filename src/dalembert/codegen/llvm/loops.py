@@ -25,7 +25,7 @@ from ...once import once, once_property
 from ...version import __version__
 from ..cache import digest_of, directory
 from ..generator_digest import generator_digest
-from .assembly import Compiled, load_object
+from .assembly import Compiled, Shape, load_object
 from .objects import object_code
 from .target import target
 
@@ -56,10 +56,10 @@ def toolchain() -> str:
     return f"{__version__} {python} {llvmlite.__version__}"
 
 
-def library_code(name: str, text: Callable[[], str], *, straight: bool = True) -> Compiled:
+def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> Compiled:
     """Return code that belongs to no scene, made of a module of assembly once per installation."""
     folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
-    return load_object(object_code(folder, name, text, straight=straight))
+    return load_object(object_code(folder, name, text, shape))
 
 
 @final
@@ -80,7 +80,8 @@ class Loop:
 
             return loop_assembly(self._function, fused=target().fused)
 
-        return library_code(self._name, text, straight=False)
+        module = importlib.import_module(self._function.__module__)
+        return library_code(self._name, text, "short loops" if getattr(module, "SHORT_LOOPS", False) else "loops")
 
     @once_property
     def call(self) -> Any:

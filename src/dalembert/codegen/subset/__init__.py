@@ -57,25 +57,13 @@ def loop_assembly(loop: Any, *, fused: bool = True) -> str:
     """
     module, kind = _Module(fused), kind_of(arguments_of(loop))
     name, result = module.function(loop, (kind,))
-    lines, words = [], []
-    for place, word in enumerate(kind.words):
-        stored = "i64" if word == "i1" else word
-        lines.append(f"%a{place} = getelementptr %arguments, ptr %packed_args, i32 0, i32 {place}")
-        lines.append(f"%w{place} = load {stored}, ptr %a{place}")
-        if word == "i1":
-            lines.append(f"%f{place} = trunc i64 %w{place} to i1")
-        words.append(f"{word} %{'f' if word == 'i1' else 'w'}{place}")
-    if result == INTEGER:
-        lines += [f"%r = call {{i64}} @{name}({', '.join(words)})", "%status = extractvalue {i64} %r, 0"]
-        lines.append("ret i64 %status")
-    else:
-        lines += [f"call void @{name}({', '.join(words)})", "ret i64 0"]
+    lines = [f"%r = call {{i64}} @{name}(ptr %packed_args)", "%status = extractvalue {i64} %r, 0", "ret i64 %status"]
+    if result != INTEGER:
+        lines = [f"call void @{name}(ptr %packed_args)", "ret i64 0"]
     body = "\n".join(["entry:", *lines])
     entry = f"define i64 @{ENTRY}(ptr %packed_args) nounwind {{\n{body}\n}}"
-    fields = ", ".join("i64" if word == "i1" else word for word in kind.words)
-    signature = f"%arguments = type {{ {fields} }}"
     declared = f"{_DECLARED}\ndeclare double @{module.fused}(double, double, double)"
-    return "\n\n".join([signature, declared, *module.constants, *module.texts, entry, ""])
+    return "\n\n".join([declared, *module.constants, *module.texts, entry, "!0 = !{}", ""])
 
 
 @final

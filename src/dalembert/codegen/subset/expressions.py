@@ -13,7 +13,7 @@ import numpy as np
 
 from ...integrators import compiled_subset as code
 from ...integrators.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Fields, Group, Kind
-from .values import Lines, Value, literal, parts, rounded, unified
+from .values import Lines, Value, literal, rounded, unified
 
 __all__ = ["UNKNOWN", "Expressions", "Functions"]
 
@@ -219,7 +219,7 @@ class Expressions(Lines):
         if isinstance(value.kind, Fields):
             return self.load(self.field(value, name))
         if isinstance(value.kind, Group) and name in value.kind.names:
-            return parts(value)[value.kind.names.index(name)]
+            return self.part(value, value.kind.names.index(name))
         if isinstance(value.kind, Array) and name == "shape":
             return Value(Group((INTEGER,) * value.kind.dimensions), value.words[1:])
         if isinstance(value.kind, Array) and name == "size":
@@ -231,7 +231,7 @@ class Expressions(Lines):
 
     def _element(self, base: Value, index: ast.expr) -> Value:
         if isinstance(base.kind, Group):
-            return parts(base)[int(self.known(index))]
+            return self.part(base, int(self.known(index)))
         place = self.place(base, self.index(index))
         assert isinstance(place.kind, Array)
         return place if place.kind.dimensions else self.load(place)
@@ -244,7 +244,11 @@ class Expressions(Lines):
         if not getattr(function, "compiled_subset", False):
             raise TypeError(f"{function} has no translation")
         name, kind, given = self.called(function, given)
-        words = ", ".join(f"{k} {w}" for v in given for k, w in zip(v.kind.words, v.words, strict=True))
+        words = ", ".join(
+            f"{k} {w}"
+            for v in given
+            for k, w in ([("ptr", self.address(v))] if v.base else zip(v.kind.words, v.words, strict=True))
+        )
         if not kind.words:
             self.lines.append(f"call void @{name}({words})")
             return Value(kind, ())

@@ -9,7 +9,7 @@ from typing import Any, final
 
 from ...integrators.kinds import FLAG, INTEGER, NUMBER, Group, Kind
 from .expressions import UNKNOWN, Expressions, Functions
-from .values import Value, parts
+from .values import Value, by_reference
 
 __all__ = ["translated"]
 
@@ -51,6 +51,11 @@ class _Statements(Expressions):
         stored = (node for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
         changed, arguments = {node.id for node in stored}, []
         for argument, kind in zip(tree.args.args, kinds, strict=True):
+            if by_reference(kind):
+                base = f"%{self.fresh()}"
+                arguments.append(f"ptr noalias {base}")
+                self.fixed[argument.arg] = Value(kind, (), base)
+                continue
             words = tuple(f"%{self.fresh()}" for _ in kind.words)
             arguments += [f"{word} {name}" for word, name in zip(kind.words, words, strict=True)]
             if argument.arg in changed:
@@ -78,6 +83,9 @@ class _Statements(Expressions):
 
     def _statement(self, node: ast.stmt) -> None:
         match node:
+            case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+                for target, found in zip(targets, [self.value(value) for value in values], strict=True):
+                    self._assign(target, found)
             case ast.Assign(targets=targets, value=value):
                 found = self.value(value)
                 for target in targets:
@@ -110,7 +118,8 @@ class _Statements(Expressions):
             case ast.Name(id=name):
                 self._assign_name(name, value)
             case ast.Tuple(elts=targets):
-                for part, found in zip(targets, parts(value), strict=True):
+                count = len(value.kind.parts) if isinstance(value.kind, Group) else 0
+                for part, found in zip(targets, [self.part(value, i) for i in range(count)], strict=True):
                     self._assign(part, found)
             case ast.Subscript(value=base, slice=index):
                 self.store(value, self.place(self.value(base), self.index(index)))
@@ -122,6 +131,11 @@ class _Statements(Expressions):
     def _assign_name(self, name: str, value: Value) -> None:
         """Keep a value in a variable, whose kind is that of the first value in the text; `_` keeps none."""
         if name == "_":
+            return
+        if value.base:
+            if name in self.variables or self.fixed.get(name, value) != value:
+                raise TypeError(f"{name} is another NamedTuple of arguments already")
+            self.fixed[name] = value
             return
         if name not in self.variables:
             self.variables[name] = value.kind, [self.slot(word) for word in value.kind.words]

@@ -10,7 +10,7 @@ from typing import final
 
 from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 
-__all__ = ["Lines", "Value", "literal", "parts", "rounded", "unified"]
+__all__ = ["Lines", "Value", "by_reference", "literal", "parts", "rounded", "unified"]
 
 _ORDER = (FLAG, INTEGER, NUMBER)
 
@@ -18,10 +18,15 @@ _ORDER = (FLAG, INTEGER, NUMBER)
 @final
 @dataclass(frozen=True)
 class Value:
-    """A value: its kind, and the operands that hold its words."""
+    """A value: its kind, and the operands that hold its words.
+
+    A NamedTuple of arguments is the address of its words instead, and the number of the first of them: `base` is set.
+    """
 
     kind: Kind
     words: tuple[str, ...]
+    base: str = ""
+    first: int = 0
 
 
 def rounded(number: float) -> str:
@@ -36,9 +41,14 @@ def literal(number: bool | int | float) -> Value:
     return Value(INTEGER, (str(int(number)),)) if isinstance(number, int) else Value(NUMBER, (rounded(number),))
 
 
+def by_reference(kind: Kind) -> bool:
+    """Return whether functions take a value as the address of its words: NamedTuples of arguments."""
+    return isinstance(kind, Group) and bool(kind.names)
+
+
 def parts(value: Value) -> list[Value]:
     """Return the values in a tuple."""
-    assert isinstance(value.kind, Group)
+    assert isinstance(value.kind, Group) and not value.base
     found, first = [], 0
     for kind in value.kind.parts:
         last = first + len(kind.words)
@@ -158,6 +168,26 @@ class Lines:
             offset = word if before == "0" else before if word == "0" else self.set(f"add i64 {before}, {word}")
         data = self.set(f"getelementptr {kind.item.stored}, ptr {data}, i64 {offset}")
         return Value(Array(kind.item, len(shape) - len(index)), (data, *shape[len(index) :]))
+
+    def part(self, group: Value, number: int) -> Value:
+        """Return a part of a tuple. Those of arguments are read from their words, which never change."""
+        assert isinstance(group.kind, Group)
+        if not group.base:
+            return parts(group)[number]
+        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
+        if isinstance(kind, Group):
+            return Value(kind, (), group.base, first)
+        words = []
+        for place, word in enumerate(kind.words, first):
+            address = self.set(f"getelementptr i64, ptr {group.base}, i64 {place}")
+            stored = "i64" if word == "i1" else word
+            read = self.set(f"load {stored}, ptr {address}, !invariant.load !0")
+            words.append(self.set(f"trunc i64 {read} to i1") if word == "i1" else read)
+        return Value(kind, tuple(words))
+
+    def address(self, group: Value) -> str:
+        """Return the address of the words of a NamedTuple of arguments."""
+        return self.set(f"getelementptr i64, ptr {group.base}, i64 {group.first}") if group.first else group.base
 
     def field(self, record: Value, name: str) -> Value:
         """Return the address of a field of a record, as `place` does that of an element."""
