@@ -1,4 +1,4 @@
-"""Mode selection against the equations of the selected mode, which are compiled from the graph, and against the laws."""
+"""Mode selection against the laws of contact and the equations of the selected mode, which come from the graph."""
 
 import numpy as np
 import pytest
@@ -56,8 +56,6 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
         added = model._modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
         values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True))
         values |= {key: float(value) for key, value in added.items()}
-            k: float(v) for k, v in added.items()
-        }
         n = len(model.layout.coordinates)
         q, qdot = state.x[i, :n], state.x[i, n:]
         acceleration = own.accelerations(0.0, q, qdot, values)
