@@ -26,7 +26,7 @@ def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float
 def _take_signs(
     events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int, armed: bool
 ) -> None:
-    """Take down the signs that expressions have or are about to have; those of armed events where they are ``armed``."""
+    """Take down the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
     space.one_clock[0, 0] = t
     call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
     for e in range(events.directions.size):

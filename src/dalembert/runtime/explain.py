@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
 from ..errors import ConstraintError, FormulationError, list_names
+from ..hybrid.modes import mode_equations
 from ..ir.conditions import NARROW
 from ..ir.kernel import describe_counts
 from ..ir.program import Program
@@ -15,7 +16,6 @@ from ..lowering.programs import lower
 from ..mechanics.copying import copied
 from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
-from ..reduction.modes import in_mode
 from ..transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def _count(stages: Stages, formulation: str) -> str:
     """Return the operation count of the right-hand side in a formulation, as far as that can serve the scene."""
     equations = copied(stages.derivation.equations)
     try:
-        reduced = reduce(equations if stages.mode is None else in_mode(equations, stages.mode), formulation)
+        reduced = reduce(equations if stages.mode is None else mode_equations(equations, stages.mode), formulation)
         return describe_counts(lower(reduced).kernel("rhs"))
     except (FormulationError, ConstraintError):
         return "cannot serve"
