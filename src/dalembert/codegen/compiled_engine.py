@@ -176,7 +176,7 @@ class CompiledEngine(Engine):
             return super().integrate_automatic(problem, method)
         from ..integrators import explicit_loop as explicit
 
-        tried = explicit.integrate(self._explicit, _pair(method), problem, watched=True)
+        tried = explicit.integrate(self._explicit, _pair(method), problem, stop_if_stiff=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):

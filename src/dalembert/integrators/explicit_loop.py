@@ -15,9 +15,9 @@ from ..methods.tableau import Tableau
 from .arguments import Address
 from .compiled_subset import compiled_subset
 from .explicit_stages import (
-    HELD_STEPS,
     LANES,
-    WATCHED_FROM,
+    STIFF_STEPS,
+    STIFFNESS_FROM,
     at_boundary,
     dense_polynomial,
     error_norm,
@@ -44,7 +44,7 @@ from .recorded_runs import (
 )
 from .step_control import ACCEPTED, error_verdict, growth, reduction
 
-__all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "Held", "integrate"]
+__all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "StiffnessStop", "integrate"]
 
 _STOPPED = RUNNING - 1
 """What the loop returns in place of a status where it stopped a run that is held up by stability."""
@@ -71,8 +71,8 @@ class ExplicitCode:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Held:
-    """The point at which a run was stopped to judge its stiffness: time, size of the last step, state (n_y,)."""
+class StiffnessStop:
+    """Point at which a run was stopped because it seems stiff: time, size of the last step, state (n_y,)."""
 
     t: float
     step: float
@@ -89,8 +89,8 @@ class ExplicitArguments(NamedTuple):
 
 
 def integrate(
-    code: ExplicitCode, tableau: Tableau, problem: IntegrationProblem, *, watched: bool = False
-) -> Solution | Held:
+    code: ExplicitCode, tableau: Tableau, problem: IntegrationProblem, *, stop_if_stiff: bool = False
+) -> Solution | StiffnessStop:
     """Integrate a problem with an explicit Runge-Kutta pair.
 
     Parameters
@@ -101,15 +101,15 @@ def integrate(
         The method.
     problem
         The problem; its arrays are copied.
-    watched
+    stop_if_stiff
         Whether to stop where stability, not accuracy, holds the steps for long.
 
     Returns
     -------
-    Solution or Held
-        Numerical failure is its status, never an exception. `Held` where the run was stopped.
+    Solution or StiffnessStop
+        Numerical failure is its status, never an exception. `StiffnessStop` where the run was stopped.
     """
-    settings, packed = settings_of(problem, tableau.degree, watched=watched), packed_tableau(tableau)
+    settings, packed = settings_of(problem, tableau.degree, stop_if_stiff=stop_if_stiff), packed_tableau(tableau)
     n, codes = settings.kept, Addresses(code.rhs, code.position, code.velocity)
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
     work[0, :n] = problem.y0
@@ -119,7 +119,7 @@ def integrate(
 
     status, run, pieces = run_in_blocks(loop, problem, settings, work)
     if status == _STOPPED:
-        return Held(float(run.progress.t), float(run.progress.size), work[run.progress.row, :n].copy())
+        return StiffnessStop(float(run.progress.t), float(run.progress.size), work[run.progress.row, :n].copy())
     return solution(problem, status, run, pieces)
 
 
@@ -180,7 +180,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     verdict = _verdict(codes, tableau, run, error, t_new, y_new)
     if verdict != ACCEPTED:
         return retry(settings, run, abs(h) * reduction(verdict, error, tableau.exponent), verdict)
-    if settings.watched and progress.steps >= WATCHED_FROM:  # before the point of the last stage is overwritten
+    if settings.stop_if_stiff and progress.steps >= STIFFNESS_FROM:  # before the point of the last stage is overwritten
         progress.at_boundary = progress.at_boundary + 1 if at_boundary(tableau, h, work, y_new, n) else 0
     piece = progress.steps - progress.begun if settings.dense else 0
     if settings.dense or pending(run, t_new):
@@ -189,7 +189,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
         dense_polynomial(tableau, h, work, y, y_new, run.pieces, piece, n)
         run.pieces[piece, 0] = t_new
     status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
-    if progress.at_boundary == HELD_STEPS:
+    if progress.at_boundary == STIFF_STEPS:
         progress.size = abs(h)
         return _STOPPED
     progress.size = abs(h) * growth(error, progress.previous, progress.retried != 0, tableau.exponent)

@@ -23,9 +23,9 @@ from .recorded_runs import Run, evaluate
 from .step_control import error_scale
 
 __all__ = [
-    "HELD_STEPS",
     "LANES",
-    "WATCHED_FROM",
+    "STIFFNESS_FROM",
+    "STIFF_STEPS",
     "at_boundary",
     "dense_polynomial",
     "error_norm",
@@ -34,8 +34,8 @@ __all__ = [
 ]
 
 LANES = 8
-WATCHED_FROM, HELD_STEPS = 1000, 15
-"""Steps after which a run is watched for stiffness, and steps in a row at the boundary that say so."""
+STIFFNESS_FROM, STIFF_STEPS = 1000, 15
+"""Steps after which a run is tested for stiffness, and steps in a row at the boundary of stability that show it."""
 
 _BOUNDARY = 3.0
 

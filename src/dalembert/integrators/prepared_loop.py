@@ -62,7 +62,7 @@ class PreparedArguments(NamedTuple):
     ----------
     n, memory : int
         Number of components of the state, and of what a step remembers.
-    p, c : (1, n_p), (1, n_c)
+    parameters, constants : (1, n_p), (1, n_c)
         Parameters; gets the constants.
     settings : (1, ...)
         Gets the largest step; the direction of time, and what else a step reads.
@@ -76,8 +76,8 @@ class PreparedArguments(NamedTuple):
     limits: PreparedLimits
     n: int
     memory: int
-    p: Matrix
-    c: Matrix
+    parameters: Matrix
+    constants: Matrix
     settings: Matrix
     clock: Matrix
     states: Matrix
@@ -104,14 +104,14 @@ def LOOP(arguments: PreparedArguments) -> int:
 def _begin(arguments: PreparedArguments) -> int:
     """Compute the constants and what the first step remembers; return the status."""
     kernels, limits, progress = arguments.kernels, arguments.limits, arguments.progress
-    c, clock, settings, states = arguments.c, arguments.clock, arguments.settings, arguments.states
+    constants, clock, settings, states = arguments.constants, arguments.clock, arguments.settings, arguments.states
     progress.t, progress.steps, progress.attempts, progress.row = limits.t0, 0, 0, 0
-    call_code(kernels.prepare, row(arguments.p, 0), 0, 0, 0, row(c, 0))
+    call_code(kernels.prepare, row(arguments.parameters, 0), 0, 0, 0, row(constants, 0))
     states[0, arguments.n] = 0.0
     status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
     if kernels.start != 0 and status == RUNNING:
         clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, limits.t1, limits.largest)
-        call_code(kernels.start, row(clock, 0), row(states, 0), row(c, 0), row(settings, 0), row(states, 1))
+        call_code(kernels.start, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, 1))
         progress.row = 1
     return status
 
@@ -120,11 +120,13 @@ def _begin(arguments: PreparedArguments) -> int:
 def _attempt(arguments: PreparedArguments) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     limits, progress, states = arguments.limits, arguments.progress, arguments.states
-    c, settings, clock, n = arguments.c, arguments.settings, arguments.clock, arguments.n
+    constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
     t, old, new, retries = progress.t, progress.row, 1 - progress.row, arguments.memory > 0
     rest = abs(limits.t1 - t)
     clock[0, 0], settings[0, 0] = t, largest_step(t, limits.t1, limits.largest)
-    call_code(arguments.kernels.step, row(clock, 0), row(states, old), row(c, 0), row(settings, 0), row(states, new))
+    call_code(
+        arguments.kernels.step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new)
+    )
     progress.attempts += 1
     size, proposed = states[new, n], 0.0
     if retries:
@@ -135,7 +137,7 @@ def _attempt(arguments: PreparedArguments) -> int:
     if verdict == ACCEPTED:
         end = end_of_step(t, limits.t1, settings[0, 1], size, rest)
         position, velocity = arguments.kernels.position, arguments.kernels.velocity
-        if not project_row(position, velocity, end, clock, states, new, c, arguments.delta, arguments.mark):
+        if not project_row(position, velocity, end, clock, states, new, constants, arguments.delta, arguments.mark):
             smaller = blind_retry(size, t, rest, retries)
             if smaller == 0.0:
                 return Status.PROJECTION_FAILED

@@ -44,7 +44,8 @@ __all__ = [
 class Settings(NamedTuple):
     """The numbers of a problem, of whose components the first ``kept`` are recorded, by polynomials of a ``degree``.
 
-    ``first_step`` is 0 where it is to be chosen; ``watched`` runs stop where stability holds the steps.
+    ``first_step`` is 0 where it is to be chosen; runs with ``stop_if_stiff`` stop where
+    stability holds the steps.
     """
 
     t0: float
@@ -58,7 +59,7 @@ class Settings(NamedTuple):
     degree: int
     sampled: bool
     dense: bool
-    watched: bool
+    stop_if_stiff: bool
 
 
 class Progress(Record):
@@ -220,7 +221,7 @@ def _store(run: Run, number: int, t: float, source: int) -> None:
         run.rows[number, 1 + m] = run.work[source, m]
 
 
-def settings_of(problem: IntegrationProblem, degree: int, *, watched: bool = False) -> Settings:
+def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool = False) -> Settings:
     """Return the settings of a problem."""
     return Settings(
         float(problem.t0),
@@ -234,7 +235,7 @@ def settings_of(problem: IntegrationProblem, degree: int, *, watched: bool = Fal
         degree,
         problem.t_eval is not None,
         bool(problem.dense),
-        watched,
+        stop_if_stiff,
     )
 
 

@@ -18,7 +18,7 @@ class SampleArguments(NamedTuple):
     ----------
     position, velocity : address
         The projections, 0 for none.
-    c : (k, n_c)
+    case_constants : (k, n_c)
         Constants of the cases.
     t_eval : (m,)
         Times [s].
@@ -33,7 +33,7 @@ class SampleArguments(NamedTuple):
 
     position: Address
     velocity: Address
-    c: Matrix
+    case_constants: Matrix
     t_eval: Vector
     inside: FlagMatrix
     samples: Matrix
@@ -48,7 +48,7 @@ class SampleArguments(NamedTuple):
 @compiled_subset
 def LOOP(arguments: SampleArguments) -> None:
     """Correct the samples that are marked as inside a step; where that fails they stay as they are."""
-    c, t_eval, inside, samples = arguments.c, arguments.t_eval, arguments.inside, arguments.samples
+    given, t_eval, inside, samples = arguments.case_constants, arguments.t_eval, arguments.inside, arguments.samples
     clock, states, constants, delta = arguments.clock, arguments.states, arguments.constants, arguments.delta
     position, velocity, number, mark = arguments.position, arguments.velocity, arguments.number, arguments.mark
     lanes, wanted, n = clock.shape[1], t_eval.size, delta.shape[0]
@@ -58,8 +58,8 @@ def LOOP(arguments: SampleArguments) -> None:
         if place < total and inside[i, j]:
             for m in range(n):
                 states[m, filled] = samples[i, j * n + m]
-            for m in range(c.shape[1]):
-                constants[m, filled] = c[i, m]
+            for m in range(given.shape[1]):
+                constants[m, filled] = given[i, m]
             clock[0, filled], number[filled], mark[filled] = t_eval[j], place, WANTED
             filled += 1
         if filled < lanes and (place < total or filled == 0):

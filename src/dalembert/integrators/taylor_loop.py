@@ -44,7 +44,7 @@ class TaylorArguments(NamedTuple):
         Handed to the step (see `dalembert.transforms.taylor`).
     y : (1, n_y + 1)
         The state, and the size of the step before, 0 where there was none.
-    c : (1, n_c)
+    constants : (1, n_c)
     rows : (m, ...)
         Gets the outputs of step k in row k modulo m.
     times : (...,)
@@ -63,7 +63,7 @@ class TaylorArguments(NamedTuple):
     largest: float
     settings: Matrix
     y: Matrix
-    c: Matrix
+    constants: Matrix
     rows: Matrix
     times: Vector
     low: Vector
@@ -97,7 +97,7 @@ def _advance(old: FloatArray, before: int, rows: FloatArray, here: int, h: float
 @compiled_subset
 def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
     step, position, velocity, progress = arguments.step, arguments.position, arguments.velocity, arguments.progress
-    settings, y, c, rows = arguments.settings, arguments.y, arguments.c, arguments.rows
+    settings, y, constants, rows = arguments.settings, arguments.y, arguments.constants, arguments.rows
     times, low, clock, limit = arguments.times, arguments.low, arguments.clock, arguments.limit
     n = low.size - 1
     t, t1, largest = progress.t, arguments.t1, arguments.largest
@@ -109,7 +109,7 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
             return Status.SUCCESS, k
         settings[0, 0] = min(rest, largest)
         clock[0, 0] = t
-        call_code(step, row(clock, 0), state, row(c, 0), row(settings, 0), row(rows, here))
+        call_code(step, row(clock, 0), state, row(constants, 0), row(settings, 0), row(rows, here))
         size = rows[here, n]
         verdict = attempt_verdict(size, rows[here, n + 1] != 0.0, 0.0, False, t, rest)
         if verdict != ACCEPTED:
@@ -123,7 +123,7 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
             t, low[n] = t1, 0.0
         else:
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
-        if not project_row(position, velocity, t, clock, rows, here, c, arguments.delta, arguments.mark):
+        if not project_row(position, velocity, t, clock, rows, here, constants, arguments.delta, arguments.mark):
             return Status.PROJECTION_FAILED, k
         progress.t = t
         if k < times.size:

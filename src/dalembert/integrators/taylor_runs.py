@@ -69,7 +69,8 @@ class StepCode:
 Watch = Callable[[float, FloatArray, float], bool]
 """Time, state and mean size of the last steps -> whether to stop there."""
 
-_WATCHED_FROM, _WATCHED_REST = 900, 4000
+_STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
+"""Steps after which a run is tested for stiffness, and steps that must be left for a change of method to pay."""
 
 
 @final
@@ -78,7 +79,7 @@ class _Workspace:
 
     def __init__(self, code: StepCode, n: int, constants: int) -> None:
         self.width = n + 2 + n * (code.order + 1)
-        self.settings, self.y, self.c = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((1, constants))
+        self.settings, self.y, self.constants = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((1, constants))
         self.low, self.progress = np.zeros(n + 1), TaylorProgress()
         self.rows, self.times = np.empty((FIRST_BLOCK, self.width)), np.empty(FIRST_BLOCK)
         self._nothing = np.zeros(n), np.zeros(constants)
@@ -91,7 +92,7 @@ class _Workspace:
             0.0,
             self.settings,
             self.y,
-            self.c,
+            self.constants,
             self.rows,
             self.times,
             self.low,
@@ -105,13 +106,13 @@ class _Workspace:
 
     def begin(self, problem: IntegrationProblem) -> bool:
         """Take in the start of a problem; return whether its numbers are finite."""
-        self.y[0, :-1], self.y[0, -1], self.c[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
+        self.y[0, :-1], self.y[0, -1], self.constants[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
         direction = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.settings[0] = 0.0, direction, scale_floor(problem.rtol, problem.atol)
         self.progress.t = problem.t0
         self._doubles[_T1_AT], self._doubles[_LARGEST_AT] = problem.t1, problem.max_step
         state, constants = self._nothing
-        return bool(self.y[0, :-1] @ state + self.c[0] @ constants == 0.0)
+        return bool(self.y[0, :-1] @ state + self.constants[0] @ constants == 0.0)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
         """Take at most `limit` steps; return the status, ends of steps (k,) and what they put out (k, width)."""
@@ -171,10 +172,10 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         status, times, rows = work.run(call, limit)
         record.add(times, rows, turns.copy() if record.wound else None)
         size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
-        if watch is not None and status == RUNNING and record.steps >= _WATCHED_FROM:
+        if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
             step = abs(record.end - start) / len(times)
             state = work.y[0, :-1].copy()
-            if abs(problem.t1 - record.end) >= _WATCHED_REST * step and watch(record.end, state, step):
+            if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, state, step):
                 return None
     if work.rows.nbytes <= _LARGEST_KEPT:
         code.workspaces.append(work)
