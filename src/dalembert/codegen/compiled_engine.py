@@ -356,6 +356,9 @@ class CompiledEngine(Engine):
         from ..integrators.taylor_runs import StepCode
 
         order = order_for(clipped_tolerance(problem.rtol, problem.atol))
+        found = self._taylor_codes.get(order)
+        if found is not None:
+            return found
 
         def make() -> StepCode:
             position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))

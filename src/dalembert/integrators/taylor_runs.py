@@ -106,13 +106,14 @@ class _Workspace:
 
     def begin(self, problem: IntegrationProblem) -> bool:
         """Take in the start of a problem; return whether its numbers are finite."""
-        self.y[0, :-1], self.y[0, -1], self.constants[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
+        y = self.y[0]
+        y[:-1], y[-1], self.constants[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
         direction = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.settings[0] = 0.0, direction, scale_floor(problem.rtol, problem.atol)
         self.progress.t = problem.t0
         self._doubles[_T1_AT], self._doubles[_LARGEST_AT] = problem.t1, problem.max_step
         state, constants = self._nothing
-        return bool(self.y[0, :-1] @ state + self.constants[0] @ constants == 0.0)
+        return bool(y[:-1] @ state + self.constants[0] @ constants == 0.0)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
         """Take at most `limit` steps; return the status, ends of steps (k,) and what they put out (k, width)."""
@@ -194,7 +195,7 @@ def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray | None]
-"""Ends of steps (k,), what the steps put out (k, width), and the turns (n,) that angles have made before, if any."""
+"""Times (k,), what the steps put out there (k, width) or states (k, n), and the turns (n,) that angles made before."""
 
 
 @final
@@ -205,7 +206,7 @@ class _Record:
         self.problem, self.order = problem, order
         self.steps, self.end, self.wound = 0, float(problem.t0), False
         self.blocks: list[_Block] = []
-        self.samples: list[tuple[FloatArray, FloatArray, FloatArray | None]] = []
+        self.samples: list[_Block] = []
         if problem.t_eval is not None:
             first = problem.t_eval[problem.t_eval == problem.t0]
             self.samples.append((first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)), None))
@@ -234,22 +235,24 @@ class _Record:
     def solution(self, status: Status) -> Solution:
         """Return the solution of a run that ended with `status`."""
         problem, n = self.problem, len(self.problem.y0)
-        knots = np.concatenate([np.array([problem.t0], float), *(times for times, _, _ in self.blocks)])
-        if problem.t_eval is None:
-            first = np.array(problem.y0, float).reshape(1, n), None
-            states = [first, *((rows[:, :n], turns) for _, rows, turns in self.blocks)]
-            t = knots.copy() if problem.dense else knots
-        else:
-            states = [(sampled, turns) for _, sampled, turns in self.samples]
-            t = np.concatenate([times for times, _, _ in self.samples])
+        count = 1 + sum(len(times) for times, _, _ in self.blocks)
+        knots, near = np.empty(count), np.empty((count, n))
+        knots[0], near[0], place = problem.t0, problem.y0, 1
+        for times, rows, _ in self.blocks:
+            knots[place : place + len(times)], near[place : place + len(times)] = times, rows[:, :n]
+            place += len(times)
+        parts = self.blocks
+        t = knots.copy() if problem.dense else knots
+        if problem.t_eval is not None:
+            parts = self.samples
+            t, near = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        y = self._turned(near, parts) if self.wound else near
         dense = None
         if problem.dense and self.blocks:
             dense = PiecewisePolynomial(knots, _Series(self.order, self._direction, self.blocks, n))
         elif problem.dense:
             constant = np.array(problem.y0, dtype=float).reshape(1, 1, n)
             dense = PiecewisePolynomial(np.full(2, float(problem.t0)), constant)
-        near = np.concatenate([y for y, _ in states])
-        y = np.concatenate([y if turns is None else y + turns * _TURN for y, turns in states]) if self.wound else near
         return Solution(
             status=status,
             t=t,
@@ -261,6 +264,17 @@ class _Record:
             near=near if self.wound else None,
             end=self.end,
         )
+
+    @staticmethod
+    def _turned(near: FloatArray, parts: list[_Block]) -> FloatArray:
+        """Return states with the turns that angles had made before the parts of the record, the last of the states."""
+        y = near.copy()
+        place = len(near) - sum(len(times) for times, _, _ in parts)
+        for times, _, turns in parts:
+            if turns is not None:
+                y[place : place + len(times)] += turns * _TURN
+            place += len(times)
+        return y
 
 
 @final

@@ -64,7 +64,8 @@ def span_of(t_span: Sequence[float]) -> tuple[float, float]:
         For what is not two numbers.
     """
     try:
-        t0, t1 = (number(t) for t in t_span)
+        t0, t1 = t_span
+        t0, t1 = number(t0), number(t1)
     except (TypeError, ValueError):
         raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
     return t0, t1
@@ -124,6 +125,8 @@ def resolve_names(kind: str, given: Iterable[Any], known: Iterable[str], aliases
 
 def warn_below_floor(rtol: float, atol: float, program: Program | None = None, method: str = "") -> None:
     """Warn of tolerances below what a method reaches in double precision, for components of size 1."""
+    if rtol >= MULTIPLIERS_FLOOR or atol >= MULTIPLIERS_FLOOR:  # the highest floor
+        return
     floor, what = FLOOR, "double precision"
     if program is not None and "stages" in program:
         floor, what = MULTIPLIERS_FLOOR, f"{method!r} with multipliers in its stages ({program.formulation!r})"
