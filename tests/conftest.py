@@ -17,7 +17,7 @@ LONG = (
     "codegen/test_jax_backend.py",
     "codegen/test_jax_agreement.py",
     "integrators/test_jax_lanes.py",
-    "runtime/test_keeping.py",
+    "runtime/test_invariant_projection.py",
     "system/test_friction.py",
     "textbook/test_agreement.py",
     "reduction/test_agreement.py",

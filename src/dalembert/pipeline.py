@@ -28,7 +28,7 @@ from .mechanics.equations import EquationsOfMotion
 from .once import deriving
 from .options import CompileOptions
 from .reduction import ReducedSystem, reduce
-from .reduction.keeping import keeping
+from .reduction.invariant_projection import project_invariants
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
@@ -204,7 +204,7 @@ def compile_equations(
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     if kept:
         unprojected = reduced
-        reduced = watch("keep", lambda: keeping(unprojected, kept))
+        reduced = watch("project", lambda: project_invariants(unprojected, kept))
     records: list[PassRecord] = []
     program = watch("lower", lambda: lower(reduced, records))
     if program.energy_note and {"energy", "potential_energy"} & set(names):

@@ -11,7 +11,7 @@ import pytest
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
-from dalembert.runtime import sweeping
+from dalembert.runtime import case_blocks
 from oracles.sleigh_exact import sleigh_state
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -112,8 +112,8 @@ def interrupted(monkeypatch):
     def press(finished):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweeping, "_BETWEEN_LOOKS", 0.01)
-    monkeypatch.setattr(sweeping, "meter", lambda total, wanted: contextlib.nullcontext(press))
+    monkeypatch.setattr(case_blocks, "_BETWEEN_LOOKS", 0.01)
+    monkeypatch.setattr(case_blocks, "meter", lambda total, wanted: contextlib.nullcontext(press))
 
 
 @pytest.mark.parametrize("threads", [1, 2])

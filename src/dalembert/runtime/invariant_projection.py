@@ -14,8 +14,8 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
+from ..reduction.invariant_projection import TIME_SCALE, initial_name
 from ..reduction.invariants import Candidates, why_not
-from ..reduction.keeping import TIME_SCALE, initial_name
 from ..values import listed
 from . import inputs
 from .monitors import conserved
@@ -170,7 +170,7 @@ def kept_values(
     y: FloatArray,
     rows: Rows = case_by_case,
 ) -> dict[str, FloatArray]:
-    """Return the parameters that `keeping` adds, for starts at t (k,) in y (k, n_y) with constants c (k, n_c).
+    """Return the parameters that `project_invariants` adds, for starts at t (k,) in y (k, n_y) with c (k, n_c).
 
     `rows` evaluates kernels.
     """

@@ -14,7 +14,7 @@ from ..integrators.problem import IntegrationProblem
 from ..methods.status import Status
 from ..once import derived_once
 from ..options import PrepareOptions
-from ..reduction.keeping import refuse_formulation
+from ..reduction.invariant_projection import refuse_formulation
 from . import inputs
 from .elapsed import begins_elsewhere, extension, in_elapsed_time
 from .inputs import span_of

@@ -18,6 +18,7 @@ from ..results.estimate import TIGHTER
 from ..results.grid import Grid
 from ..results.sweep import Sweep, SweepStatistics
 from . import inputs
+from .case_blocks import begin_cases, fitted
 from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
@@ -27,7 +28,6 @@ from .invariant_projection import keeping_model, kept_values, refuse_jumps
 from .reductions import reduction_table
 from .simulate import NO_ESTIMATE
 from .singular import judged_cases, searched, unlike
-from .sweeping import begin_cases, fitted
 from .symbol_assumptions import warn_of_motion
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def begin_sweep(
 ) -> Callable[..., Sweep]:
     """Begin to run many cases in the time of the model; return what waits for their results.
 
-    That takes one argument, whether to stop (see `dalembert.runtime.sweeping.begin_cases`).
+    That takes one argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
     """
     begin, given = time.perf_counter(), (t_span, initial, parameters)
     method = model.choose_method(options.method, options.rtol, options.atol, many=True)

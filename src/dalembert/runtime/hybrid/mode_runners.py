@@ -21,9 +21,9 @@ from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
 from .. import inputs
+from ..case_blocks import fitted
 from ..cases import Cases, Settings
 from ..sweep import runs_unchecked
-from ..sweeping import fitted
 from .decisions import Decisions
 
 if TYPE_CHECKING:

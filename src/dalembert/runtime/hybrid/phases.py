@@ -19,8 +19,8 @@ from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_tables import CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED
 from ...ir.program import Layout
+from ..case_blocks import begin_whole
 from ..cases import Cases
-from ..sweeping import begin_whole
 from .decisions import LOOP, flag
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows, ModeRunner, fitting_method, thread_workspace

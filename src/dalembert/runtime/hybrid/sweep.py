@@ -20,8 +20,8 @@ from ...methods.status import Status
 from ...options import SweepOptions
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
+from ..case_blocks import meter
 from ..sweep import begin_sweep
-from ..sweeping import meter
 from ..symbol_assumptions import warn_of_motion
 from .decisions import flag
 from .mode_models import ModeModels

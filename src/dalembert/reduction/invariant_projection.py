@@ -27,7 +27,7 @@ from .base import Projection, ReducedSystem
 from .invariants import integrals
 from .saddle import SaddlePoint, velocity_residuals
 
-__all__ = ["DAMPING", "TIME_SCALE", "initial_name", "keeping", "refuse_formulation"]
+__all__ = ["DAMPING", "TIME_SCALE", "initial_name", "project_invariants", "refuse_formulation"]
 
 DAMPING = 1e-6
 """Share of the squared gradient of a first integral by which it is damped."""
@@ -61,7 +61,7 @@ def refuse_formulation(system: ReducedSystem) -> None:
         )
 
 
-def keeping(system: ReducedSystem, names: Sequence[str]) -> ReducedSystem:
+def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSystem:
     """Return a system whose steps keep first integrals at the values that further parameters give.
 
     Parameters
