@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.event_constants import RESIDUAL, SOON, SOON_IN_A_ROW, TIME_NOISE
+from ..methods.event_constants import RESIDUAL, TIME_NOISE
 from ..methods.status import Status
 from .crossings import Crossing, Pieces, changes, located, pieces
 from .event_rules import accumulates, change_counts, happens_together, start_sign, too_soon, zero_level
 from .problem import DenseOutput, IntegrationProblem, JoinedOutput, Solution
 
-__all__ = ["SOON", "SOON_IN_A_ROW", "Occurrence", "Rule", "Watched", "integrate_watched"]
+__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched"]
 
 StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
 Jump = Callable[[float, FloatArray], FloatArray | None]
