@@ -32,7 +32,7 @@ def main() -> int:
     wanted = [f"{family}:{seed}" for seed in range(first, last) for family in families]
     known = _results(file)
     again = options.again.split(",")
-    tasks = sorted(task for task in wanted if task not in known or known[task]["outcome"] in again)
+    tasks = [task for task in wanted if task not in known or known[task]["outcome"] in again]
     if tasks and not options.report:
         print(f"{len(tasks)} of {len(wanted)} cases are left; results go to {file}", flush=True)
         _run(tasks, file, options.jobs, options.limit)

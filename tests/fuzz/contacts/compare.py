@@ -54,8 +54,8 @@ def compared(family: str, seed: int) -> Report:
     return examine(drawn(family, seed))
 
 
-def examine(case: Case) -> Report:
-    """Return the report of a case."""
+def examine(case: Case, steps: int = STEPS) -> Report:
+    """Return the report of a case; the coarse reference takes `steps` between two samples."""
     which, model, report = setting(case.scene), compiled(case.scene), Report()
     p = np.array([case.parameters[name] for name in which.parameters])
     parameters = {name: case.parameters[name] for name in model.layout.parameters}
@@ -73,7 +73,7 @@ def examine(case: Case) -> Report:
         for text in violations(which, p, each, max(TOLERANCE, 100.0 * rtol)):
             report.wrong(f"{text}, rtol {rtol:g}")
     if run.success:
-        _states(report, run, (which.system, p, q, v, case.span))
+        _states(report, run, (which.system, p, q, v, case.span), steps)
         _agreement(report, model, case, parameters, runs)
     return report
 
@@ -93,13 +93,13 @@ def _run(model: Any, case: Case, parameters: dict[str, float], rtol: float) -> A
     return model.simulate((0.0, case.span), case.initial, parameters, rtol=rtol, atol=rtol * 1e-2)
 
 
-def _states(report: Report, run: Any, problem: tuple[Any, ...]) -> None:
+def _states(report: Report, run: Any, problem: tuple[Any, ...], steps: int) -> None:
     """Compare the run with references at two step sizes; where it differs, at smaller ones, too, before it is wrong."""
-    each = STEPS
-    coarse, fine = (integrated(*problem, SAMPLES, steps) for steps in (each, 4 * each))
+    each = steps
+    coarse, fine = (integrated(*problem, SAMPLES, count) for count in (each, 4 * each))
     while True:
         text, sure = _difference(report, run, problem[-1], coarse, fine)
-        if text is None or report.error > 1000.0 * report.doubt + FLOOR or each >= 64 * STEPS:
+        if text is None or report.error > 1000.0 * report.doubt + FLOOR or each >= 64 * steps:
             break
         each *= 4
         coarse, fine = fine, integrated(*problem, SAMPLES, 4 * each)
