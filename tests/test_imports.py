@@ -130,7 +130,7 @@ def test_the_order_is_that_of_the_design_page():
         line.split("`")[1].rstrip("/").removesuffix(".py") for line in section.splitlines() if line.startswith("- `")
     ]
     assert [name for name in listed if name in ORDER] == [name for name in ORDER if name in listed]
-    assert set(ORDER) - {"hybrid"} <= set(listed)
+    assert set(ORDER) <= set(listed)
 
 
 def test_a_scene_without_contacts_imports_no_code_of_contacts_and_no_numba():

@@ -43,7 +43,8 @@ class CoulombFriction:
     mu : Expr or number
         Coefficient of friction, not negative.
     mu_static : Expr or number, optional
-        Coefficient that holds while the contact sticks; by default, mu.
+        Coefficient that holds while the contact sticks; by default, mu. A contact that slides into an impact is held
+        by mu.
     regularization : Expr or number, optional
         Slip speed eps [m/s] of the smooth law F = -mu N slip / sqrt(slip^2 + eps^2), which never quite sticks. With it
         the model is an ordinary one on every backend, and has derivatives.
@@ -80,7 +81,8 @@ class UnilateralContact:
         minus a holonomic constraint of the scene, that constraint is the one that opens; otherwise it need not be
         added as one.
     restitution : Expr or number
-        Newton's coefficient, between 0 (default: the contact stays closed after an impact) and 1.
+        Newton's coefficient, between 0 (default: the contact stays closed after an impact) and 1. After infinitely many
+        impacts within a finite time the contact stays closed, and the run goes on.
     name : str, optional
         What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
     """

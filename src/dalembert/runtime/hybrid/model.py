@@ -380,7 +380,7 @@ class HybridModel(Evaluated):
         t_span, initial, parameters, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
             As for `dalembert.runtime.model.CompiledModel.sweep`; every time of `t_eval` ends a step.
         max_steps : int
-            Attempted steps in one phase after which a case ends with a status.
+            Steps of all phases together after which a case ends with a status.
         events : sequence of Event, SymPy expressions or names
             As for `simulate`, without ``apply``, and terminal at the first occurrence or not at all.
 
