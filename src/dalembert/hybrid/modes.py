@@ -179,7 +179,7 @@ class _ModeEquations:
             outputs=outputs | {point.output: node for point, node in points},
             defaults=added,
             guards=tuple(point for point, _ in points),
-            least=bool(self.groups),
+            minimum_norm=bool(self.groups),
         )
 
     def _bare(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:

@@ -14,8 +14,8 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
+from ..reduction.event_functions import EventFunctions
 from ..reduction.starting import Start
-from ..reduction.watching import Watch
 from ..values import listed as members
 from .events import Jump, Rule, Watched
 from .problem import DenseOutput, JoinedOutput
@@ -158,7 +158,7 @@ class EventCode:
     program: Program
     events: tuple[Event, ...]
     reported: int
-    watch: Watch
+    watch: EventFunctions
     jumps: tuple[Kernel | None, ...]
     start: Start
     running: Kernel

@@ -18,7 +18,7 @@ from sympy.physics.mechanics import KanesMethod, LagrangesMethod, Particle, Poin
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
-from ..scene.given import located
+from ..scene.prescribed_velocities import located
 from ..scene.tree import Tree
 
 if TYPE_CHECKING:
@@ -232,10 +232,10 @@ def _origin(bodies: Sequence[Any], frame: ReferenceFrame, still: dict[Any, Any])
 
 def _settled(scene: Scene) -> Scene:
     """Return a scene without its velocities where they follow from the positions, and with gravity as gravity."""
-    from ..mechanics.given import follows
+    from ..mechanics.kane import velocities_agree
     from ..scene.reading import read
 
-    if not follows(read(scene)):
+    if not velocities_agree(read(scene)):
         return scene
     plain = scene.copy()
     plain.velocities = ()

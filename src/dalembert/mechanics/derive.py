@@ -11,7 +11,7 @@ from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
 from ..transforms.nonsmooth import nonanalytic
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
-from .given import given_powers
+from .kane import kane_powers
 from .kinematics import Kinematics
 from .lagrangian import lagrangian_powers
 from .load_energy import load_energy, warn_of_silent_potential
@@ -35,7 +35,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     if model.lagrangian is not None:
         power = lagrangian_powers(kinematics)
     else:
-        power = powers(kinematics) if model.given is None else given_powers(kinematics)
+        power = powers(kinematics) if model.given is None else kane_powers(kinematics)
     forcing, reactions = _split(model, power.forcing)
     silent = () if model.lagrangian is not None else warn_of_silent_potential(kinematics, power, forcing)
     holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]

@@ -195,8 +195,8 @@ class EquationsOfMotion:
         Parameters that were added to those of the scene, and may be left out.
     guards : tuple of Guard
         What ends the mode that contacts are in.
-    least : bool
-        Whether reactions that are not determined are the least ones, and not an error.
+    minimum_norm : bool
+        Whether reactions that are not determined are those of minimum norm; they are an error otherwise.
     nonanalytic : bool
         Whether what the scene says has kinks, jumps or exponential functions in state or time.
     load_energy : LoadEnergy
@@ -221,7 +221,7 @@ class EquationsOfMotion:
     contacts: tuple[ContactRow, ...] = ()
     defaults: Mapping[str, float] = field(default_factory=dict)
     guards: tuple[Guard, ...] = ()
-    least: bool = False
+    minimum_norm: bool = False
     nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)
 

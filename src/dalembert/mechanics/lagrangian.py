@@ -11,7 +11,7 @@ from __future__ import annotations
 from ..errors import SceneError
 from ..transforms.derivatives import jacobian, tangents
 from ..transforms.linear import Matrix
-from .given import load_powers
+from .kane import load_powers
 from .kinematics import Kinematics
 from .virtual_power import Powers
 

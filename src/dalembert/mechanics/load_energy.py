@@ -13,7 +13,7 @@ from ..ir.sampling import match
 from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
 from .equations import ConstraintRow, LoadEnergy
-from .given import load_powers
+from .kane import load_powers
 from .kinematics import Kinematics
 from .load_potentials import LoadPart, given_parts, load_parts
 from .manifold import agree_on_manifold

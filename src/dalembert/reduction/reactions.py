@@ -60,7 +60,7 @@ def requested_outputs(
         Second rates in terms of the state.
     plain : sequence of Node, optional
         The same without guards, where the constraints may come to depend on each other. Reactions that are not
-        determined then are the least ones.
+        determined then are those of minimum norm.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def requested_outputs(
                 " (not its name), which gives its position."
             )
     needed = _needed_unknowns(equations, nodes)
-    lost = [name for name in needed if name in undetermined and not equations.least]
+    lost = [name for name in needed if name in undetermined and not equations.minimum_norm]
     if lost:
         raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
@@ -155,7 +155,7 @@ def _solve(
     graph = equations.graph
     size = len(equations.q)
     independent, _ = independent_columns(graph, equations.reactions)
-    if equations.least:
+    if equations.minimum_norm:
         independent = list(range(len(equations.unknowns)))
     flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
     flat += [row[i] for row in equations.reactions for i in independent]
@@ -165,9 +165,9 @@ def _solve(
     reactions = [rest[i * len(independent) : (i + 1) * len(independent)] for i in range(size)]
     proved = accelerations if plain is None else plain
     residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
-    if equations.least:
+    if equations.minimum_norm:
         unknowns = equations.unknowns
-        return {unknowns[i]: x for i, x in enumerate(_least(graph, reactions, residual))}
+        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(graph, reactions, residual))}
     columns = transpose(reactions)
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))
@@ -175,7 +175,7 @@ def _solve(
     _require_exerted(equations, left)
     if plain is not None:
         residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
-        solution = _least(graph, reactions, residual)
+        solution = _minimum_norm(graph, reactions, residual)
     unknowns = equations.unknowns
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
 
@@ -194,8 +194,8 @@ def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None
         )
 
 
-def _least(graph: Graph, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
-    """Return the least solution of equations whose columns may come to depend on each other.
+def _minimum_norm(graph: Graph, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
+    """Return the solution of minimum norm of equations whose columns may come to depend on each other.
 
     Of the normal equations with a small part of their trace on the diagonal, improved once by what they leave.
     """

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..integrators.event_code import Event, EventCode
 from ..once import deriving
+from ..reduction.event_functions import event_functions, jump_kernel
 from ..reduction.starting import Start
-from ..reduction.watching import jumping, watching
 from ..transforms.nonsmooth import nonanalytic_operations
 
 if TYPE_CHECKING:
@@ -61,11 +61,13 @@ def compiled_events(
     rank = len(watched) if margins else -1
     watched += [Event(name, direction=-1) for name in margins or {}]
     jumps = [
-        None if event.apply is None else jumping(scene, reduced, event.apply, f"event {event.label!r}")
+        None if event.apply is None else jump_kernel(scene, reduced, event.apply, f"event {event.label!r}")
         for event in watched
     ]
     moving = stages.mode is None  # what one mode keeps constant, as the reaction of an open contact, another moves
-    watch = watching(scene, reduced, [event.expression for event in watched], "event", moving=moving, further=margins)
+    watch = event_functions(
+        scene, reduced, [event.expression for event in watched], "event", moving=moving, names=margins
+    )
     return EventCode(
         program=stages.program,
         events=tuple(watched),
@@ -73,9 +75,9 @@ def compiled_events(
         watch=watch,
         jumps=tuple(jumps),
         start=start((*layout.coordinates, *layout.rates)),
-        running=watching(scene, reduced, running, "reduction", moving=False).values,
+        running=event_functions(scene, reduced, running, "reduction", moving=False).values,
         kinds=tuple(kinds),
-        finals=watching(scene, reduced, finals, "reduction", moving=False).values,
+        finals=event_functions(scene, reduced, finals, "reduction", moving=False).values,
         plan=plan,
         rank=rank,
         smooth=smooth and not margins and not nonanalytic_operations(watch.values),

@@ -10,7 +10,7 @@ from sympy.physics.vector import Vector
 
 from ..ir.graph import Node
 from ..transforms.quaternions import rotation_entries
-from . import changes
+from . import release_impose
 from .angles import Angles
 from .expressions import short
 from .model import Components, FrameModel, Piece, Pieces, PointModel
@@ -54,7 +54,7 @@ class GeometryReader(SymbolReader):
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             if known not in self.frame_models:
                 parent = self.frames.parent[node]
-                matrix = changes.turned(self.scene, node, parent, node._dcm_dict[parent])
+                matrix = release_impose.released_orientation(self.scene, node, parent, node._dcm_dict[parent])
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
                 self._met.append(node)
@@ -83,7 +83,7 @@ class GeometryReader(SymbolReader):
         for node in path:
             known = self.points.number(node)
             if known not in self.point_models:
-                vector = changes.moved(self.scene, node, node._pos_dict[self.points.parent[node]])
+                vector = release_impose.released_position(self.scene, node, node._pos_dict[self.points.parent[node]])
                 pieces = self._vector(vector, f"position of point {node.name!r}")
                 self._met.append(node)
                 self.point_models[known] = PointModel(node.name, number, pieces)

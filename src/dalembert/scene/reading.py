@@ -13,13 +13,13 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
 from ..naming import rate_name, unwritable
 from ..transforms.derivatives import tangents
-from .belonging import foreign_points
 from .contacts import read_contacts
 from .dyadics import matrix_of
 from .expressions import short
 from .geometry import GeometryReader
-from .given import located, read_given
+from .joint_checks import foreign_points
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
+from .prescribed_velocities import located, read_given
 from .scene import Joint, Place, Scene
 from .velocity_checks import velocity_faults
 

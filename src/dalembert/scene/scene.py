@@ -15,7 +15,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
-from . import changes
+from . import release_impose
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
 
@@ -116,7 +116,7 @@ class Scene:
         self.gravity: Vector | None = None
         self.contacts: tuple[UnilateralContact, ...] = ()
         self.frictions: tuple[CoulombFriction, ...] = ()
-        self.releases: tuple[changes.Release, ...] = ()
+        self.releases: tuple[release_impose.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
         self.speeds: tuple[Expr, ...] = ()
@@ -247,7 +247,7 @@ class Scene:
 
             scene.release(z, G, N.z)        # adds z, and the constraint z - r
         """
-        return changes.release(self, coordinate, target, direction)
+        return release_impose.release(self, coordinate, target, direction)
 
     @nesting_named
     def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
@@ -272,7 +272,7 @@ class Scene:
         SceneError
             When no constraint gives the coordinate in closed form, or `expression` contradicts one.
         """
-        return changes.impose(self, coordinate, expression)
+        return release_impose.impose(self, coordinate, expression)
 
     def body_names(self) -> Iterable[str]:
         """Return the names of the bodies, in order."""

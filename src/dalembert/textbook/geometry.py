@@ -16,7 +16,7 @@ from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError
 from ..scene import Scene
-from ..scene.changes import moved, substituted, turned
+from ..scene.release_impose import released_orientation, released_position, with_imposed
 from ..scene.tree import Tree
 
 __all__ = ["Geometry", "squares", "tidy"]
@@ -68,7 +68,7 @@ class Geometry:
 
     def put(self, expression: Any) -> Any:
         """Return an expression of the user's with imposed coordinates in terms of the others."""
-        return substituted(expression, self.scene.imposed)
+        return with_imposed(expression, self.scene.imposed)
 
     def map(self, vector: Any, function: Callable[[Any], Any]) -> Vector:
         """Return a vector with `function` applied to its components."""
@@ -127,7 +127,7 @@ class Geometry:
         """Return the matrix from components on the parent to components on `frame`."""
         if frame not in self._steps:
             parent = self._frames.parent[frame]
-            matrix = turned(self.scene, frame, parent, sp.Matrix(frame._dcm_dict[parent]))
+            matrix = released_orientation(self.scene, frame, parent, sp.Matrix(frame._dcm_dict[parent]))
             self._steps[frame] = matrix.applyfunc(self.put) if self.scene.imposed else matrix
         return self._steps[frame]
 
@@ -172,7 +172,7 @@ class Geometry:
     # -- points ---------------------------------------------------------------------------
 
     def _segment(self, point: Point) -> Vector:
-        return self.vector(moved(self.scene, point, point._pos_dict[self._points.parent[point]]))
+        return self.vector(released_position(self.scene, point, point._pos_dict[self._points.parent[point]]))
 
     def position(self, point: Point, start: Point | None = None) -> Vector:
         """Return the vector from `start` (the origin) to `point`."""

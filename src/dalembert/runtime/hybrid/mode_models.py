@@ -19,8 +19,8 @@ from ...ir.conditions import Conditions
 from ...ir.kernel import Kernel
 from ...mechanics.equations import EquationsOfMotion, Guard
 from ...once import derived_once
+from ...reduction.event_functions import coordinates_kernel
 from ...reduction.time_conditions import decided
-from ...reduction.watching import expanding
 from ...results.trajectory import Trajectory
 from .decisions import Decisions
 
@@ -105,7 +105,7 @@ class ModeModels:
 
     def expansion(self, mode: Mode) -> Kernel:
         """Return the kernel of coordinates and rates in a mode."""
-        return derived_once(self._expansions, mode, lambda: expanding(self.model(mode).stages.reduced))
+        return derived_once(self._expansions, mode, lambda: coordinates_kernel(self.model(mode).stages.reduced))
 
     def added(self, mode: Mode, directions: FloatArray, sides: FloatArray, rest: FloatArray) -> dict[str, Any]:
         """Return the parameters of a mode.

@@ -23,7 +23,7 @@ from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 
-__all__ = ["Watch", "expanding", "jumping", "watching"]
+__all__ = ["EventFunctions", "coordinates_kernel", "event_functions", "jump_kernel"]
 
 _ROUNDINGS = 64 * EPSILON
 _ARGUMENTS = ("t", "y", "c")
@@ -31,7 +31,7 @@ _ARGUMENTS = ("t", "y", "c")
 
 @final
 @dataclass(frozen=True, eq=False)
-class Watch:
+class EventFunctions:
     """Kernels of (t, y, c), c beginning with the parameters.
 
     Attributes
@@ -53,15 +53,15 @@ class Watch:
         return self._join()
 
 
-def watching(
+def event_functions(
     scene: Scene,
     system: ReducedSystem,
     expressions: Sequence[Any],
     what: str,
     *,
     moving: bool,
-    further: Mapping[str, Node] | None = None,
-) -> Watch:
+    names: Mapping[str, Node] | None = None,
+) -> EventFunctions:
     """Return the kernels of watched expressions.
 
     Parameters
@@ -76,7 +76,7 @@ def watching(
         What they are, for messages.
     moving : bool
         Whether an expression that is constant along every motion is an error.
-    further : mapping of str to Node, optional
+    names : mapping of str to Node, optional
         What else has a name, as nodes of the system's equations.
 
     Raises
@@ -87,7 +87,7 @@ def watching(
         For what cannot be compiled, or is constant.
     """
     reader = _Reader(scene, system)
-    reader.define(further or {})
+    reader.define(names or {})
     nodes = [reader.read(expression, f"{what} {expression}") for expression in expressions]
     graph, y, time = reader.graph, reader.inputs, reader.time
     for expression, node in zip(expressions, nodes, strict=True):
@@ -106,14 +106,14 @@ def watching(
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
     still = [place for place in y if flow[place].is_zero]
     rhs = [flow[place] for place in y]
-    return Watch(
+    return EventFunctions(
         reader.kernel("watch", nodes),
         reader.kernel("watch_begins", begins),
         lambda: reader.along([*rhs, *nodes], still),
     )
 
 
-def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
+def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
     """Return the kernel from (t, y, c) to coordinates and rates (2 n_q,) after a jump.
 
     Parameters
@@ -140,7 +140,7 @@ def jumping(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], wha
     return reader.kernel("jump", list(after.values()))
 
 
-def expanding(system: ReducedSystem) -> Kernel:
+def coordinates_kernel(system: ReducedSystem) -> Kernel:
     """Return the kernel from (t, y, c), c beginning with the parameters, to coordinates and rates (2 n_q,)."""
     equations = system.equations
     graph, symbols = equations.graph, equations.symbols

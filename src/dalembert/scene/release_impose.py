@@ -1,7 +1,7 @@
-"""Coordinates given back to a scene, and coordinates taken away from it.
+"""Release and imposition of coordinates.
 
-SymPy's points and frames are shared between scenes and are not touched: a scene holds what was
-changed as data, and whoever reads the scene applies it.
+SymPy shares points and frames between scenes, so they are left unchanged: a scene records each change as data,
+and the readers of the scene apply it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .tree import Tree
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["Release", "impose", "moved", "release", "substituted", "turned"]
+__all__ = ["Release", "impose", "release", "released_orientation", "released_position", "with_imposed"]
 
 
 @final
@@ -40,7 +40,7 @@ class Release:
 # -- applied by those who read a scene ----------------------------------------------------------
 
 
-def moved(scene: Scene, point: Point, position: Any) -> Any:
+def released_position(scene: Scene, point: Point, position: Any) -> Any:
     """Return the position of `point` from its parent with the coordinates that were given back."""
     for item in scene.releases:
         if item.target is point:
@@ -48,7 +48,7 @@ def moved(scene: Scene, point: Point, position: Any) -> Any:
     return position
 
 
-def turned(scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame, matrix: Any) -> Any:
+def released_orientation(scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame, matrix: Any) -> Any:
     """Return the matrix from components on `parent` to those on `frame` with the rotations given back."""
     for item in scene.releases:
         if item.target is frame:
@@ -67,7 +67,7 @@ def _rotation(axis: Any, angle: Any) -> Any:
     return sp.cos(angle) * sp.eye(3) + sp.sin(angle) * cross + (1 - sp.cos(angle)) * axis * axis.T
 
 
-def substituted(expression: Any, imposed: Sequence[tuple[Any, Any]]) -> Any:
+def with_imposed(expression: Any, imposed: Sequence[tuple[Any, Any]]) -> Any:
     """Return an expression with imposed coordinates, and their rates, in terms of the others."""
     expression = sp.sympify(expression)
     for coordinate, value in imposed:
@@ -128,7 +128,7 @@ def _component(scene: Scene, point: Point, direction: Vector) -> Any:
     tree = Tree(scene.origin, "_pos_dict")
     total: Any = Vector(0)
     for node in tree.path(point) or []:
-        total = total + moved(scene, node, node._pos_dict[tree.parent[node]])
+        total = total + released_position(scene, node, node._pos_dict[tree.parent[node]])
     return sp.trigsimp(sp.expand(total.dot(direction)))
 
 
@@ -149,10 +149,10 @@ def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
         raise SceneError(scene.name, faults)
     twin = scene.copy()
     twin.coordinates = tuple(q for q in scene.coordinates if q != coordinate)
-    twin.imposed = (*((q, substituted(e, [(coordinate, value)])) for q, e in scene.imposed), (coordinate, value))
+    twin.imposed = (*((q, with_imposed(e, [(coordinate, value)])) for q, e in scene.imposed), (coordinate, value))
     kept = []
     for constraint in scene.holonomic_constraints:
-        rest = substituted(constraint, twin.imposed)
+        rest = with_imposed(constraint, twin.imposed)
         if vanishes(rest):
             continue
         if not rest.has(*twin.coordinates):
@@ -162,7 +162,7 @@ def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
         kept.append(constraint)
     twin.holonomic_constraints = tuple(kept)
     twin.nonholonomic_constraints = tuple(
-        c for c in scene.nonholonomic_constraints if not vanishes(substituted(c, twin.imposed))
+        c for c in scene.nonholonomic_constraints if not vanishes(with_imposed(c, twin.imposed))
     )
     if faults:
         raise SceneError(scene.name, faults)
@@ -182,7 +182,7 @@ def _solved(scene: Scene, coordinate: Any) -> Any:
     """Return the coordinate from the first holonomic constraint that is affine in it."""
     holding = []
     for constraint in scene.holonomic_constraints:
-        rest = substituted(constraint, scene.imposed)
+        rest = with_imposed(constraint, scene.imposed)
         if not rest.has(coordinate):
             continue
         holding.append(constraint)

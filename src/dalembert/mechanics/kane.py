@@ -20,10 +20,10 @@ from . import vectors as vec
 from .kinematics import Kinematics
 from .virtual_power import Powers
 
-__all__ = ["follows", "given_powers", "load_powers"]
+__all__ = ["kane_powers", "load_powers", "velocities_agree"]
 
 
-def given_powers(kinematics: Kinematics) -> Powers:
+def kane_powers(kinematics: Kinematics) -> Powers:
     """Return the mass matrix, forcing and kinetic energy from the velocities that a scene gives."""
     graph, given = kinematics.graph, kinematics.model.given
     assert given is not None
@@ -56,7 +56,7 @@ def load_powers(kinematics: Kinematics, loads: Sequence[GivenLoad]) -> list[Node
     return total
 
 
-def follows(model: SceneModel) -> bool:
+def velocities_agree(model: SceneModel) -> bool:
     """Whether the velocities that a scene gives are those that follow from its positions."""
     given, kinematics = model.given, Kinematics(model)
     assert given is not None
