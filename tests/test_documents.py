@@ -1,5 +1,7 @@
-"""What the documents show runs as it is written: the Python of each, block after block."""
+"""The Python of the documents runs as it is written, block by block, and prints what stands below it."""
 
+import contextlib
+import io
 import re
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from dalembert.results.sweep import CaseResults
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SHOWN = re.compile(r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<output>.*?)^```$)?", re.MULTILINE | re.DOTALL)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 
@@ -37,9 +40,23 @@ def test_code_runs_as_written(page):
         assert quoted <= {line.strip() for line in script.read_text().splitlines()}
         return
     names = surroundings(page)
-    for number, block in enumerate(blocks(page), 1):
-        exec(compile(block, f"{page.name}, block {number}", "exec"), names)
+    for number, block in enumerate(SHOWN.finditer(page.read_text()), 1):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(block["code"], f"{page.name}, block {number}", "exec"), names)
+        if block["output"] is not None:
+            assert printed.getvalue() == block["output"], f"{page.name}, block {number}"
     assert all(np.all(run.success) for run in names.values() if isinstance(run, Motion | CaseResults))
+
+
+def test_tutorial_shows_what_each_stage_prints():
+    """Every stage of the pipeline is called, and every block that prints has its output below it."""
+    shown = list(SHOWN.finditer((ROOT / "docs" / "tutorial.md").read_text()))
+    assert all((block["output"] is not None) == bool(re.search(r"^ *print\(", block["code"], re.M)) for block in shown)
+    code = "".join(block["code"] for block in shown)
+    stages = ("read", "derive", "HybridAutomaton.of", "reduce", "lower", "backend.render", "backend.load", "simulate")
+    for stage in stages:
+        assert f"{stage}(" in code, stage
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
