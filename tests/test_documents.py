@@ -67,3 +67,36 @@ def test_links_lead_somewhere(page):
         if anchor:
             heads = re.findall(r"^#+ (.*)$", other.read_text(), re.MULTILINE)
             assert anchor in {re.sub(r"[^\w -]", "", head).lower().replace(" ", "-") for head in heads}, anchor
+
+
+def _sources():
+    """Return the text of every module and package by its name within the package."""
+    root = Path(da.__file__).parent
+    texts = {path.relative_to(root).with_suffix("").as_posix().replace("/", "."): path for path in root.rglob("*.py")}
+    return {name.removesuffix(".__init__"): path.read_text() for name, path in texts.items()}
+
+
+def _exists(name, sources):
+    """Return whether a dotted name is a module, or something that a module or a class of the package has."""
+    first, *rest = name.removeprefix("dalembert.").split(".")
+    if any(
+        re.search(rf"^class {first}\b", text, re.M) and re.search(rf"\b{rest[0]}\b", text) for text in sources.values()
+    ):
+        return True
+    for end in range(len(rest) + 1, 0, -1):
+        head, below = ".".join([first, *rest][:end]), [first, *rest][end:]
+        found = [text for module, text in sources.items() if module == head or module.endswith(f".{head}")]
+        if found:
+            return not below or any(re.search(rf"\b{below[0]}\b", text) for text in found)
+    return False
+
+
+def test_names_on_the_design_page_exist():
+    """A dotted name on the page is that of a module, or of something that a module or class of the package has."""
+    text = re.sub(r"^```.*?^```$", "", (ROOT / "docs" / "design.md").read_text(), flags=re.M | re.S)
+    names = {name for name in re.findall(r"`(\w+(?:\.\w+)+)`", text) if not name.endswith((".py", ".md", ".json"))}
+    sources = _sources()
+    others = {"da", "model", "stages", "functools"}
+    missing = sorted(name for name in names if name.split(".")[0] not in others and not _exists(name, sources))
+    assert len(names) > 100
+    assert not missing
