@@ -138,8 +138,8 @@ def test_release_faults_are_named():
     cases = [
         ((scene.coordinates[0], A, N.x), "is a coordinate of the scene already"),
         ((sp.Symbol("x"), A, N.x), "must be made with dynamicsymbols"),
-        ((x, scene.origin, N.x), "is not one that can move"),
-        ((x, Point("stray"), N.x), "is not one that can move"),
+        ((x, scene.origin, N.x), "cannot be released"),
+        ((x, Point("stray"), N.x), "cannot be released"),
         ((x, "A", N.x), "takes a Point to move or a ReferenceFrame to turn"),
         ((x, A, 2 * N.x), "the length of 2.N.x is not 1"),
         ((x, A, 1), "must be a unit vector"),

@@ -1,4 +1,4 @@
-"""[Program] -> [RenderedModule] -> [Engine]: printers, templates and the registry of backends."""
+"""Registry of backends: [Program] -> [RenderedModule] -> [Engine]."""
 
 from __future__ import annotations
 

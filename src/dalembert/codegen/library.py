@@ -1,4 +1,4 @@
-"""Compiled kernels and integrator steps of one program, made when first needed."""
+"""Compiled kernels and integrator steps of one program, compiled on first use."""
 
 from __future__ import annotations
 

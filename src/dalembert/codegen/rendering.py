@@ -1,4 +1,4 @@
-"""Templates of generated code: `codegen_templates/` and what it is rendered with.
+"""Rendering of the templates of generated code in `codegen_templates/`.
 
 A template owns the structure of a generated text. Python gives it names, numbers and printed lines, one line a string.
 A name that a template uses and Python does not give is an error.

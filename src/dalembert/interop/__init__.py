@@ -1,1 +1,1 @@
-"""Systems of other packages as scenes."""
+"""Import of systems of other packages as scenes."""

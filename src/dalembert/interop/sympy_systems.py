@@ -1,9 +1,9 @@
-"""Systems of SymPy as scenes: `System`, `KanesMethod` and `LagrangesMethod` of ``sympy.physics.mechanics``.
+"""Import of `System`, `KanesMethod` and `LagrangesMethod` of ``sympy.physics.mechanics`` as scenes.
 
-What those hold is taken over, not what they derive. Velocities are those that SymPy gives to points and frames. Where
-they are the rates of the positions, the scene is an ordinary one. Where they are not, as with a wheel whose rolling is
-written into the velocity of its hub, the scene keeps them, and the equations are formed from them. A `LagrangesMethod`
-has no bodies; its scene has the Lagrangian.
+Their contents are imported, not the equations that they derive. Velocities are those that SymPy gives to points and
+frames. Where they are the rates of the positions, the scene is an ordinary one. Where they are not, as with a wheel
+whose rolling is written into the velocity of its hub, the scene keeps them, and the equations are formed from them. A
+`LagrangesMethod` has no bodies; its scene has the Lagrangian.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Rounding errors of forms at probing points: which of two equal forms of a value loses digits.
+"""Rounding errors of equal forms of a value, estimated at probing points.
 
 A form of a value may cancel where another does not: 1 - cos(x) has no digit left at x = 1e-8, 2 sin(x/2)**2 has all.
 Whether a form loses accuracy is decided by what rounding makes of it, to first order, at points near which things
 cancel: every input is near 0, a right or a straight angle, or a number that other inputs are near to as well, or its
-opposite. The inputs themselves count as exact. Points where a value is not finite say nothing.
+opposite. The inputs themselves count as exact. Points where a value is not finite are ignored.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def _draw(name: str, count: int) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=4096)
 def _near(name: str) -> NDArray[np.float64]:
-    """Return where an input called `name` is at the points."""
+    """Return the values of the input called `name` at the points."""
     draws = _draw(name, 3 * _COUNT).reshape(3, _COUNT)
     centres = _CENTRES[[allowed[int(draw * len(allowed))] for draw, allowed in zip(draws[0], _ALLOWED, strict=True)]]
     return np.asarray(centres + _NEAR * (0.5 + draws[1]) * np.where(draws[2] < 0.5, -1.0, 1.0))
@@ -135,7 +135,7 @@ def _scaled(op: str, a: Probed, b: Probed) -> Probed:
 
 
 def _rounded(value: Any, carried: Any) -> Probed:
-    """Return a value whose operation was rounded, and what it carries on of the errors of its operands."""
+    """Return a value with the error of its own rounding and the propagated errors of its operands."""
     return value, carried + _EPSILON * np.abs(value)
 
 

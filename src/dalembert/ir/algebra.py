@@ -1,11 +1,11 @@
-"""Values and what is calculated with them, each of which exists once.
+"""Arithmetic on hash-consed values: constants, inputs and operations.
 
 A node is looked up by its fingerprint (see `dalembert.ir.fingerprint`), so commuted, re-associated
 and cancelled forms, and whatever the Pythagorean and addition theorems make equal, are one node
 from the start; no simplification and no common-subexpression pass ever has to look for them. When
 a cheaper form of a known value turns up, the node adopts it, unless the form loses digits that the
 present one has (`dalembert.ir.accuracy`); one without an input that cancels is adopted all the same.
-A dearer form is adopted where a user wrote it and the present one loses digits that it has, and has
+A more expensive form is adopted where a user wrote it and the present one loses digits that it has, and has
 none that it loses. Every operand of a node costs less than the node, so the graph stays acyclic.
 """
 
@@ -54,7 +54,7 @@ def _float(value: Fraction) -> float:
 
 
 class Algebra:
-    """An arena of values: leaves, and the operations on them. `dalembert.ir.graph.Graph` adds ways through them."""
+    """An arena of values: leaves, and the operations on them. `dalembert.ir.graph.Graph` adds traversals."""
 
     def __init__(self) -> None:
         self.decimals: dict[int, float] = {}
@@ -201,7 +201,7 @@ class Algebra:
         return self._intern("div", (a, b), a.fingerprint * fp.inverse(b.fingerprint) % _P)
 
     def power(self, a: Node, exponent: Fraction) -> Node:
-        """Return a raised to a rational number: products and square roots where they do."""
+        """Return a raised to a rational number, by products and square roots where possible."""
         if exponent < 0:
             return self.div(self.one, self.power(a, -exponent))
         whole, rest = divmod(exponent, 1)
@@ -319,7 +319,7 @@ class Algebra:
         return known
 
     def _raise(self, known: Node, op: str, args: tuple[Node, ...], cost: float, deps: int) -> None:
-        """Let a node adopt a dearer form if its own loses digits; what is computed from it then costs more, too."""
+        """Let a node adopt a more expensive form if its own loses digits; raise the costs of its users accordingly."""
         if deps & ~known.deps or not (self._loses_to(known, op, args) and self._is_as_accurate(known, op, args)):
             return
         stack, below = list(args), set[int]()

@@ -1,4 +1,4 @@
-"""Conditions on time and parameters of a program, decided once for each segment of a run."""
+"""Conditions of a program on time and parameters, each constant within a segment of a run."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Conditions:
 
     @property
     def decides(self) -> bool:
-        """Whether anything is decided, rather than only narrow."""
+        """Whether any condition has breaks; narrow conditions have none."""
         return self.place is not None
 
     def decide_at(self, p: NDArray[np.float64], times: Any) -> None:
@@ -111,7 +111,7 @@ class Conditions:
             p[..., self.place] = times
 
     def deciding(self) -> Conditions | None:
-        """Return those that decide something, None where there are none."""
+        """Return the conditions that have breaks, None where there are none."""
         if not self.decides:
             return None
         kept = [i for i, kind in enumerate(self.kinds) if kind != NARROW]

@@ -1,7 +1,7 @@
 """The hash-consed expression graph.
 
-A `Graph` holds each *value* once (see `dalembert.ir.algebra`). Here are the ways through it: operands before what uses
-them, values rebuilt with others in place of inputs, and forms without inputs that cancel in them.
+A `Graph` holds each *value* once (see `dalembert.ir.algebra`). This module adds traversals: topological order,
+substitution of inputs, and forms without inputs that cancel.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
 
 @final
 class Graph(Algebra):
-    """An arena of values, with ways through it. See the module's docstring."""
+    """An arena of values with traversals: topological order, substitution, adoption of nodes of other graphs."""
 
     def copy(self) -> Graph:
         """Return a graph that has the same values in the same forms, with the same numbers, and is independent."""
@@ -127,7 +127,7 @@ class Graph(Algebra):
         return self._make("const", (), node.payload, node.fingerprint, 0.0, 0)
 
     def heal(self, nodes: Sequence[Node], allowed: Collection[Node]) -> None:
-        """Give `nodes` forms without any input but the `allowed` ones, wherever their values do not depend on others.
+        """Give `nodes` forms in the `allowed` inputs only, where their values depend on no others.
 
         The cheapest form of a value may name an input that cancels in it.
         """

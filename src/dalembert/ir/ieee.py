@@ -1,4 +1,4 @@
-"""The functions of ``math`` with the results of IEEE 754: where Python raises, they return NaN or infinity.
+"""Functions of ``math`` with results of IEEE 754: NaN or infinity where Python raises.
 
 Generated Python that is not compiled imports this module under the name ``math``, so that a branch not
 taken, such as log(a) beside a < 0, does no harm.

@@ -1,4 +1,4 @@
-"""The reference interpreter: what a kernel means, without printing or compiling it."""
+"""The reference interpreter of kernels."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Bounds of values and of their rates over intervals of time, by interval arithmetic on arrays.
 
-Every operation of the graph is understood. What does not depend on time stays an array of numbers, and is computed as
-`dalembert.ir.interpret` does.
+All operations of the graph are supported. Values that do not depend on time are arrays of numbers, computed as by
+`dalembert.ir.interpret`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _div(a: Interval, b: Interval) -> Interval:
 
 
 def _monotone(function: Callable[[Any], Any], slope: Callable[[Bounds], Bounds]) -> Callable[[Interval], Interval]:
-    """Return an increasing function of intervals; what lies beyond its domain is left out."""
+    """Return an increasing function of intervals, each cut to its domain."""
 
     def call(a: Interval) -> Interval:
         low, high = function(a.low), function(a.high)

@@ -11,7 +11,7 @@ __all__ = ["Lines"]
 
 @final
 class Lines:
-    """Assignments in the order in which they are asked for; each operation is written once, trivial ones never."""
+    """Assignments in the order of the calls; each operation is written once, trivial ones never."""
 
     def __init__(self) -> None:
         self.body: list[Assignment] = []

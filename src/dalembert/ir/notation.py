@@ -1,4 +1,4 @@
-"""Words, numbers and operations of the text form of programs: how each is printed, and a reader of tokens.
+"""Text form of names, numbers and operations of programs: printers, and a reader of tokens.
 
 A line is one statement; a line that ends in a comma goes on in the next. ``#`` begins a comment, and indentation means
 nothing. What is no plain word, such as the label of a constraint, stands in double quotes with the escapes of Python.
@@ -116,7 +116,7 @@ class Reader:
             self._tokens.append(("newline", "", line))
 
     def fail(self, expected: str) -> NoReturn:
-        """Raise the error that says what was expected here."""
+        """Raise an error that names the expected token and the position."""
         kind, found, line = self._token()
         raise ProgramTextError(line, expected, {"newline": "the end of the line", "end": "the end"}.get(kind, found))
 

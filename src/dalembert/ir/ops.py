@@ -1,4 +1,4 @@
-"""The operations of the graph and of programs: one row an operation.
+"""Table of the operations of the graph and of programs.
 
 Everything that treats operations one by one (derivatives, printers, the reference
 interpreter) is a table keyed by the names below, and a test asserts that each table

@@ -1,4 +1,4 @@
-"""`Program`: kernels of straight-line code in SSA form, free of SymPy and of the graph; and its text form."""
+"""`Program`: kernels of straight-line code in SSA form, without SymPy and the graph, and its text form."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Layout:
 @final
 @dataclass(frozen=True)
 class Program:
-    """The kernels of one scene in one formulation, and what their arrays hold.
+    """The kernels of one scene in one formulation, and the layout of their arrays.
 
     Where the scene is `nonanalytic`, what its series do not show may happen in reactions, too, that no rate depends on.
     `energy_note` is what those are warned of who ask for the energy.
@@ -136,7 +136,7 @@ class Program:
 
 
 def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
-    """Return what the outputs of a kernel of a program are, as far as that is known."""
+    """Return labels of the outputs of a kernel of a program, where they are known."""
     q, qdot = layout.coordinates, layout.rates
     rows = [f"constraint {i}" for i in range(1, len(layout.constraints) + 1)]
     labels: dict[str, list[str]] = {

@@ -1,4 +1,4 @@
-"""Named fields of the text form of a program: how each is printed and read."""
+"""Named fields of the text form of a program: printers and readers."""
 
 from __future__ import annotations
 

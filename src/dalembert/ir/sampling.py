@@ -1,4 +1,4 @@
-"""Values of expressions at random points, for candidates and filters: what decides is verified elsewhere.
+"""Values of expressions at random points, for candidates and filters that are verified elsewhere.
 
 Zero tests that decide, up to the rounding of decimals, are in `dalembert.ir.zero_tests`.
 """
@@ -71,7 +71,7 @@ def _operation(node: Node, known: Mapping[int, float]) -> float:
 
 
 def probe(nodes: Sequence[Node], moving: Sequence[Node], seed: int) -> list[Probe]:
-    """Return what some expressions and their derivatives are at a random point, NaN where they have no value.
+    """Return expressions and their derivatives at a random point, NaN where they have no value.
 
     The components of the directions are `directions(moving, seed)`. Derivatives are central differences.
     """

@@ -1,4 +1,4 @@
-"""The verifier: what every kernel must satisfy, checked after every pass."""
+"""The verifier of kernels, run after every pass."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Zero tests for decisions that hang on numbers: pivots, rank, redundancy, consistency.
+"""Zero tests with a tolerance for decimals: pivots, rank, redundancy, consistency.
 
-Identity on the graph is exact, and so is the zero test of what symbols and rationals make. Decimal numbers are rounded
+Identity on the graph is exact, and so is the zero test of values of symbols and rationals. Decimal numbers are rounded
 before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
 zero in a decision where it is smaller than `TOLERANCE` times the size of the terms that it came from, at
 random points. That size is to first order what the value would change by if every decimal changed by its own size,
@@ -88,7 +88,7 @@ def magnitude(node: Node) -> float:
 
 
 def terms_of(graph: Graph, node: Node) -> Node:
-    """Return the size of the terms that a value came from, as an expression of the same inputs.
+    """Return the size of the terms of a value, as an expression of the same inputs.
 
     Sums of the absolute values of what is added, all else as it is; so that the rounding error of the value is a few
     1e-16 of it.

@@ -1,1 +1,1 @@
-"""Reduced systems to programs."""
+"""Lowering of reduced systems to programs."""

@@ -1,4 +1,4 @@
-"""[ReducedSystem] -> [Program]: graph nodes become straight-line kernels on named arrays."""
+"""Lowering: [ReducedSystem] -> [Program] of straight-line kernels on named arrays."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Kinematics and virtual power on the graph."""
+"""Derivation of the equations of motion on the expression graph."""

@@ -1,4 +1,4 @@
-"""[SceneModel] -> [EquationsOfMotion]: the principle of virtual power, written on the graph."""
+"""Derivation of equations of motion by virtual power: [SceneModel] -> [EquationsOfMotion]."""
 
 from __future__ import annotations
 

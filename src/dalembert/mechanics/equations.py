@@ -1,4 +1,4 @@
-"""`EquationsOfMotion`: what virtual power says of a scene, before any constraint is used."""
+"""`EquationsOfMotion`: the equations from virtual power, before constraints are eliminated."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class LoadEnergy:
     unknown: tuple[str, ...] = ()
 
     def incomplete(self, scene: str) -> str:
-        """Return what a warning says to those who ask for the energy; empty where only work is done that has none."""
+        """Return the text of the warning for a requested energy that lacks potentials; empty where none is missing."""
         if not self.unknown:
             return ""
         return (
@@ -194,15 +194,15 @@ class EquationsOfMotion:
     defaults : mapping of str to float
         Parameters that were added to those of the scene, and may be left out.
     guards : tuple of Guard
-        What ends the mode that contacts are in.
+        Guards of the mode of the contacts.
     minimum_norm : bool
         Whether reactions that are not determined are those of minimum norm; they are an error otherwise.
     nonanalytic : bool
-        Whether what the scene says has kinks, jumps or exponential functions in state or time.
+        Whether the equations have kinks, jumps or exponential functions in state or time.
     load_energy : LoadEnergy
         The potential energy of its loads, on another graph, which is part of the energy.
     conditions : tuple of Condition
-        What is decided for a segment of a run at a time, because it depends on time and parameters alone.
+        Conditions on time and parameters alone, each of which is constant within a segment of a run.
     """
 
     name: str
@@ -246,7 +246,7 @@ class EquationsOfMotion:
 
     @property
     def moving(self) -> tuple[Node, ...]:
-        """Every input that may change along a motion; what depends on none of them is a parameter."""
+        """Inputs that may change along a motion; a value that depends on none of them is constant."""
         return (*self.timing, *self.q, *self.qdot)
 
     @property

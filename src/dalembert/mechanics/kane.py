@@ -1,4 +1,4 @@
-"""Equations from velocities that a scene gives, body by body: Kane's form of the principle of virtual power.
+"""Kane's form of the principle of virtual power, for scenes that prescribe velocities of bodies.
 
 Velocities are affine in the rates, v = sum v^i q_dot_i + v_t, and need not be the rates of any position: a rolling
 constraint may be written into them. The partial velocities are v^i = dv/dq_dot_i, and as for other scenes

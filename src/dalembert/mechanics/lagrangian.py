@@ -1,4 +1,4 @@
-"""Equations from a Lagrangian, on the graph: d/dt dL/dq_dot - dL/dq = Q.
+"""Equations of motion from a Lagrangian: d/dt dL/dq_dot - dL/dq = Q.
 
 L is a polynomial of degree two in the rates, L = T_2 + L_1 + L_0. Then M = d^2 L/dq_dot^2, and the forcing is Q + dL/dq
 less the rate of dL/dq_dot at zero second rates. T_2 stands for the kinetic and -L_0 for the potential energy, so that

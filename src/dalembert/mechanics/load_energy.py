@@ -1,4 +1,4 @@
-"""The potential energy of a scene: that of gravity, that of loads, and what bodies declare in their place."""
+"""Potential energy of a scene: gravity, loads, and potentials declared by bodies."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def warn_of_silent_potential(kinematics: Kinematics, power: Powers, forcing: Seq
 def load_energy(
     kinematics: Kinematics, power: Powers, silent: Sequence[int], constraints: Sequence[ConstraintRow]
 ) -> LoadEnergy:
-    """Return the potential energy of the loads of a scene, less what bodies declare themselves.
+    """Return the potential energy of the loads of a scene that bodies do not declare.
 
     Parameters
     ----------

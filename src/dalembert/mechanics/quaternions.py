@@ -1,4 +1,4 @@
-"""Frames that four coordinates turn as a unit quaternion, with the angular velocities that stand for their rates.
+"""Frames oriented by unit quaternions, and angular velocities as their quasi-velocities.
 
 SymPy's ``orient(parent, "Quaternion", e)`` is meant, with e.e = 1 among the holonomic constraints.
 """

@@ -1,4 +1,4 @@
-"""Where the bodies and points of a scene are: what is drawn of a motion."""
+"""Positions of bodies and points of a scene, for animations."""
 
 from __future__ import annotations
 

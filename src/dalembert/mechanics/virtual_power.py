@@ -38,7 +38,7 @@ class _Inertia:
 
 @dataclass(frozen=True)
 class Powers:
-    """What virtual power gives: M q_ddot = forcing, reactions still inside the forcing as inputs.
+    """Equations M q_ddot = forcing from virtual power, with reactions as inputs in the forcing.
 
     `weighing` is the part of the potential energy that has its forces from no load: that of gravity, also where bodies
     say it themselves.
@@ -182,7 +182,7 @@ def _symmetric(columns: list[Components]) -> tuple[Components, Components, Compo
 
 
 def _fill_mass_matrix(matrix: Matrix, pose: Pose, composite: _Inertia) -> None:
-    """Add what the coordinates of one step have in common with their own and all earlier steps."""
+    """Add the entries of the coordinates of one step with those of the same and all earlier steps."""
     for place, motion in enumerate(pose.motions):
         if motion.angular:
             resultant = vec.cross(motion.direction, composite.moment)

@@ -1,4 +1,4 @@
-"""Radau IIA of order 5 as collocation: everything that the loop needs follows from its three nodes.
+"""Radau IIA of order 5 as collocation, with all coefficients derived from its three nodes.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, sections IV.5 (the method) and IV.8 (the
 transformation of the Newton systems, the error estimate).

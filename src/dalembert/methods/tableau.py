@@ -1,4 +1,4 @@
-"""The data of an explicit Runge-Kutta pair with dense output, checked when it is built."""
+"""Tableau of an explicit Runge-Kutta pair with dense output, checked on construction."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

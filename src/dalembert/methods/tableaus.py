@@ -1,4 +1,4 @@
-"""The explicit Runge-Kutta pairs; a new one is one tableau and one line in ``TABLEAUS``."""
+"""Explicit Runge-Kutta pairs; a new one takes one tableau and one line in ``TABLEAUS``."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""[EquationsOfMotion] -> [ReducedSystem]: one formulation a file, all registered here."""
+"""Registry of formulations: [EquationsOfMotion] -> [ReducedSystem], one formulation a file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def reduce(
     gains : (float, float), optional
         Gains of `baumgarte` [1/s].
     without : sequence of int
-        Constraints that a run found to follow from the others; they are watched, but not enforced.
+        Constraints that a run found to follow from the others; they are monitored, but not enforced.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What every formulation gives: `ReducedSystem`, and what they share."""
+"""Interface of formulations: `ReducedSystem`, and the functions that formulations share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 @final
 @dataclass(frozen=True)
 class ReductionSettings:
-    """What formulations are told beside the equations.
+    """Options of a formulation.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Projection:
 @final
 @dataclass(frozen=True)
 class StageSystem:
-    """The same motion as a system of index 2, E Y' = rhs(t, Y), for implicit methods.
+    """Index-2 system E Y' = rhs(t, Y) of the same motion, for implicit methods.
 
     Attributes
     ----------
@@ -79,14 +79,14 @@ class StageSystem:
 @final
 @dataclass(frozen=True)
 class ReducedSystem:
-    """A system of ordinary differential equations, y' = rhs(t, y), and what leads from y back to the scene.
+    """A system of ordinary differential equations, y' = rhs(t, y), and the maps from y to the quantities of the scene.
 
     Attributes
     ----------
     formulation : str
         Name of the formulation.
     equations : EquationsOfMotion
-        Where it came from.
+        Equations that were reduced.
     state : tuple of str
         Names of the components of y.
     inputs, rhs : tuple of Node
@@ -102,7 +102,7 @@ class ReducedSystem:
     undetermined : tuple of str
         Reaction components that the equations do not determine.
     notes : tuple of str
-        What was chosen and why, for `explain()`.
+        Choices and their reasons, for `explain()`.
     start_projection : Projection or None
         Corrections of the initial state alone, where steps are held otherwise.
     stages : StageSystem or None
@@ -143,14 +143,14 @@ class ReducedSystem:
 
     @property
     def places(self) -> dict[Node, int]:
-        """Where in y each input stands; a projection may also name the coordinates in it as the equations do."""
+        """Index in y of each input; a projection may also name the coordinates in it as the equations do."""
         coordinates = zip(self.equations.symbols.coordinates, self.equations.q, strict=True)
         named = {node: self.state.index(name) for name, node in coordinates if name in self.state}
         return named | {node: i for i, node in enumerate(self.inputs)}
 
 
 class Formulation(ABC):
-    """A way to hold the constraints. Adding one is one file and one line in `dalembert.reduction`."""
+    """A formulation of the constraints. A new one takes one file and one line in `dalembert.reduction`."""
 
     name: str
 

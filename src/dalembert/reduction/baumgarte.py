@@ -1,4 +1,4 @@
-"""`baumgarte`: the acceleration constraints pull back what drift has left of positions and velocities.
+"""Formulation `baumgarte`: acceleration constraints with stabilising position and velocity terms.
 
 J q_ddot = bias - 2 alpha (J q_dot + drift) - beta^2 phi, so that each violation obeys the equation of a damped
 oscillator (J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1 (1972) 1-16).
@@ -59,7 +59,7 @@ class Baumgarte(Formulation):
 
 
 def _demand(equations: EquationsOfMotion, gains: tuple[float, float] | None) -> list[Node]:
-    """Return what J q_ddot is to be."""
+    """Return the stabilised right-hand side of the acceleration constraints, J q_ddot = demand."""
     graph = equations.graph
     if gains is None:
         alpha, beta = (graph.input(name) for name in GAINS)

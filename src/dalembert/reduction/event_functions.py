@@ -1,7 +1,7 @@
-"""Expressions watched along a motion, and maps of its state, as kernels on the state of a formulation.
+"""Event functions and jumps of the state, as kernels on the state of a formulation.
 
-They are read as the scene was, in coordinates, rates, parameters and time, and in whatever else a model has by
-name: components of its state, the outputs that were requested, and the energies.
+Expressions may contain coordinates, rates, parameters and time, and all else that a model has by name: components of
+its state, requested outputs and energies.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class EventFunctions:
 
     @once_property
     def joint(self) -> Kernel:
-        """The right-hand side of the system, then the values: together, because they have much in common."""
+        """Kernel of the right-hand side of the system followed by the values; they share subexpressions."""
         return self._join()
 
 
@@ -62,29 +62,29 @@ def event_functions(
     moving: bool,
     names: Mapping[str, Node] | None = None,
 ) -> EventFunctions:
-    """Return the kernels of watched expressions.
+    """Return the kernels of event functions or reductions.
 
     Parameters
     ----------
     scene : Scene
-        What the system came from.
+        Scene of the system.
     system : ReducedSystem
-        Whose state the kernels take.
+        System whose state is the argument y of the kernels.
     expressions : sequence of str or SymPy expressions
         Names, or expressions of the scene's symbols.
     what : str
-        What they are, for messages.
+        "event" or "reduction", for messages.
     moving : bool
         Whether an expression that is constant along every motion is an error.
     names : mapping of str to Node, optional
-        What else has a name, as nodes of the system's equations.
+        Further names that expressions may contain, as nodes of the system's equations.
 
     Raises
     ------
     UnknownNameError
         For a name that the model does not have.
     ExpressionError
-        For what cannot be compiled, or is constant.
+        For an expression that cannot be compiled, or that is constant.
     """
     reader = _Reader(scene, system)
     reader.define(names or {})
@@ -119,14 +119,15 @@ def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any],
     Parameters
     ----------
     changes : mapping of symbols or names to expressions
-        Coordinates and rates that jump, and what they are after it in terms of the state before; others stay.
+        Coordinates and rates that jump, with their values after the jump in terms of the state before; others are
+        unchanged.
 
     Raises
     ------
     UnknownNameError
         For a key that is no coordinate or rate, and for a name that the model does not have.
     ExpressionError
-        For what cannot be compiled.
+        For an expression that cannot be compiled.
     """
     reader, symbols = _Reader(scene, system), system.equations.symbols
     known = (*symbols.coordinates, *symbols.rates)
@@ -178,14 +179,14 @@ class _Reader:
             self.table |= dict(zip(named, self._on_state(self.graph.adopt(list(named.values()))), strict=True))
 
     def _on_state(self, nodes: Sequence[Node]) -> list[Node]:
-        """Return nodes with every name that occurs in them replaced by what it is in terms of the state."""
+        """Return nodes with every name in them replaced by its expression in terms of the state."""
         found = [node for node in self.graph.topological(nodes) if node.op == "input"]
         values = {node: self.table[str(node.payload)] for node in found if str(node.payload) in self.table}
         changed = {a: b for a, b in values.items() if a is not b}
         return self.graph.substitute(nodes, changed) if changed else list(nodes)
 
     def read(self, expression: Any, place: str) -> Node:
-        """Return an expression, or what has a name, in terms of time, state and parameters."""
+        """Return an expression or a named quantity in terms of time, state and parameters."""
         if isinstance(expression, str):
             if unwritable(expression):
                 raise UnknownNameError(f"{place}: the name {expression!a} has a lone surrogate, half of a character")
@@ -211,13 +212,13 @@ class _Reader:
         return f"{place}: {unknown_name('name', name, known)}"
 
     def kernel(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return the kernel of nodes that `read` gave."""
+        """Return the kernel of nodes that `read` returned."""
         inputs = {self.time: ("t", None), **self.parameters}
         inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}
         return lower_kernel(self.graph, name, nodes, inputs, arguments=_ARGUMENTS)
 
     def along(self, nodes: Sequence[Node], still: Sequence[Node]) -> Kernel:
-        """Return the kernel of nodes whose series are wanted, with few products of what varies; `still` does not."""
+        """Return a kernel of nodes for series expansion, with few products of varying values; `still` does not vary."""
         inputs: dict[Node, tuple[str, int | None]] = {self.time: ("t", None)}
         inputs |= {node: ("p", i) for node, (_, i) in self.parameters.items()}
         inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}

@@ -1,4 +1,4 @@
-"""`ggl`: positions and velocities of the constraints hold at once, each by a multiplier of its own.
+"""Formulation `ggl`: position and velocity constraints together, each with multipliers of its own.
 
 q_dot = v + J^T mu, M v_dot = forcing + J^T lam, phi(q) = 0, J v + drift = 0: the stabilised index-2 system of C. W.
 Gear, B. Leimkuhler and G. K. Gupta, Journal of Computational and Applied Mathematics 12 & 13 (1985) 77-90. mu vanishes

@@ -1,4 +1,4 @@
-"""How far three angles that turn a frame are from their singularity.
+"""Distance of three orientation angles from gimbal lock.
 
 The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about axes
 of coordinates, and vanishes where two of the angles turn the frame about the same line.

@@ -1,4 +1,4 @@
-"""First integrals kept at their initial values: corrections after each step, beside those onto the constraints.
+"""Projection onto the initial values of first integrals, combined with the projection onto the constraints.
 
 A step's error in first integrals I(q, q_dot) is removed along their gradients, in the metric of the kinetic energy:
 with d the virtual displacement and w the change of the speeds, both in directions that the constraints leave free, the
@@ -62,7 +62,7 @@ def refuse_formulation(system: ReducedSystem) -> None:
 
 
 def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSystem:
-    """Return a system whose steps keep first integrals at the values that further parameters give.
+    """Return a system whose steps are projected onto values of first integrals, which are added parameters.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSy
     Raises
     ------
     FormulationError
-        For a formulation that holds the constraints in another way, or not at all.
+        For a formulation that does not project its steps onto the constraints.
     """
     refuse_formulation(system)
     equations = system.equations

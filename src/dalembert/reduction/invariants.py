@@ -1,9 +1,9 @@
-"""First integrals that a scene may have: energy, and the momenta dT/dq_dot of its coordinates.
+"""Candidates of first integrals: energy, and the momenta dT/dq_dot of coordinates.
 
 With p = M q_dot, along every motion dp_i/dt = (dp_i/dq . q_dot + dp_i/dt + forcing_i) + (J^T lam)_i, and the energy
 changes by q_dot . forcing + d(T + V)/dq . q_dot + d(T + V)/dt less lam . drift. Where the graph sees these vanish
 identically, the integral is certain. Where they may vanish on the constraints only, as with a quaternion of norm one,
-the rate of change is handed on as a kernel, to be looked at in states that satisfy the constraints.
+the rate of change is returned as a kernel, to be evaluated at states that satisfy the constraints.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["Candidates", "candidates", "integrals", "why_not"]
 @final
 @dataclass(frozen=True)
 class Candidates:
-    """What may be conserved.
+    """Functions that may be first integrals.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Candidates:
 
 
 def candidates(equations: EquationsOfMotion) -> Candidates:
-    """Return what may be conserved in a scene."""
+    """Return the functions of a scene that may be first integrals."""
     symbols = equations.symbols
     graph = Graph()  # a graph of its own, so that the kernels depend on the scene alone
     q, qdot = graph.adopt(equations.q), graph.adopt(equations.qdot)

@@ -1,4 +1,4 @@
-"""`minimal`: independent speeds u with q_dot = S u + s; the constraints are satisfied by construction."""
+"""Formulation `minimal`: independent speeds u with q_dot = S u + s, which satisfy the constraints by construction."""
 
 from __future__ import annotations
 

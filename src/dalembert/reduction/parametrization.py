@@ -1,4 +1,4 @@
-"""Speeds that span exactly what the constraints leave free.
+"""Independent speeds: a basis of the velocities that constraints allow.
 
 Holonomic constraints are solved for a coordinate that enters them linearly with a coefficient
 made of parameters only; nonholonomic ones for a quasi-velocity with such a coefficient. No
@@ -146,7 +146,7 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
 def _refuse_dependent(
     equations: EquationsOfMotion, row: ConstraintRow, residual: Node, variables: Sequence[Node]
 ) -> None:
-    """Raise for a constraint that, once the others are used, has no variable left."""
+    """Raise for a constraint that has no variable after elimination of the others."""
     graph = equations.graph
     if any(graph.freed_of(residual, [x]) is None and not vanishes(_slope(graph, residual, x)) for x in variables):
         return

@@ -1,4 +1,4 @@
-"""Motions that constraints leave no freedom: q_dot follows from q and time, as of all that sticks at once."""
+"""Systems without degrees of freedom: q_dot is a function of q and time, as when all contacts stick."""
 
 from __future__ import annotations
 

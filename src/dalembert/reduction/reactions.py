@@ -181,7 +181,7 @@ def _solve(
 
 
 def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None:
-    """Refuse reactions of the constraints of which the joints leave some power, where quaternions have length one."""
+    """Raise unless the joints can exert the reactions of the constraints, where quaternions have length one."""
     if all(vanishes(node) for node in left):
         return
     left = equations.graph.substitute(left, unit_values(equations))

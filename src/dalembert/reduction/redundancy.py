@@ -1,7 +1,7 @@
-"""Constraints that follow from others: found on the graph whatever the state, and left out where that is proved.
+"""Redundant constraints: those that follow from others at every state, found and removed on the graph.
 
-A row of the constraint Jacobian that is a combination of others constrains nothing more. It is left out where the rest
-of the constraint is the same combination: then it holds wherever the others do. Its reactions are not determined.
+A row of the constraint Jacobian that is a combination of others is redundant. It is removed where the rest
+of the constraint is the same combination. Its reactions are not determined.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Independent", "independent_constraints"]
 @final
 @dataclass(frozen=True)
 class Independent:
-    """Equations with independent constraints only, and those that follow from them."""
+    """Equations with independent constraints only, and the redundant constraints."""
 
     equations: EquationsOfMotion
     dropped: tuple[ConstraintRow, ...]
@@ -47,7 +47,7 @@ class _Reduced:
 
 
 def independent_constraints(equations: EquationsOfMotion) -> Independent:
-    """Return the equations without the constraints that follow from others whatever the state.
+    """Return the equations without the constraints that follow from others at every state.
 
     Rows are eliminated themselves, not their scalar products: those of rows that differ by a share of 1e-9, which is
     more than the rounding of decimals makes, differ by 1e-18.

@@ -1,4 +1,4 @@
-"""The saddle-point system that formulations in q and q_dot share, and two of them: `projected` and `augmented`.
+"""Saddle-point system of formulations in q and q_dot; formulations `projected` and `augmented`.
 
 M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of M and of J M^-1 J^T. Where M alone is
 singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
@@ -133,7 +133,7 @@ class SaddlePoint:
 
 
 def velocity_residuals(equations: EquationsOfMotion) -> list[Node]:
-    """Return what each constraint leaves on the rates."""
+    """Return the velocity residual of each constraint."""
     graph, qdot = equations.graph, equations.qdot
     return [
         graph.sum(a * b for a, b in zip(row.jacobian, qdot, strict=True)) + row.drift for row in equations.constraints
@@ -198,7 +198,7 @@ class Projected(Formulation):
 
 @final
 class Augmented(Formulation):
-    """State q, q_dot, nothing holds the constraints: the baseline whose drift the others are measured against."""
+    """State q, q_dot without stabilisation of the constraints: the reference for the drift of other formulations."""
 
     name = "augmented"
 

@@ -1,4 +1,4 @@
-"""Consistent initial states: from the values that a user gives to the state of a formulation, as a kernel.
+"""Consistent initial states: kernels from given initial values to the state of a formulation.
 
 What the constraints fix may be left out: missing coordinates solve the holonomic constraints,
 which they must enter linearly, and missing rates the velocity constraints, both by least squares
@@ -186,7 +186,7 @@ class _Starting:
         return inputs
 
     def _at(self, nodes: Sequence[Node]) -> list[Node]:
-        """Return nodes at what is known of the missing values so far."""
+        """Return nodes with the missing values that have been solved for so far."""
         return self.graph.substitute(nodes, self.values) if self.values else list(nodes)
 
     def _missing(self, nodes: Sequence[Node], names: Sequence[str]) -> tuple[list[int], list[Node], list[str]]:

@@ -16,7 +16,7 @@ __all__ = ["decided"]
 
 
 def decided(equations: EquationsOfMotion) -> Conditions | None:
-    """Return the conditions that are decided for segments of runs, None where there are none."""
+    """Return the conditions of equations as kernels, None where there are none."""
     if not equations.conditions:
         return None
     graph, parameters = equations.graph, equations.symbols.parameters

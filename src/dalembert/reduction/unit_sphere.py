@@ -1,4 +1,4 @@
-"""Unit quaternions as inputs of their own, whose length the graph knows to be one.
+"""Unit quaternions as inputs whose norm is identically one on the graph.
 
 On them e.e is the node 1, so that what a quaternion turns becomes as short as what angles turn, and the angular
 velocity in terms of e and e_dot is the one that it was solved for. Only derivatives along rates that keep the length
@@ -78,7 +78,7 @@ def from_unit_sphere(scene: EquationsOfMotion, equations: EquationsOfMotion, nod
 
 
 def unit_notes(equations: EquationsOfMotion) -> list[str]:
-    """Return what is done about the length of quaternions, for `explain()`."""
+    """Return notes on the normalisation of quaternions, for `explain()`."""
     names = equations.symbols.coordinates
     listed = [", ".join(names[i] for i in group.coordinates) for group in _held(equations)]
     return [f"({e}) stays a unit quaternion: it is brought to length one after every step" for e in listed]

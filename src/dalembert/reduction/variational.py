@@ -1,4 +1,4 @@
-"""[ReducedSystem] -> [Program]: the equations of motion together with their variational equations.
+"""Variational equations: [ReducedSystem] -> [Program] with derivatives of the state.
 
 The state y is followed by its derivatives with respect to parameters and initial values, dy/dw, whose rates are the
 directional derivatives of the right-hand side by forward mode on the graph. The result is a program like any other,

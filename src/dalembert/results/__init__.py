@@ -1,1 +1,1 @@
-"""What a run hands back."""
+"""Results of runs and sweeps."""

@@ -1,4 +1,4 @@
-"""Moving pictures of trajectories; imported where one is asked for, with matplotlib."""
+"""Animations of trajectories; imported on use, because they need matplotlib."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table of the same motion in every formulation."""
+"""Comparison of formulations on the same motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimated global errors: a run beside its twin at a tighter tolerance."""
+"""Estimates of global errors from a second run at a tighter tolerance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happened on the way: events of a trajectory, by name."""
+"""Events of a trajectory, by name."""
 
 from __future__ import annotations
 

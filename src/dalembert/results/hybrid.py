@@ -1,4 +1,4 @@
-"""`HybridTrajectory`: a motion in phases, in each of which its contacts do one thing."""
+"""`HybridTrajectory`: a motion in phases, each in one mode of the contacts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
 @final
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of a motion from `t0` to `t1` [s]; `modes` says what each contact does: slip, stick, closed or open."""
+    """A phase of a motion from `t0` to `t1` [s]; `modes` has the state of each contact: slip, stick, closed or open."""
 
     t0: float
     t1: float
@@ -48,7 +48,7 @@ class Part:
 
 @final
 class HybridTrajectory(Motion):
-    """A simulated motion with contacts; what `dalembert.results.trajectory.Trajectory` is without.
+    """A simulated motion with contacts; `dalembert.results.trajectory.Trajectory` is one without.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class HybridTrajectory(Motion):
         return values
 
     def mode(self, contact: str) -> NDArray[np.str_]:
-        """Return what a contact does at the recorded times (n_t,)."""
+        """Return the state of a contact at the recorded times (n_t,)."""
         if contact not in self.phases[0].modes:
             raise OptionError(unknown_name("contact", contact, self.phases[0].modes))
         words: NDArray[np.str_] = self._joined(lambda part: np.full(len(part.motion.t), part.phase.modes[contact]))

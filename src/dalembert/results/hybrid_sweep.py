@@ -81,7 +81,7 @@ class HybridSweep(CaseResults):
         self.phases, self._modes, self._value = phases, dict(modes), value
 
     def mode(self, contact: str) -> NDArray[np.str_]:
-        """Return what a contact does at the end of each case (n_case,), or (n_case, n_t) at the samples."""
+        """Return the state of a contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
         known = next(iter(self._modes.values()), {})
         if self._modes and contact not in known:
             raise OptionError(unknown_name("contact", contact, known))

@@ -1,4 +1,4 @@
-"""What every simulated motion offers, however it was made; `trajectory` and `hybrid` have the rest."""
+"""Base class of simulated motions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 
 
 def warn_of_energy(program: Program, name: str) -> None:
-    """Warn those who ask for an energy that is without the potential of some loads."""
+    """Warn that a requested energy lacks the potential of some loads."""
     if program.energy_note and name != "kinetic_energy":
         warnings.warn(program.energy_note, EnergyWarning, stacklevel=3)
 
@@ -37,7 +37,7 @@ def warn_of_energy(program: Program, name: str) -> None:
 @final
 @dataclass(frozen=True)
 class RunStatistics:
-    """What a run cost: accepted and rejected steps, evaluations of the right-hand side, seconds.
+    """Cost of a run: accepted and rejected steps, evaluations of the right-hand side, seconds.
 
     `note` says why "auto" took another method than it usually does, or where a run met a singular configuration.
     """

@@ -1,4 +1,4 @@
-"""Pictures of trajectories."""
+"""Plots of trajectories."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class EventCounts:
 
 
 class CaseResults(ABC):
-    """What the results of many cases have in common, whatever a case is.
+    """Base class of results of many cases.
 
     Subclasses give values by name, from what they keep of each case.
     """

@@ -260,13 +260,13 @@ class Trajectory(Motion):
 
     @cached_property
     def constraint_violation(self) -> FloatArray:
-        """What constraints leave, (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
+        """Constraint residuals (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
         holonomic = self._program.layout.holonomic
         return np.hstack([self._on_scene("position_residual"), self.velocity_violation[:, holonomic:]])
 
     @cached_property
     def velocity_violation(self) -> FloatArray:
-        """What each constraint leaves on the rates, (n_t, n_constraints)."""
+        """Velocity residual of each constraint, (n_t, n_constraints)."""
         return self._on_scene("velocity_residual")
 
     @nesting_named

@@ -1,4 +1,4 @@
-"""What the user writes, and how it is read onto the expression graph."""
+"""Scenes as users write them, and their reading onto the expression graph."""
 
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import free_orientation

@@ -1,4 +1,4 @@
-"""Three rotations about axes of coordinates, one after the other, and the quaternion of what they make.
+"""Sequences of three rotations about axes of coordinates, and their quaternions.
 
 With i, j, k the axes and q_i(a) the quaternion of a rotation by a about i, the product q_i(psi) q_j(theta) q_i(phi) is
 

@@ -1,6 +1,6 @@
-"""Expressions in angles that quaternions have taken the place of, written in the quaternions where that is regular.
+"""Expressions in angles that quaternions replace, rewritten in the quaternions where that is regular.
 
-What a scene says of its angles beside the orientation itself (a rolling constraint, a weight's potential) is regular
+An expression in the angles beside the orientation itself (a rolling constraint, a weight's potential) is regular
 when it is affine in the entries of the rotation matrix and in the angular velocity. The coefficients are found from
 values at ten attitudes, and the result is compared with the expression as functions, by their fingerprints.
 """
@@ -175,7 +175,7 @@ class Angles:
             yield place
 
     def complaint(self, item: Any) -> str:
-        """Return why an expression cannot be read."""
+        """Return the fault of an expression that cannot be read."""
         names = list_names(a.func.__name__ for a in self.orientation.angles)
         own, base = self.orientation.frame.name, self.orientation.base.name
         return (

@@ -1,4 +1,4 @@
-"""Contacts: Coulomb friction and unilateral constraints, as laws between reaction components of joints."""
+"""Contact laws between reaction components of joints: Coulomb friction and unilateral constraints."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class CoulombFriction:
 @final
 @dataclass(frozen=True)
 class UnilateralContact:
-    """A constraint that only pushes: closed, its gap stays zero and its normal reaction is not negative; else it opens.
+    """A unilateral constraint: gap >= 0, normal reaction >= 0, and one of them is zero.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What else the start of a free orientation may be given in: angles and their rates, and the angular velocity."""
+"""Alternative initial values of a free orientation: angles and their rates, and the angular velocity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small SymPy expressions onto the graph."""
+"""Reader of SymPy expressions onto the graph."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class ExpressionReader:
             self.graph.written = False
 
     def watch(self, e: Any) -> None:
-        """Let an expression, read later by another reader, have the parameters that it needs in elapsed time."""
+        """Add the parameters in elapsed time of an expression that another reader will read."""
         if self.clock is not None:
             self._elapsed(e, self.clock)
 
@@ -145,7 +145,7 @@ class ExpressionReader:
         self._known.clear()
 
     def fault(self, text: str) -> Node:
-        """Take down a fault at the present place; return zero in its stead."""
+        """Record a fault at the present place and return zero."""
         line = f"{self._place}: {text}"
         if line not in self.faults:
             self.faults.append(line)

@@ -1,4 +1,4 @@
-"""The frames that the contents of a scene depend on, among all that are attached to its frame."""
+"""Frames that the contents of a scene depend on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tree of frames and points of a scene on the graph, and the vectors and scalars that are given in it."""
+"""Reader of the frames, points, vectors and scalars of a scene onto the graph."""
 
 from __future__ import annotations
 

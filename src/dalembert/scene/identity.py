@@ -1,4 +1,4 @@
-"""Whether an expression is identically zero, decided by its values at random points."""
+"""Test of identities of SymPy expressions by values at random points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the point of a joint is a point of its body."""
+"""Check that the point of a joint belongs to its body."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ class GivenLoad:
 @final
 @dataclass(frozen=True)
 class GivenMotion:
-    """Velocities that a scene says, in place of positions that they would follow from."""
+    """Velocities that a scene prescribes in place of positions."""
 
     bodies: tuple[GivenBody, ...]
     loads: tuple[GivenLoad, ...]
@@ -154,7 +154,7 @@ class SpeedGroup:
 @final
 @dataclass(frozen=True, slots=True)
 class ConstraintModel:
-    """An expression that vanishes, with a label for messages."""
+    """A constraint expression = 0, with a label for messages."""
 
     label: str
     expression: Node

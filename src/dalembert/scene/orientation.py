@@ -1,4 +1,4 @@
-"""Bodies that turn freely, with unit quaternions for coordinates: declared, or in place of three angles.
+"""Free orientations by unit quaternions: declared, or in place of three angles.
 
 A quaternion e = (e0, e1, e2, e3), scalar first, leads from the body to the frame that it is oriented in; e.e = 1 is a
 holonomic constraint. Nothing is singular at any attitude. The formulation `minimal` takes the angular velocity for

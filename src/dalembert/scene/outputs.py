@@ -1,4 +1,4 @@
-"""What a user asks for as outputs of a model."""
+"""Requested outputs of a model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["placed", "requested"]
 
 
 def requested(outputs: Any) -> tuple[Any, ...]:
-    """Return requested outputs, or the one that was given alone, and for points the components of their positions.
+    """Return the requested outputs as a tuple, with the components of their positions for points.
 
     Raises
     ------

@@ -15,7 +15,7 @@ __all__ = ["without_speeds"]
 
 
 def without_speeds(scene: Scene) -> Scene:
-    """Return a scene in coordinates and rates alone, for those who do not know of speeds.
+    """Return a scene in coordinates and rates alone, for readers that do not support speeds.
 
     Raises
     ------

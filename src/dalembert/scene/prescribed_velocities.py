@@ -1,4 +1,4 @@
-"""Velocities that a scene gives, onto the graph."""
+"""Reader of prescribed velocities of a scene onto the graph."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["located", "read_given"]
 
 
 def located(scene: Scene) -> bool:
-    """Whether every point and frame that a scene gives a velocity also has a position or an orientation."""
+    """Whether every point and frame with a prescribed velocity also has a position or an orientation."""
     points, frames = Tree(scene.origin, "_pos_dict"), Tree(scene.frame, "_dcm_dict")
     return all(
         (points if isinstance(target, Point) else frames).path(target) is not None for target, _ in scene.velocities
@@ -32,7 +32,7 @@ def read_given(
     matrix: Callable[[Any, str], tuple[Components, Components, Components]],
     number: Callable[[ReferenceFrame, str], int],
 ) -> GivenMotion:
-    """Return the bodies and loads of a scene with the velocities that it gives.
+    """Return the bodies and loads of a scene with their prescribed velocities.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""[Scene] -> [SceneModel]: checks a scene, reports all its faults at once, and reads it onto the graph."""
+"""Check and reading of scenes: [Scene] -> [SceneModel], or one error with all faults."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ __all__ = ["Release", "impose", "release", "released_orientation", "released_pos
 @final
 @dataclass(frozen=True)
 class Release:
-    """A coordinate given back: along `direction`, the place of `target` is `coordinate` and no longer `value`."""
+    """A released coordinate: the component of `target` along `direction` is `coordinate` in place of `value`."""
 
     coordinate: Any
     target: Point | ReferenceFrame
@@ -37,11 +37,11 @@ class Release:
     value: Any
 
 
-# -- applied by those who read a scene ----------------------------------------------------------
+# -- applied by readers of a scene ------------------------------------------------------------
 
 
 def released_position(scene: Scene, point: Point, position: Any) -> Any:
-    """Return the position of `point` from its parent with the coordinates that were given back."""
+    """Return the position of `point` from its parent with the released coordinates."""
     for item in scene.releases:
         if item.target is point:
             position = position + (item.coordinate - item.value) * item.direction
@@ -49,7 +49,7 @@ def released_position(scene: Scene, point: Point, position: Any) -> Any:
 
 
 def released_orientation(scene: Scene, frame: ReferenceFrame, parent: ReferenceFrame, matrix: Any) -> Any:
-    """Return the matrix from components on `parent` to those on `frame` with the rotations given back."""
+    """Return the matrix from components on `parent` to those on `frame` with the released rotations."""
     for item in scene.releases:
         if item.target is frame:
             own = item.direction.to_matrix(frame)
@@ -104,7 +104,7 @@ def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) 
         faults.append(f"the coordinate to release must be made with dynamicsymbols, not {coordinate!r}")
     elif coordinate in scene.coordinates:
         faults.append(
-            f"{coordinate.func.__name__!r} is a coordinate of the scene already, so that nothing hides its reaction;"
+            f"{coordinate.func.__name__!r} is a coordinate of the scene already, and hides no reaction;"
             " release a coordinate that the scene does not have"
         )
     if not isinstance(target, Point | ReferenceFrame):
@@ -114,7 +114,7 @@ def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) 
         tree = Tree(root, "_pos_dict" if kind == "point" else "_dcm_dict")
         if target is root or tree.path(target) is None:
             faults.append(
-                f"the {kind} {target.name!r} is not one that can move; release one that hangs on {root.name!r}"
+                f"the {kind} {target.name!r} cannot be released; release one that is located from {root.name!r}"
             )
     if not isinstance(direction, Vector):
         faults.append(f"the direction of a release must be a unit vector such as N.z, not {direction!r}")

@@ -1,7 +1,7 @@
 """The scene: bodies, coordinates, constraints, loads and joints, in SymPy's vocabulary.
 
-A `Scene` only takes down what it is told. It is checked as a whole, and all its faults are
-reported at once, when it is read for compilation (`dalembert.scene.reading`).
+A `Scene` only stores its contents. It is checked as a whole, and all its faults are reported at once, when it is
+read for compilation (`dalembert.scene.reading`).
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For what cannot be taken over.
+            For contents that a `Scene` does not support.
         """
         from ..interop.sympy_systems import scene_from_sympy  # the one import of a package that comes later
 
@@ -163,7 +163,7 @@ class Scene:
     def in_elapsed_time(self, watched: Sequence[Expr] = ()) -> Scene:
         """Return the same scene with time counted from the start of each run, for runs far from zero.
 
-        Expressions that are watched contain time, too; what they are at the start is a parameter, as for the scene.
+        The expressions `watched` (events, reductions) contain time, too; their values at the start become parameters.
         """
         twin = self.copy()
         twin.elapsed = tuple(watched)
@@ -202,20 +202,20 @@ class Scene:
         self.nonholonomic_constraints += constraints
 
     def add_friction(self, *laws: CoulombFriction) -> None:
-        """Let Coulomb's law of friction hold between reaction components of joints."""
+        """Add Coulomb friction between reaction components of joints."""
         self.frictions += laws
 
     def add_contacts(self, *contacts: UnilateralContact) -> None:
-        """Add constraints that push and do not pull: they open, and close again."""
+        """Add unilateral constraints: they push, do not pull, and may open and close."""
         self.contacts += contacts
 
     def apply_uniform_gravity(self, acceleration: Vector) -> None:
-        """Let a uniform field of the given acceleration [m/s^2], such as ``-g*N.z``, act on every body."""
+        """Add a uniform gravitational field with the given acceleration [m/s^2], such as ``-g*N.z``."""
         self.gravity = acceleration
 
     @nesting_named
     def release(self, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
-        """Return a scene in which a coordinate that the parametrization had used up is given back.
+        """Return a scene with a further coordinate that the parametrization had eliminated.
 
         This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
         the reaction that the parametrization hides. The motion stays as it is.
@@ -251,7 +251,7 @@ class Scene:
 
     @nesting_named
     def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
-        """Return a scene without a coordinate that a holonomic constraint gives: "compatible" equations.
+        """Return a scene without a coordinate that a holonomic constraint determines: "compatible" equations.
 
         Parameters
         ----------

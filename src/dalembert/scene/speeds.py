@@ -25,17 +25,17 @@ def read_speeds(
     equations: Sequence[Any],
     fault: Callable[[str], Any],
 ) -> tuple[tuple[SpeedGroup, ...], tuple[Entry, ...], dict[str, str]]:
-    """Let speeds be read as what the kinematic equations make of them.
+    """Define the generalized speeds by the kinematic equations.
 
     Parameters
     ----------
     reader : ExpressionReader
-        Gets a leaf for each speed, in coordinates, rates and time.
+        Gets a definition of each speed in coordinates, rates and time.
     coordinates, speeds : sequence of dynamicsymbols
     equations : sequence of Expr
         Expressions that vanish, affine in rates and speeds.
     fault : callable
-        Takes down what is wrong.
+        Records a fault.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The symbols of a scene on the graph: coordinates, rates, speeds, parameters, unknowns, and what they are called."""
+"""Symbols of a scene on the graph: coordinates, rates, speeds, parameters, unknowns, and their names."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _is(symbol: Any, what: str) -> bool:
 
 
 class SymbolReader:
-    """One reading of one scene, as far as its symbols; what is wrong with them is in `faults`."""
+    """Reader of the symbols of one scene; `faults` lists their faults."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -91,7 +91,7 @@ class SymbolReader:
         return leaves
 
     def _impose(self) -> None:
-        """Let imposed coordinates and their rates be read as what they equal."""
+        """Define imposed coordinates and their rates by their expressions."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
         flow = {leaves[q]: leaves[sp.Derivative(q, time)] for q in self.coordinates} | {leaves[time]: self.graph.one}
         values = [(q, self.expressions.read(e, f"imposed coordinate {q}")) for q, e in self.scene.imposed]
@@ -146,7 +146,7 @@ class SymbolReader:
         )
 
     def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Return what parameters, coordinates, angles and speeds were declared to be, by name."""
+        """Return the declared assumptions of parameters, coordinates, angles and speeds, by name."""
         angles = [angle for item in self.scene.orientations for angle in item.angles]
         moving = [(q.func.__name__, q) for q in (*self.coordinates, *angles, *self.scene.speeds)]
         found: dict[str, tuple[str, ...]] = {}
@@ -169,5 +169,5 @@ class SymbolReader:
         return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
 
     def _moving(self) -> int:
-        """Return the dependency bits of what changes along a motion: coordinates, rates and time."""
+        """Return the dependency bits of the inputs that change along a motion: coordinates, rates and time."""
         return self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])

@@ -1,4 +1,4 @@
-"""Frames or points of SymPy as a tree."""
+"""Tree of frames or points of SymPy."""
 
 from __future__ import annotations
 
@@ -40,5 +40,5 @@ class Tree:
         return path[::-1]
 
     def number(self, node: Any) -> int:
-        """Return the number of a node, given out as nodes are met."""
+        """Return the number of a node, assigned in order of first use."""
         return self._numbers.setdefault(id(node), len(self._numbers))

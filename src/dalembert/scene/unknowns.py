@@ -34,7 +34,7 @@ def unknowns(names: str) -> Any:
     Raises
     ------
     OptionError
-        For what is no text with names.
+        For an argument that is no text with names.
     """
     given: Any = names
     if not isinstance(given, str) or not given.strip(" ,"):

@@ -1,4 +1,4 @@
-"""Ready scenes: the worked examples of section 13.4, and some with contacts, each written as a user would write it."""
+"""Example scenes: the worked examples of section 13.4, and scenes with contacts."""
 
 from collections.abc import Callable
 

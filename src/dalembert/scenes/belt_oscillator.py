@@ -1,4 +1,4 @@
-"""A block on a spring, carried by a moving belt: stick and slip in turn."""
+"""A block on a spring and a moving belt: stick-slip oscillation."""
 
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
@@ -7,7 +7,7 @@ from dalembert.scene import CoulombFriction, Joint, Scene, unknowns
 
 
 def belt_oscillator() -> Scene:
-    r"""Build the scene of a block that a belt carries along until its spring tears it off, again and again.
+    r"""Build the scene of a block on a spring and a moving belt, which sticks and slips in turn.
 
     Its coordinates are
 

@@ -1,4 +1,4 @@
-"""The symbolic view of a scene: what section 13.4 of the text derives by hand."""
+"""Symbolic view of a scene: the derivations of section 13.4 of the text."""
 
 from .energy import lagrange_operator
 from .screw import Screw

@@ -1,4 +1,4 @@
-"""Constraints as Pfaffian forms: what they leave free, and whether they can be integrated (Frobenius)."""
+"""Constraints as Pfaffian forms, classified by the Frobenius condition."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def pfaffian(
 def classify(
     holonomic: Sequence[Any], nonholonomic: Sequence[Any], coordinates: Sequence[Any], time: Any
 ) -> tuple[Constraint, ...]:
-    """Return the constraints with their Pfaffian forms and the verdict of the Frobenius condition.
+    """Return the constraints with their Pfaffian forms and the result of the Frobenius condition.
 
     A nonholonomic constraint is integrable when d(omega) vanishes on all pairs of directions that the
     constraints together leave free (Frobenius); for a single one that is omega ^ d(omega) = 0.

@@ -17,7 +17,7 @@ __all__ = ["friction_laws", "refuse_friction", "rubbing"]
 
 
 def rubbing(laws: Sequence[CoulombFriction]) -> set[str]:
-    """Return the names of the unknowns that are friction."""
+    """Return the names of the unknowns that are friction forces."""
     return {str(x) for law in laws for x in _parts(law.tangential)}
 
 
@@ -61,7 +61,7 @@ def _slip(actions: Actions, force: Any) -> Any:
 
 
 def refuse_friction(scene: str, laws: Sequence[CoulombFriction], what: str) -> None:
-    """Refuse what is derived for ideal joints alone.
+    """Raise for a scene with friction where the derivation needs ideal joints.
 
     Raises
     ------

@@ -46,7 +46,7 @@ def squares(expression: Any, old: Any, new: Any) -> Any:
 
 @final
 class Geometry:
-    """Where everything of a scene is and how it moves, with released and imposed coordinates applied.
+    """Positions and velocities of a scene, with released and imposed coordinates applied.
 
     Parameters
     ----------

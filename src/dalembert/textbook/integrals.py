@@ -1,4 +1,4 @@
-"""First integrals: momenta of coordinates that nothing acts on, and energy."""
+"""First integrals: momenta of ignorable coordinates, and energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the textbook view writes: dots for rates, no arguments of time."""
+"""Printers of the textbook view: dots for rates, no arguments of time."""
 
 from __future__ import annotations
 

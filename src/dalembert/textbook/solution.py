@@ -1,4 +1,4 @@
-"""Unknowns eliminated: accelerations, reactions and multipliers in closed form."""
+"""Closed-form solution for accelerations, reactions and multipliers."""
 
 from __future__ import annotations
 

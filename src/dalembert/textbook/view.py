@@ -1,4 +1,4 @@
-"""`LagrangeView`: what section 13.4 derives by hand, of any scene."""
+"""`LagrangeView`: the derivations of section 13.4 for any scene."""
 
 from __future__ import annotations
 

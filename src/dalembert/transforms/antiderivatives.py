@@ -1,6 +1,6 @@
-"""Antiderivatives on the graph: of functions of one value, by rules that end quickly, and no search.
+"""Antiderivatives of functions of one value on the graph, by rules without search.
 
-What a rule finds is a candidate; who uses it verifies it by differentiation. Rules know sums, powers, polynomials,
+A rule returns a candidate; the caller verifies it by differentiation. Rules cover sums, powers, polynomials,
 elementary functions of linear arguments, products that are a function of an inner value times its derivative, and
 branches (`Piecewise`, `Max`, `Abs`) at places where a linear function changes sign.
 """
@@ -187,7 +187,7 @@ class Antiderivatives:
         return None
 
     def _square(self, factor: Node, rest: Node, u: Node) -> Node:
-        """Return the antiderivative of factor * u + rest, zero where that is, unless it takes a division."""
+        """Return the antiderivative of factor * u + rest, zero where the integrand is unless that needs a division."""
         constant = self._free(rest, self.moving)
         if constant is None:
             constant = rest

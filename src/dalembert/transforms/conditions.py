@@ -1,4 +1,4 @@
-"""Conditions that depend on time and parameters alone, which hold or not all along a segment of a run.
+"""Conditions on time and parameters alone, each constant within a segment of a run.
 
 Between the times at which such a condition changes, the breaks, it is decided once, at one time within, which is a
 further parameter of the scene. So what is computed along a segment is smooth in time, whichever side of a break it is
@@ -37,7 +37,7 @@ class Condition:
 
 
 def decide(conditions: Iterable[Condition]) -> bool:
-    """Return whether any of some conditions decides something."""
+    """Return whether any condition has breaks."""
     return any(condition.kind != NARROW for condition in conditions)
 
 

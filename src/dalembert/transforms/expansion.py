@@ -1,4 +1,4 @@
-"""[Recurrences] -> coefficients: the series of every value, one order after the other.
+"""Expansion of recurrences: Taylor coefficients of every value, order by order.
 
 `Expansion` writes orders 0, 1, 2, ... out as straight-line code. `Ahead` writes one order whose number is not known
 yet, as a loop passes through it again and again. Both take the same operations in the same order, so that what they
@@ -89,7 +89,7 @@ class _Extension(ABC):
 
     @abstractmethod
     def _inner(self, k: int) -> dict[Sum, Operand]:
-        """Return of every sum that coefficients k need the part without index 0."""
+        """Return the part without index 0 of every sum that coefficients k need."""
 
     @abstractmethod
     def _middle(self, series: Series, k: int) -> Operand:

@@ -1,4 +1,4 @@
-"""Forms chosen for values, beside the ones that the graph keeps, and what they cost along a motion."""
+"""Forms chosen for values in place of those of the graph, and their costs along a motion."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Forms:
         return self.of(node)[1]
 
     def choose(self, node: Node, form: Form) -> None:
-        """Give a value a form. Its uses are for the caller to count."""
+        """Give a value a form. The caller counts its uses."""
         index, moving = node.index, self.moving
         self._chosen[index] = form
         self._moving_args[index] = tuple([arg.index for arg in form[1] if arg.deps & moving])

@@ -1,4 +1,4 @@
-"""Hoisting of parameters: a pass from program to program that computes what depends on parameters alone once a run."""
+"""Hoisting of parameters: a pass that computes values of parameters alone once a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["HoistParameters"]
 @final
 @dataclass(frozen=True)
 class HoistParameters:
-    """Split what depends on parameters p alone off every kernel, into constants c that a kernel ``prepare`` makes of p.
+    """Replace values that depend on parameters p alone by constants c, which a kernel ``prepare`` computes from p.
 
     The first entries of c are the parameters themselves; equal expressions of different kernels share an entry.
     Kernels take c in place of p; ``prepare`` becomes the first kernel of the program.

@@ -1,4 +1,4 @@
-"""Linear algebra written out on the graph: structural zeros cost nothing, and nothing is expanded."""
+"""Linear algebra on the graph, without operations on structural zeros and without expansion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Graph nodes to straight-line kernels."""
+"""Lowering of graph nodes to straight-line kernels."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def lower_kernel(
 
 
 def _count(graph: Graph, nodes: Sequence[Node]) -> int:
-    """Return the number of operations that nodes take as they are."""
+    """Return the number of operations of nodes in their present forms."""
     return sum(node.op != "input" and node.deps != 0 for node in graph.topological(nodes))
 
 

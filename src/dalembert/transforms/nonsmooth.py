@@ -1,4 +1,4 @@
-"""Nonsmooth and nonanalytic operations: kinks, jumps, and functions whose power series may miss what they do."""
+"""Nonsmooth and nonanalytic operations: kinks, jumps, and functions that their power series need not represent."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INVERSE = "inverse powers"
 
 
 def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
-    """Return the values of a kernel of whose course a power series may know nothing, and what each is.
+    """Return the values of a kernel that a power series need not represent, with the kind of each.
 
     These are the operations with a kink or a jump on what depends on state or time, and steep ones, which are smooth
     and may be nothing where a series begins and everything close by: tanh(100) is 1 with all its derivatives 0, and
@@ -145,7 +145,7 @@ def only_in_branches(kernel: Kernel) -> frozenset[str]:
 
 
 def decisions(program: Program) -> Kernel | None:
-    """Return the kernel of what jumps with state or time in the rates; None where nothing does."""
+    """Return the kernel of the quantities in the rates that jump with state or time; None where there are none."""
     rhs = program.kernel("rhs")
     moving = {load.target for load in rhs.loads if load.array in ("t", "y")}
     found = []

@@ -1,8 +1,7 @@
-"""[Kernel] -> [Kernel]: derivatives of a kernel, by taking its lines back to a graph.
+"""Derivatives of kernels: [Kernel] -> [Kernel], on the graph of the lines of the kernel.
 
 Integrators and linearisations need derivatives of what a program computes, long after the graph that it was lowered
-from is gone. A kernel is straight-line code, so that its graph can be had again; what two lines of it share is found
-again by their fingerprints.
+from is gone. A kernel is straight-line code, so its graph can be rebuilt; fingerprints identify equal values.
 """
 
 from __future__ import annotations

@@ -189,7 +189,7 @@ class ShareReciprocals:
 @final
 @dataclass(frozen=True)
 class ShareEqual:
-    """Compute once what other passes have come to write twice.
+    """Compute equal operations once, which other passes may have written twice.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Angles: inputs of a kernel that matter modulo a turn, because all that it uses of them are sines and cosines."""
+"""Angles: inputs of a kernel that enter it through sines and cosines only, and so modulo a turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values as polynomials: what is equal, common or cancels among the terms of a sum shows.
+"""Polynomial forms of values, in which equal, common and cancelling terms are visible.
 
 A term is a coefficient, which is fixed along a motion (numbers and parameters), times whole powers of atoms.
 An atom is whatever is not opened into terms: an input, a function, or a sum that stands in too large a product

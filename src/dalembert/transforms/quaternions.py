@@ -1,4 +1,4 @@
-"""Quaternions on the graph, scalar first, from the components on a body to those on the frame that it turns in.
+"""Quaternions on the graph, scalar first, from components on a body to components on its reference frame.
 
 With e.e = 1 the rates are e_dot = 1/2 E omega, and omega = 2 E^T e_dot, which are regular everywhere
 (R. Featherstone, Rigid Body Dynamics Algorithms, section 4.5).

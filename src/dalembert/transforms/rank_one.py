@@ -1,4 +1,4 @@
-"""Symmetric matrices that are a fixed diagonal less a dyad, such as the inertia of a rolling body about its contact.
+"""Symmetric matrices of the form diagonal less dyad, such as the inertia of a rolling body about its contact.
 
 diag(d) - k h g g^T with d and k fixed along a motion is solved by Sherman and Morrison's formula (Annals of
 Mathematical Statistics 21, 1950): 3 n products and one quotient of varying values, where L D L^T needs O(n**3).

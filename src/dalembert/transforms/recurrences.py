@@ -1,4 +1,4 @@
-"""[Kernel] -> [Recurrences]: what the Taylor coefficients of every value of a right-hand side follow from.
+"""Taylor recurrences of a right-hand side: [Kernel] -> [Recurrences].
 
 Arithmetic has recurrences of its own: a product is a convolution, a quotient and a root each solve
 one (Moore; Jorba and Zou, Experimental Mathematics 14, 2005). Every other function f is integrated:

@@ -1,11 +1,11 @@
-"""The control of a Taylor step where its series does not tell all: points at which the motion is looked at.
+"""Residual control of Taylor steps: the defect of the polynomial at points within the step.
 
-A step takes its size from the last two coefficients of its series. What is nothing where it begins and large within
-it is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24. Where a
-right-hand side has such operations (`dalembert.transforms.nonsmooth.nonanalytic_operations`), the polynomial p of a
-step is put into the differential equation at a few points of the step. Up to the first point where p' and f(t, p)
-differ by more than the tolerance the step may go; its series, which is what a step costs, is none the worse for being
-cut. So a step is never taken back, and the loops know nothing of this.
+A step takes its size from the last two coefficients of its series. A term that vanishes at the start of the step and is
+large within it is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24.
+Where a right-hand side has such operations (`dalembert.transforms.nonsmooth.nonanalytic_operations`), the polynomial p
+of a step is put into the differential equation at a few points of the step. The step ends before the first point where
+p' and f(t, p) differ by more than the tolerance; the series, which is the cost of a step, stays valid on the shorter
+step. So a step is never rejected, and the loops do not depend on this.
 
 Points lie closer and closer towards the beginning, so that one series serves to come near a jump however far it lies
 from the middle of the step; between large ones the distances are unequal, so that no period hides there. What begins
@@ -41,7 +41,7 @@ _NOISE = 1e-13
 
 
 def cost(recurrences: Recurrences, order: int) -> tuple[int, int]:
-    """Return how many evaluations the control of a step takes, and about how many lines besides."""
+    """Return the number of evaluations of the residual control of a step, and about how many other lines it needs."""
     if not recurrences.controlled:
         return 0, 0
     return len(_POINTS), len(_POINTS) * order * (len(recurrences.states) + len(recurrences.controlled))

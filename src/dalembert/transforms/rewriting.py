@@ -1,4 +1,4 @@
-"""Forms with fewer products of varying values, chosen for all outputs of a kernel together.
+"""Rewriting to forms with fewer products of varying values, for all outputs of a kernel together.
 
 A Taylor step pays for each product, quotient or square of varying values with a sum over all orders, and next
 to nothing for sums and fixed factors. Each value is tried in other forms, got by factoring its polynomial; how
@@ -190,7 +190,7 @@ class _Rewriter:
         return made
 
     def _bring(self, node: Node, form: Form) -> None:
-        """Have a value stand before the target; one that nothing uses yet takes the form given."""
+        """Place a value before the target; one that has no uses yet takes the given form."""
         here = self.places[self.target.index]
         if not node.deps & self.forms.moving or self.places.get(node.index, here) < here:
             return

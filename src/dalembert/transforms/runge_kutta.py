@@ -1,8 +1,8 @@
-"""[Kernel, Tableau] -> [Kernel]: one attempt of an adaptive Runge-Kutta step as straight-line code.
+"""Attempt of an adaptive Runge-Kutta step as straight-line code: [Kernel, Tableau] -> [Kernel].
 
-An attempt evaluates the stages, judges the error, keeps the old state where that is too large, and proposes the
-size of the next attempt by the proportional-integral control of `dalembert.methods.step_constants`. What it remembers
-travels with the state: the outputs of an attempt are the argument ``y`` of the next one. Nothing branches, so the
+An attempt evaluates the stages, tests the error, keeps the old state where it is too large, and proposes the
+size of the next attempt by the proportional-integral control of `dalembert.methods.step_constants`. Its memory is part
+of the state: the outputs of an attempt are the argument ``y`` of the next one. Nothing branches, so the
 same code serves lanes that accept and lanes that reject.
 """
 
@@ -72,7 +72,7 @@ def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool)
 
 
 def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
-    """Return what an attempt finds before the first step: its outputs, had it just ended at the initial state.
+    """Return the kernel of the inputs of the first attempt: the outputs of an attempt that ended at the initial state.
 
     The size of the first step is that of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
     section II.4; it is 0 where the slopes are not finite.

@@ -1,4 +1,4 @@
-"""Forms offered to the graph, which keeps them where they are cheaper."""
+"""Removal of inputs on which values do not depend."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""[Kernel] -> [Kernel]: what expressions do over a whole step, for many cases side by side.
+"""Bounds and signs of expressions over a whole step, as kernels for many lanes: [Kernel] -> [Kernel].
 
 These are the first tests of `dalembert.integrators.crossings` and `dalembert.integrators.reductions` as straight-line
-code. Most steps pass them, and cost next to nothing; the others are looked at one by one.
+code. Most steps pass these cheap tests; the others are examined one by one.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class StepShape:
 
 
 def step_signs_kernel(values: Kernel, shape: StepShape) -> Kernel:
-    """Return the kernel of a step's outputs that gives 1 or -1 for expressions of that sign all over it, 0 for others.
+    """Return the kernel of a step's outputs that gives 1 or -1 for expressions of one sign over the step, else 0.
 
     `values` are the expressions, from time, state and constants.
     """
@@ -45,7 +45,7 @@ def step_signs_kernel(values: Kernel, shape: StepShape) -> Kernel:
 
 
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
-    """Return the kernel of a step's outputs that gives what `step_signs_kernel` does, from series of the expressions.
+    """Return the kernel of a step's outputs with the results of `step_signs_kernel`, from series of the expressions.
 
     The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
     fractions lie between 0 and 1.

@@ -1,4 +1,4 @@
-"""[Recurrences] -> [Kernel]: one step of a Taylor method as straight-line code.
+"""Taylor step as straight-line code: [Recurrences] -> [Kernel].
 
 A step computes the series of the state, takes its size from the last two coefficients, and sums the series by
 Estrin's scheme. Order and step size follow Jorba and Zou (Experimental Mathematics 14, 2005): the step is the smaller
@@ -107,7 +107,7 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 
 
 def closing_loads(recurrences: Recurrences) -> list[Load]:
-    """Return what the end of a step reads besides what its series are made of."""
+    """Return the loads of the end of a step that its series do not need."""
     loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
     return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.step_growth_limited else loads
 
@@ -176,7 +176,7 @@ def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
 
 
 def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
-    """Return what errors are measured by.
+    """Return the scale of errors.
 
     It is the largest component that anything depends on, but at least the floor; quadratures count in the error and
     not in the scale, and an angle counts as two turns at most, however often it has gone round.

@@ -1,4 +1,4 @@
-"""[Kernel] -> traced functions whose code XLA compiles in blocks.
+"""Traced functions of kernels that XLA compiles in blocks.
 
 XLA on CPU merges element-by-element operations into one loop for each array that comes out, and repeats in each what
 they have in common: time to compile and to run grows faster than the code. Here a long kernel is cut into blocks of

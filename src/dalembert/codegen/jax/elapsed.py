@@ -1,4 +1,4 @@
-"""[Program] -> [Program]: rates and projections as traced runs take them.
+"""Rates and projections in elapsed time, for traced runs: [Program] -> [Program].
 
 They count time from the start of a run: differences of times that are far from zero are exact, the times themselves are
 not. Where conditions on time are decided along the way, what depends on these is no constant of a run, and rates and

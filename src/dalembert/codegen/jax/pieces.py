@@ -1,4 +1,4 @@
-"""[Program] -> [Pieces]: a method for a program, in the forms in which traced runs take it."""
+"""Methods for traced runs: [Program] -> [Pieces]."""
 
 from __future__ import annotations
 

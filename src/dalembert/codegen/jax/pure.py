@@ -1,4 +1,4 @@
-"""Pure functions of a model, for people's own JAX programs."""
+"""Pure functions of a model, for JAX programs of users."""
 
 from __future__ import annotations
 

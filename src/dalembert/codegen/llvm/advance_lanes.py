@@ -1,4 +1,4 @@
-"""Advance of time for all lanes at once, for steps at which nothing else happens in the sweeping loop."""
+"""Advance of time for all lanes at once, for steps without samples, events and ends of cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attempts of Runge-Kutta steps in assembly: as one straight line, or as calls where that would be too long."""
+"""Attempts of Runge-Kutta steps in assembly: straight-line code, or calls where that is too long."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check of what cases start from, in all lanes at once."""
+"""Check of the initial values of cases, in all lanes at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Object code on disk, made where it is not there."""
+"""Cache of object code on disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sums of products of coefficients in a loop over the orders: which are taken together, and where their factors lie."""
+"""Sums of products of coefficients in a loop over the orders: grouping, and places of their factors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Taylor step as a loop over the orders: short code for what unrolled code repeats order by order.
+"""Taylor step as a loop over the orders, shorter than unrolled code.
 
 The first orders are written out. From then on, one pass of a loop computes a coefficient of every value
 (`dalembert.transforms.expansion.Ahead`). The products of coefficients that were known before the pass are summed

@@ -1,4 +1,4 @@
-"""Runs of many cases: what the loop over lanes is given, and the calls of its machine code."""
+"""Runs of many cases: arguments of the loop over lanes, and the calls of its machine code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""[text] -> object code: functions of generated modules compiled by numba, kept in the checked cache.
+"""Object code of functions of generated modules, compiled by numba and kept in the checked cache.
 
 What numba compiles of a function is taken as object code, which is loaded without numba, now as in later processes:
 those that find all of it in the cache do not import numba. A second object has an entry of the C signature

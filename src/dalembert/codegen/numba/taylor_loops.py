@@ -1,4 +1,4 @@
-"""[Recurrences] -> variables of ``numba/taylor.py.j2``: a Taylor step with its recurrences as loops over the orders.
+"""Variables of ``numba/taylor.py.j2``: a Taylor step with its recurrences as loops over the orders.
 
 The series of every value lies in an array ``w``, coefficient after coefficient, those of the state first. A pass of the
 loop computes the next coefficient of every value, in one line each; products are calls of a convolution.

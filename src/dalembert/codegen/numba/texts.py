@@ -1,4 +1,4 @@
-"""[Kernel, Recurrences, Tableau] -> text: functions of a numba module, printed through ``codegen_templates/numba``."""
+"""Text of the functions of a numba module, printed through ``codegen_templates/numba``."""
 
 from __future__ import annotations
 

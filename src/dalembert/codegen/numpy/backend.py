@@ -1,4 +1,4 @@
-"""The plain reference: generated Python on the ``math`` module, integrated by SciPy. Nothing is compiled."""
+"""The numpy backend: generated Python on the ``math`` module, integrated by SciPy, without compilation."""
 
 from __future__ import annotations
 

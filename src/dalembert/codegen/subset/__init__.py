@@ -1,4 +1,4 @@
-"""[Python function] -> [module of LLVM assembly]: loops of integrators, translated without numba's front end.
+"""Translation of integrator loops in a Python subset to LLVM assembly, without numba's front end.
 
 numba takes seconds for what this does in hundredths of one, because the loops need little of Python: functions of
 integers, doubles, flags, C-contiguous arrays, records and tuples of these. They are marked as `compiled_subset`

@@ -1,4 +1,4 @@
-"""[Python expression] -> [lines of LLVM assembly]."""
+"""Translation of Python expressions to lines of LLVM assembly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""[Python function] -> [function of LLVM assembly]."""
+"""Translation of Python functions to functions of LLVM assembly."""
 
 from __future__ import annotations
 
