@@ -113,9 +113,10 @@ _MESSAGES = {
     Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
-        "Events with apply, or phases of a contact, follow each other ever faster, infinitely many within a finite "
-        "time, as the bounces of a ball do; the run ends where they accumulate: go on from there with a model of the "
-        "rest, or make the event terminal."
+        "Events with apply follow each other ever faster, infinitely many within a finite time, or phases of contacts "
+        "follow each other too fast to be told apart; the run ends there: go on from there with a model of the rest, "
+        "make the event terminal, or describe the bounces of a body by a UnilateralContact with restitution, which "
+        "comes to rest."
     ),
     Status.EVENT_STATE: (
         "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "
