@@ -110,7 +110,7 @@ class _ModeEquations:
         self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
-        gone |= {i for c, _ in rubbing for i in c.tangential}
+        gone |= {i for c in (*(c for c, _ in rubbing), *self.idle) for i in c.tangential}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
     def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[tuple[ContactRow, Node]]]:
@@ -120,6 +120,7 @@ class _ModeEquations:
         the ratio of its slip velocity to that one's.
         """
         graph, held = self.graph, len(self.rows)
+        self.idle: list[ContactRow] = []
         groups: dict[str, list[tuple[ContactRow, Node]]] = {}
         owners: list[str] = []
         for contact in sticking:
@@ -142,8 +143,8 @@ class _ModeEquations:
                         ) from None
                     for owner, weight in holding:
                         groups.setdefault(owner, []).append((contact, weight))
-                    if not holding:
-                        groups.setdefault(contact.name, [])
+                    if not holding:  # no slip is possible, and no friction is needed
+                        self.idle.append(contact)
                     continue
                 self.rows.append(row)
                 owners.append(contact.name)
@@ -160,6 +161,8 @@ class _ModeEquations:
             pressing = graph.input(names[rubbing.contact.normal])
             for i, k in zip(rubbing.contact.tangential, kappa, strict=True):
                 known[graph.input(names[i])] = -k * pressing
+        for contact in self.idle:
+            known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:
             if state == OPEN:
                 known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
@@ -241,7 +244,7 @@ class _ModeEquations:
                 points.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
-            if name not in together and (contact.constraint is not None or state in (SLIP, STICK)):
+            if contact.constraint is not None or state in (SLIP, STICK):
                 kind = "turn" if contact.constraint is None else "lift"
                 points.append((Guard(f"press of {name}", i, kind), press))
             if state == SLIP:
@@ -250,7 +253,7 @@ class _ModeEquations:
                 points.append((Guard(f"slip speed of {name}", i, "stop"), forward))
             elif state == STICK and name in together:
                 points += self._impending(i)
-            elif state == STICK:
+            elif state == STICK and contact not in self.idle:
                 points += self._holding(i, press)
         if any(state == SLIP for state in self.mode):
             points.append((Guard("uniqueness of reactions", -1, "paradox"), rubbed.determinant))

@@ -249,7 +249,10 @@ def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: C
         return TOUCHING
     fired, before, scale = cases.fired[case, i], cases.modes[case, i], cases.speeds[case, i]
     if fired >= BREAK_UP:
-        pick.broken[i] = 2 if fired & BREAK_PLANE != 0 else 1 if fired & BREAK_UP != 0 else -1
+        # where the normal reaction vanishes, so does the friction that it allows: nothing is known of the direction
+        alone = fired == BREAK_UP or fired == BREAK_DOWN or fired == BREAK_PLANE
+        if alone:
+            pick.broken[i] = 2 if fired == BREAK_PLANE else 1 if fired == BREAK_UP else -1
         return GRIPPED
     if before == STICK or (fired & STOP != 0 and table.width[i] == 1):
         return GRIPPED

@@ -35,6 +35,7 @@ __all__ = [
     "reaction",
     "respond",
     "row_size",
+    "shift_forces",
     "slope",
     "solve_mode",
     "velocity",
@@ -113,6 +114,10 @@ class ContactSpace(NamedTuple):
         Normal reactions, and the excess of gap accelerations over what keeps the contact closed.
     slip : (n_slips,)
         The excess of slip accelerations over what keeps the contact sticking.
+    free : (n_slips, n_slips)
+        Directions in which the friction forces are not determined, as rows; the motion does not depend on them.
+    undetermined : (1,)
+        Their number.
     """
 
     values: Vector
@@ -134,6 +139,8 @@ class ContactSpace(NamedTuple):
     normal: Vector
     gap: Vector
     slip: Vector
+    free: Matrix
+    undetermined: IntVector
     dense: DenseWorkspace
 
 
@@ -162,6 +169,8 @@ def contact_space(table: ContactTable) -> ContactSpace:
         normal=np.zeros(k),
         gap=np.zeros(k),
         slip=np.zeros(max(s, 1)),
+        free=np.zeros((max(s, 1), max(s, 1))),
+        undetermined=np.zeros(1, np.int64),
         dense=dense_workspace(size),
     )
 
@@ -444,7 +453,11 @@ def solve_mode(
                 for j in range(s):
                     space.laws[r, j] += kappa * found[(n + i) * width + 1 + j]
                 space.forces[r, 0] = -kappa * found[(n + i) * width]
-    solve_dense(space.laws, space.forces, s, 1, space.dense)
+    count = solve_dense(space.laws, space.forces, s, 1, space.dense)
+    space.undetermined[0] = count
+    for a in range(count):
+        for r in range(s):
+            space.free[a, r] = space.dense.free[a, r]
     for i in range(n):
         space.motion[i] = _affine(found, i * width, space.forces, s)
     for i in range(k):
@@ -453,6 +466,18 @@ def solve_mode(
     for r in range(s):
         space.slip[r] = _affine(found, (n + 2 * k + r) * width, space.forces, s)
     return place
+
+
+@compiled_subset
+def shift_forces(table: ContactTable, space: ContactSpace, place: int, direction: int, amount: float) -> None:
+    """Change friction forces along a direction in which they are not determined, and normal reactions with them."""
+    n, width = table.coordinates, 1 + table.slips
+    for r in range(table.slips):
+        space.forces[r, 0] += amount * space.free[direction, r]
+    for i in range(table.normal.size):
+        for r in range(table.slips):
+            response = space.responses[place, (n + i) * width + 1 + r]
+            space.normal[i] += amount * response * space.free[direction, r]
 
 
 @compiled_subset

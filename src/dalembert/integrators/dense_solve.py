@@ -35,6 +35,8 @@ class DenseWorkspace(NamedTuple):
     ----------
     scaled, vectors : (n, n)
         The matrix during elimination, or its left singular vectors times its singular values; the right ones.
+    free : (n, n)
+        Directions in which the solution of a singular system is not determined, as rows.
     rows, columns, found : (n,)
         Scales of rows and columns; one right side.
     pivots : (n,)
@@ -43,6 +45,7 @@ class DenseWorkspace(NamedTuple):
 
     scaled: Matrix
     vectors: Matrix
+    free: Matrix
     rows: Vector
     columns: Vector
     found: Vector
@@ -52,23 +55,24 @@ class DenseWorkspace(NamedTuple):
 def dense_workspace(size: int) -> DenseWorkspace:
     """Return memory for systems of at most `size` equations."""
     n = max(size, 1)
-    return DenseWorkspace(
-        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
-    )
+    squares, rows = (np.zeros((n, n)) for _ in range(3)), (np.zeros(n) for _ in range(3))
+    return DenseWorkspace(*squares, *rows, np.zeros(n, np.int64))
 
 
 @compiled_subset
-def solve_dense(matrix: FloatArray, right: FloatArray, n: int, columns: int, space: DenseWorkspace) -> None:
+def solve_dense(matrix: FloatArray, right: FloatArray, n: int, columns: int, space: DenseWorkspace) -> int:
     """Solve the leading (n, n) block of a matrix for so many columns of the right side, in place.
 
-    The least-norm solution is found where the matrix is singular; entries that are not finite give NaN.
+    The least-norm solution is found where the matrix is singular; entries that are not finite give NaN. Returns the
+    number of directions in which a solution is not determined; ``space.free`` has them as rows.
     """
     if n == 0:
-        return
+        return 0
     if n == 1:
         for j in range(columns):
             right[0, j] = right[0, j] / matrix[0, 0] if matrix[0, 0] != 0.0 else 0.0
-        return
+        space.free[0, 0] = 1.0
+        return 1 if matrix[0, 0] == 0.0 else 0
     total = 0.0
     for i in range(n):
         for j in range(n):
@@ -77,14 +81,21 @@ def solve_dense(matrix: FloatArray, right: FloatArray, n: int, columns: int, spa
         for i in range(n):
             for j in range(columns):
                 right[i, j] = math.nan
-        return
+        return 0
     if _eliminated(matrix, n, space):
         for j in range(columns):
             _substitute(right, n, j, space)
-    else:
-        _decompose(matrix, n, space)
-        for j in range(columns):
-            _project(right, n, j, space)
+        return 0
+    _decompose(matrix, n, space)
+    for j in range(columns):
+        _project(right, n, j, space)
+    count = 0
+    for j in range(n):
+        if space.rows[j] == 0.0:
+            for i in range(n):
+                space.free[count, i] = space.vectors[i, j]
+            count += 1
+    return count
 
 
 @compiled_subset

@@ -29,6 +29,7 @@ from .contact_system import (
     ContactTable,
     number,
     row_size,
+    shift_forces,
     solve_mode,
     velocity,
 )
@@ -59,6 +60,7 @@ _GRAZING = 1e-6
 _TOGETHER = 1e-9
 """Share to which the slips of two contacts may differ from being multiples of each other."""
 
+_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 60, 4
 _MOST_OPTIONS = 8
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 _IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
@@ -89,8 +91,6 @@ class Candidates(NamedTuple):
         The combination, and 1 where slip in a plane begins in it.
     best_mode, best_sides, best_along, best_motion, clear_mode, clear_sides
         The combination that is taken, and the first that holds beyond rounding.
-    shared : (n_contacts,)
-        1 where another contact helps to hold it.
     """
 
     kind: IntVector
@@ -115,7 +115,6 @@ class Candidates(NamedTuple):
     motion: Vector
     clear_mode: IntVector
     clear_sides: Vector
-    shared: IntVector
     other_mode: IntVector
     other_along: Matrix
 
@@ -150,7 +149,6 @@ def candidates_space(table: ContactTable) -> Candidates:
         motion=np.zeros(n),
         clear_mode=whole(),
         clear_sides=np.zeros(k),
-        shared=whole(),
         other_mode=whole(),
         other_along=np.zeros((k, 2)),
     )
@@ -173,8 +171,11 @@ def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> No
 
 
 @compiled_subset
-def _list_options(table: ContactTable, pick: Candidates, expected: bool) -> None:
-    """List what each contact may do, in the order of preference; ``expected`` leaves out other sides."""
+def _list_options(table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool) -> None:
+    """List what each contact may do, in the order of preference; ``expected`` leaves out other sides.
+
+    Nothing sticks without friction.
+    """
     for i in range(table.constraint.size):
         pick.option_count[i] = 0
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
@@ -186,12 +187,13 @@ def _list_options(table: ContactTable, pick: Candidates, expected: bool) -> None
             state = SLIP
             if table.smooth[i] != 0:
                 state = SMOOTH
-        if state == SLIP and pick.kind[i] == GRIPPED and pick.broken[i] == 0:
+        rough = number(table, space, i, MU_STATIC) > 0.0
+        if state == SLIP and rough and pick.kind[i] == GRIPPED and pick.broken[i] == 0:
             for n in range(sides):
                 _add_option(pick, i, STICK, _side(pick, i) if n == 0 else -1, 0)
         for n in range(sides):
             side = _side(pick, i) if n == 0 else -1
-            if state == SLIP and pick.kind[i] == GRIPPED and table.width[i] == 1:
+            if state == SLIP and rough and pick.kind[i] == GRIPPED and table.width[i] == 1:
                 if pick.broken[i] != 0:
                     _add_option(pick, i, SLIP, side, pick.broken[i])
                 else:
@@ -235,7 +237,10 @@ def _combine(table: ContactTable, space: ContactSpace, pick: Candidates) -> bool
         elif way != 0:
             pick.along[i, 0], pick.along[i, 1] = float(way), 0.0
         elif state == SLIP and pick.kind[i] == GRIPPED:
-            pick.begins[i], planar = 1, True
+            if not number(table, space, i, MU_STATIC) > 0.0:  # no direction means anything
+                pick.along[i, 0], pick.along[i, 1] = 0.0 if table.width[i] == 1 else 1.0, 0.0
+            else:
+                pick.begins[i], planar = 1, True
     return planar
 
 
@@ -296,14 +301,12 @@ def _contested(table: ContactTable, pick: Candidates, i: int) -> bool:
 
 
 @compiled_subset
-def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: int) -> float:
-    """Return the sign of the ratio of two slips where the contacts can only slip together, else 0."""
+def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: int) -> bool:
+    """Return whether two contacts can only slip together."""
     a, b = table.first[i], table.first[j]
     own = _compliance(table, space, place, a, a) * _compliance(table, space, place, b, b)
     mixed = _compliance(table, space, place, a, b) * _compliance(table, space, place, b, a)
-    if not abs(own - mixed) <= _TOGETHER * abs(own):
-        return 0.0
-    return -1.0 if _compliance(table, space, place, b, a) < 0.0 else 1.0
+    return abs(own - mixed) <= _TOGETHER * abs(own)
 
 
 @compiled_subset
@@ -314,37 +317,36 @@ def _together(table: ContactTable, pick: Candidates, i: int, j: int) -> bool:
 
 
 @compiled_subset
-def _coupling(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
-    """Mark contacts that help each other to stick; return whether none sticks that only slips with one that slips."""
-    allowed = True
-    for i in range(table.constraint.size):
-        pick.shared[i] = 0
+def _torn(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
+    """Return whether a contact sticks that can only slip together with one that begins to slip."""
+    torn = False
     for i in range(table.constraint.size):
         for j in range(i + 1, table.constraint.size):
-            if _together(table, pick, i, j) and _coupled(table, space, place, i, j) != 0.0:
-                allowed = allowed and pick.mode[i] == pick.mode[j]
-                pick.shared[i] = pick.shared[j] = 1
-    return allowed
+            if pick.mode[i] != pick.mode[j] and _together(table, pick, i, j):
+                torn = torn or _coupled(table, space, place, i, j)
+    return torn
 
 
 @compiled_subset
 def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int, force: float) -> float:
     """Return the margin of what one contact does; `force` is the size of all forces."""
     least, state = 1.0, pick.mode[i]
-    press, held = pick.sides[i] * space.normal[i], pick.shared[i] == 0
+    press = pick.sides[i] * space.normal[i]
     if state == OPEN:
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
             return 1.0
         return _share(space.gap[i], _speed(space) * row_size(table, space, table.constraint[i]))
-    if held and pick.turned[i] == 0 and (table.constraint[i] >= 0 or table.sided[i] != 0):
+    if pick.turned[i] == 0 and (table.constraint[i] >= 0 or table.sided[i] != 0):
         least = min(least, _share(press, force))
-    if held and state == STICK:
+    if state == STICK:
         used = 0.0
         for a in range(table.width[i]):
             used += space.forces[table.first[i] + a, 0] * space.forces[table.first[i] + a, 0]
+        if pick.turned[i] != 0:
+            press = max(press, 0.0)  # it is zero, and rounding has its sign
         limit = number(table, space, i, MU if pick.slides[i] != 0 else MU_STATIC) * press
         least = min(least, _share(limit - sqrt(used), force))
-    if state == SLIP and pick.kind[i] == GRIPPED:
+    if state == SLIP and pick.kind[i] == GRIPPED and number(table, space, i, MU_STATIC) > 0.0:
         share = _forward(table, space, pick, place, i, pick.along[i, 0], pick.along[i, 1])
         if pick.broken[i] != 0 and share >= -_GRAZING:
             share = max(share, 0.0)
@@ -355,46 +357,59 @@ def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int,
 
 
 @compiled_subset
-def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> float:
-    """Return by which share of the forces, at least, a combination contradicts nothing; below zero it does."""
-    force, total = 0.0, 0.0
+def _laws(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> float:
+    """Return the margin of what all contacts do, with the forces at hand."""
+    force, least = 0.0, 1.0
     for i in range(table.constraint.size):
         force += abs(space.normal[i]) + _friction(table, space, i)
-    for j in range(space.motion.size):
-        total += 0.0 * space.motion[j]
-    if total != 0.0:
-        return math.nan
-    if not _coupling(table, space, pick, place):
-        return -1.0
-    least = 1.0
     for i in range(table.constraint.size):
         least = min(least, _law(table, space, pick, place, i, force))
     return least
 
 
 @compiled_subset
-def _impending(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, least: float) -> float:
-    """Return the margin where contacts that can only slip together stick; it overwrites the solution.
+def _best_share(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, least: float) -> float:
+    """Return the largest margin that friction forces have which the equations of motion do not determine.
 
-    Which of them bears how much is not determined; with both at their limits it is.
+    Contacts that can only slip together stick as long as there is any way to share the load that breaks no law. The
+    margin is a concave function along each direction, whose maximum is found by golden sections.
     """
-    k = table.constraint.size
-    for i in range(k):
-        for j in range(i + 1, k):
-            if not (pick.mode[i] == pick.mode[j] and _together(table, pick, i, j)):
-                continue
-            ratio = _coupled(table, space, place, i, j)
-            if ratio == 0.0:
-                continue
-            for n in range(k):
-                pick.other_mode[n] = SLIP if n == i or n == j else pick.mode[n]
-                pick.other_along[n, 0], pick.other_along[n, 1] = pick.along[n, 0], pick.along[n, 1]
-            for sign in (1.0, -1.0):
-                pick.other_along[i, 0], pick.other_along[i, 1] = sign, 0.0
-                pick.other_along[j, 0], pick.other_along[j, 1] = sign * ratio, 0.0
-                static = pick.slides[i] == 0 and pick.slides[j] == 0
-                solve_mode(table, space, pick.other_mode, pick.other_along, pick.sides, static)
-                least = min(least, -_forward(table, space, pick, place, i, sign, 0.0))
+    scale = 0.0
+    for i in range(table.constraint.size):
+        scale += abs(space.normal[i]) + _friction(table, space, i)
+    for _ in range(_SHARE_ROUNDS if space.undetermined[0] > 1 else 1):
+        for a in range(space.undetermined[0]):
+            low, high, at = -4.0 * scale, 4.0 * scale, 0.0
+            for _ in range(_SECTIONS):
+                left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+                shift_forces(table, space, place, a, left - at)
+                first = _laws(table, space, pick, place)
+                shift_forces(table, space, place, a, right - left)
+                second = _laws(table, space, pick, place)
+                at = right
+                least = max(least, first, second)
+                if first < second:
+                    low = left
+                else:
+                    high = right
+            shift_forces(table, space, place, a, 0.5 * (low + high) - at)
+            least = max(least, _laws(table, space, pick, place))
+    return least
+
+
+@compiled_subset
+def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> float:
+    """Return by which share of the forces, at least, a combination contradicts nothing; below zero it does."""
+    total = 0.0
+    for j in range(space.motion.size):
+        total += 0.0 * space.motion[j]
+    if total != 0.0:
+        return math.nan
+    if _torn(table, space, pick, place):
+        return -1.0
+    least = _laws(table, space, pick, place)
+    if space.undetermined[0] > 0:
+        least = _best_share(table, space, pick, place, least)
     return least
 
 
@@ -426,7 +441,7 @@ def _apart(table: ContactTable, pick: Candidates, first: bool) -> bool:
 @compiled_subset
 def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool) -> tuple[int, int]:
     """Try all combinations; return a status, and 2 where one holds, 1 where one does within rounding, else 0."""
-    _list_options(table, pick, expected)
+    _list_options(table, space, pick, expected)
     for i in range(table.constraint.size):
         pick.choice[i] = 0
         keep = expected or pick.turned[i] != 0
@@ -439,8 +454,6 @@ def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expecte
         for j in range(pick.motion.size):
             pick.motion[j] = space.motion[j]
         margin = _margin(table, space, pick, place)
-        if margin >= -ROUNDING:
-            margin = _impending(table, space, pick, place, margin)
         lost = lost or math.isnan(margin)
         grade = 0
         if margin >= -ROUNDING:

@@ -361,7 +361,8 @@ class _Run:
         self.soon = self.soon + 1 if passed <= SOON * span else 0
         if self.soon < SOON_IN_A_ROW:
             return None
-        before, after = self.parts[-1].phase.modes, self.modes.named(self.mode or ())
+        after = self.modes.named(self.mode or ())
+        before = self.parts[-1].phase.modes if self.parts else after
         changing = [name for name in before if before[name] != after.get(name)] or list(before)
         self.note = f"contact {', '.join(changing)} {self._where()}"
         return Status.EVENTS_ACCUMULATE
