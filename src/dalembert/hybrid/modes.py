@@ -30,6 +30,7 @@ __all__ = [
     "Mode",
     "added_parameters",
     "always",
+    "determined_name",
     "direction_names",
     "mode_equations",
     "rest_name",
@@ -48,6 +49,10 @@ _ONSET = 0.05
 """Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
+_MARGIN, _BEGUN = 0.5, 5.0
+"""Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
+
+
 def direction_names(contact: ContactRow) -> tuple[str, ...]:
     """Return the parameters that hold the direction of slip; one holds a sign, two a unit vector."""
     if len(contact.tangential) < 2:
@@ -60,8 +65,20 @@ def side_name(contact: ContactRow) -> str | None:
     return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
 
 
+def determined_name(contact: ContactRow) -> str | None:
+    """Return the parameter that says whether the normal reaction of a contact is determined; it is 1, or 0.
+
+    It is one of modes in which several contacts hold each other while they stick.
+    """
+    opens = contact.constraint is not None and contact.tangential
+    return f"determined normal reaction of {contact.name}" if opens else None
+
+
 def rest_name(contact: ContactRow) -> str | None:
-    """Return the parameter that holds the slip speed in a plane below which a contact counts as at rest."""
+    """Return the parameter that holds the slip speed in a plane below which a contact counts as at rest.
+
+    It is negative in phases that do not begin at rest.
+    """
     return f"rest speed of {contact.name}" if len(contact.tangential) > 1 else None
 
 
@@ -170,6 +187,7 @@ class _ModeEquations:
         outputs |= {str(node.payload): value for node, value in known.items()}
         points = self._guards(rubbed)
         added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
+        added |= {name: 1.0 for c, _ in self.contacts if c.name in self._together and (name := determined_name(c))}
         symbols = replace(
             whole.symbols,
             unknowns=tuple(names[i] for i in self.kept),
@@ -212,7 +230,7 @@ class _ModeEquations:
         # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
         rest = rest_name(contact)
         assert rest is not None
-        onset = graph.node(_ONSET) * graph.input(rest)
+        onset = graph.node(_ONSET) * graph.call("abs", graph.input(rest))
         # A step that goes on beyond the end of slip, where w turns back, sees the same friction as before it.
         forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
         back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
@@ -232,10 +250,15 @@ class _ModeEquations:
 
     # -- what ends the mode ----------------------------------------------------------------
 
+    @property
+    def _together(self) -> set[str]:
+        """Contacts that hold each other while they stick, by name."""
+        return {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
+
     def _guards(self, rubbed: SlidingFriction) -> list[tuple[Guard, Node]]:
         """Return what ends the mode, with its value; reactions in it are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
-        together = {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
+        together = self._together
         points: list[tuple[Guard, Node]] = []
         for i, (contact, state) in enumerate(self.contacts):
             name = contact.name
@@ -244,13 +267,17 @@ class _ModeEquations:
                 points.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
+            determined = determined_name(contact)
+            if name in together and determined is not None:
+                watched = graph.call("less", graph.zero, graph.input(determined))
+                press = graph.call("select", watched, press, graph.one)
             if contact.constraint is not None or state in (SLIP, STICK):
                 kind = "turn" if contact.constraint is None else "lift"
                 points.append((Guard(f"press of {name}", i, kind), press))
             if state == SLIP:
                 held = [graph.input(n) for n in direction_names(contact)]
                 forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
-                points.append((Guard(f"slip speed of {name}", i, "stop"), forward))
+                points += self._stopping(i, forward)
             elif state == STICK and name in together:
                 points += self._impending(i)
             elif state == STICK and contact not in self.idle:
@@ -258,6 +285,25 @@ class _ModeEquations:
         if any(state == SLIP for state in self.mode):
             points.append((Guard("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
         return points
+
+    def _stopping(self, i: int, forward: Node) -> list[tuple[Guard, Node]]:
+        """Return the slip velocity along its former direction.
+
+        Where slip in a plane begins, rounding and integration leave of it more than there is: the guard then has a
+        margin, and the phase ends as soon as there is slip well above it.
+        """
+        graph, contact = self.graph, self.whole.contacts[i]
+        rest = rest_name(contact)
+        if rest is None:
+            return [(Guard(f"slip speed of {contact.name}", i, "stop"), forward)]
+        speed = graph.input(rest)
+        begins = graph.call("less", graph.zero, speed)
+        margin = graph.call("select", begins, graph.node(_MARGIN) * speed, graph.zero)
+        left = graph.call("select", begins, graph.node(_BEGUN) * speed - forward, graph.one)
+        return [
+            (Guard(f"slip speed of {contact.name}", i, "stop"), forward + margin),
+            (Guard(f"slip speed left to begin of {contact.name}", i, "stop"), left),
+        ]
 
     def _holding(self, i: int, press: Node) -> list[tuple[Guard, Node]]:
         """Return by how much friction could be larger where a contact sticks by itself."""

@@ -91,8 +91,9 @@ _ROUNDED = 1e-14
 _STOPPED = 2.0
 """Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
 
-_REST, _REST_OF_SPAN = 1e-6, 1e-7
-"""Rest speed in a plane: a share of the slip speeds so far, and of what friction does within the span."""
+_REST, _REST_TOLERANCES, _REST_OF_SPAN = 1e-6, 10.0, 1e-7
+"""Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
+a share of what friction does within the span."""
 
 SOON, SOON_IN_A_ROW = 1e-11, 64
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
@@ -108,11 +109,12 @@ class ContactCases(NamedTuple):
     x : (k, 2 n_q)
         Coordinates and rates; the rates change.
     directions, sides : (k, 2 c), (k, c)
-        Directions of slip and signs of normal reactions.
+        Directions of slip; signs of normal reactions, or of contacts that open 1 where they are determined and 0 where
+        contacts that stick share a load in several ways.
     speeds, approach : (k, c)
         Largest slip speed, and largest speed at which the gap closed, so far.
     rest : (k, c)
-        Slip speed in a plane below which a contact counts as at rest.
+        Slip speed in a plane below which a contact counts as at rest; negative in phases that do not begin at rest.
     span, passed : (k,)
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
@@ -176,6 +178,8 @@ class DecisionArguments(NamedTuple):
         Outputs of the kernel of the contact data for each of them.
     after_impact : (n,)
         Gets 1 where there was an impact, else 0.
+    tolerance : float
+        Relative tolerance of the integration.
     """
 
     table: ContactTable
@@ -186,6 +190,7 @@ class DecisionArguments(NamedTuple):
     values: Matrix
     wanted: IntVector
     after_impact: IntVector
+    tolerance: float
 
 
 # -- what is known of a contact ----------------------------------------------------------------
@@ -260,8 +265,18 @@ def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: C
     if before == UNDECIDED:
         limit = NOISE * max(scale, _slip_terms(table, space, i))
     if fired & STOP != 0:
-        limit = max(limit, _STOPPED * cases.rest[case, i])
+        limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
     return GRIPPED if speed <= limit else SLIDING
+
+
+@compiled_subset
+def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
+    speed, terms = abs(_gap_rate(table, space, i)), 0.0
+    for j in range(table.coordinates):
+        terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
+    slow = speed <= _SLOW * cases.approach[case, i]
+    return slow and speed * abs(cases.passed[case]) <= _EXCURSION * terms
 
 
 @compiled_subset
@@ -276,7 +291,7 @@ def _opening(table: ContactTable, space: ContactSpace, pick: Candidates, cases: 
         return FREE
     rate, noise = _gap_rate(table, space, i), _rate_noise(table, space, i)
     far = before == UNDECIDED and number(table, space, i, GAP) > _gap_noise(table, space, i)
-    if rate > noise or far:
+    if far or (rate > noise and (before == UNDECIDED or not _unresolved(table, space, cases, case, i))):
         return FREE
     return _closed(table, space, pick, cases, case, i)
 
@@ -287,14 +302,11 @@ def _strikes(table: ContactTable, space: ContactSpace, cases: ContactCases, case
     before = cases.modes[case, i]
     if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
         return False
-    speed, terms = -_gap_rate(table, space, i), 0.0
+    speed = -_gap_rate(table, space, i)
     largest = max(cases.approach[case, i], speed)
     cases.approach[case, i] = largest
-    if before == OPEN and speed <= _SLOW * largest:
-        for j in range(table.coordinates):
-            terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
-        if speed * abs(cases.passed[case]) <= _EXCURSION * terms:
-            return False
+    if before == OPEN and _unresolved(table, space, cases, case, i):
+        return False
     return speed > max(_rate_noise(table, space, i), _RESTING * largest)
 
 
@@ -313,6 +325,27 @@ def _refused(table: ContactTable, space: ContactSpace, cases: ContactCases, case
 
 
 @compiled_subset
+def _sign(table: ContactTable, cases: ContactCases, case: int, i: int) -> float:
+    """Return the sign of the normal reaction of a contact, 1 where it has only one."""
+    return cases.sides[case, i] if table.sided[i] != 0 else 1.0
+
+
+@compiled_subset
+def _determined(table: ContactTable, space: ContactSpace, place: int, i: int) -> float:
+    """Return 1 where the equations of motion determine the normal reaction of a contact, in the solution at hand."""
+    n, width = table.coordinates, 1 + table.slips
+    for a in range(space.undetermined[0]):
+        change, size = 0.0, 0.0
+        for r in range(table.slips):
+            term = space.responses[place, (n + i) * width + 1 + r] * space.free[a, r]
+            change += term
+            size = max(size, abs(term), abs(space.free[a, r]))
+        if abs(change) > NOISE * size:
+            return 0.0
+    return 1.0
+
+
+@compiled_subset
 def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Take down slip speeds so far, with what they have lost in the last phase, and directions of slip."""
     sliding, planar = 0, False
@@ -325,7 +358,7 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
     if losing:
         load_accelerations(table, space)
         for i in range(table.constraint.size):
-            pick.mode[i], pick.sides[i] = cases.modes[case, i], cases.sides[case, i]
+            pick.mode[i], pick.sides[i] = cases.modes[case, i], _sign(table, cases, case, i)
             pick.along[i, 0], pick.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
         solve_mode(table, space, pick.mode, pick.along, pick.sides, False)
     for i in range(table.constraint.size):
@@ -336,7 +369,7 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
         speed = _slip_speed(table, space, i)
         largest = max(cases.speeds[case, i], speed)
         cases.speeds[case, i] = max(largest, lost) if lost < 1e300 else largest
-        pick.given_sides[i] = cases.sides[case, i]
+        pick.given_sides[i] = _sign(table, cases, case, i)
         for a in range(2):
             pick.given_along[i, a] = cases.directions[case, 2 * i + a]
         for a in range(2):
@@ -365,7 +398,7 @@ def _impact(arguments: DecisionArguments, case: int) -> int:
             pick.kind[i], pick.slides[i] = GRIPPED, 1
         pick.broken[i] = pick.turned[i] = 0
     load_impact(table, space, demand)
-    status = select_mode(table, space, pick, False)
+    status = select_mode(table, space, pick, False, False)
     if status != _SUCCESS:
         return status
     n = table.coordinates
@@ -453,10 +486,11 @@ def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> 
     for a in range(first, first + 2):
         force += abs(space.forces[a, 0])
     speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
-    rest = _REST * speed
+    rest = max(_REST, _REST_TOLERANCES * arguments.tolerance) * speed
     if rest == 0.0:
         rest = _REST_OF_SPAN * change * force * abs(cases.span[case])
-    cases.rest[case, i] = rest if rest > 1e-100 else 1e-100
+    rest = max(rest, 1e-100)
+    cases.rest[case, i] = rest if arguments.candidates.kind[i] == GRIPPED else -rest
 
 
 @compiled_subset
@@ -473,7 +507,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         cases.status[case] = _INITIAL_STATE
         return False
     _remember(table, space, pick, cases, case)
-    begins, known, struck, closing = cases.after[case, 0] == UNDECIDED, True, False, False
+    begins, known, struck, closing, meets = cases.after[case, 0] == UNDECIDED, True, False, False, False
     for i in range(k):
         known = known and begins and cases.modes[case, i] != UNDECIDED
         if begins:
@@ -487,30 +521,35 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         was = cases.modes[case, i]
         closing = closing or (pick.kind[i] >= TOUCHING and (not begins or was == UNDECIDED or was == OPEN))
         closing = closing or pick.kind[i] == TOUCHING
+        meets = meets or (pick.kind[i] >= TOUCHING and was == OPEN)
     if struck:
         status = _impact(arguments, case)
         cases.status[case] = status
         return status == _SUCCESS
     load_accelerations(table, space)
-    status = select_mode(table, space, pick, known)
+    status = select_mode(table, space, pick, known, meets)
     cases.status[case] = status
     if status != _SUCCESS:
         return False
+    sticking = 0
     for j in range(n):
         cases.motion[case, j] = pick.best_motion[j]
     for i in range(k):
         cases.after[case, i] = UNDECIDED
         cases.modes[case, i], cases.sides[case, i] = pick.best_mode[i], pick.best_sides[i]
+        sticking += 1 if pick.best_mode[i] == STICK else 0
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
         closing = closing or pick.best_mode[i] == STICK
     planar = False
     for i in range(k):
         planar = planar or (pick.best_mode[i] == SLIP and table.width[i] > 1)
-    if planar:
+    if planar or sticking > 1:
         place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides, False)
         for i in range(k):
             if pick.best_mode[i] == SLIP and table.width[i] > 1:
                 _rest_speed(arguments, case, i, place)
+            if table.sided[i] == 0:
+                cases.sides[case, i] = _determined(table, space, place, i)
     if closing and _moves(table, space, pick, cases, case):
         _hold(arguments, case)
     return False

@@ -55,8 +55,15 @@ class DenseWorkspace(NamedTuple):
 def dense_workspace(size: int) -> DenseWorkspace:
     """Return memory for systems of at most `size` equations."""
     n = max(size, 1)
-    squares, rows = (np.zeros((n, n)) for _ in range(3)), (np.zeros(n) for _ in range(3))
-    return DenseWorkspace(*squares, *rows, np.zeros(n, np.int64))
+    return DenseWorkspace(
+        scaled=np.zeros((n, n)),
+        vectors=np.zeros((n, n)),
+        free=np.zeros((n, n)),
+        rows=np.zeros(n),
+        columns=np.zeros(n),
+        found=np.zeros(n),
+        pivots=np.zeros(n, np.int64),
+    )
 
 
 @compiled_subset

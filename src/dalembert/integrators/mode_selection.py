@@ -57,6 +57,10 @@ ROUNDING = 1e-9
 _GRAZING = 1e-6
 """Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
 
+_POWERLESS = 1e-6
+"""Share of the motion, and of the forces, up to which a contact that sticks may have a slip acceleration left; friction
+holds nothing where a point turns back."""
+
 _TOGETHER = 1e-9
 """Share to which the slips of two contacts may differ from being multiples of each other."""
 
@@ -295,9 +299,10 @@ def _forward(
 
 
 @compiled_subset
-def _contested(table: ContactTable, pick: Candidates, i: int) -> bool:
-    """Return whether a contact along a line sticks now, and goes on sticking or begins to slip."""
-    return pick.kind[i] == GRIPPED and table.width[i] == 1 and (pick.mode[i] == STICK or pick.mode[i] == SLIP)
+def _contested(table: ContactTable, space: ContactSpace, pick: Candidates, i: int) -> bool:
+    """Return whether a contact along a line is held by friction now, and goes on sticking or begins to slip."""
+    rests = pick.kind[i] == GRIPPED and table.width[i] == 1 and number(table, space, i, MU_STATIC) > 0.0
+    return rests and (pick.mode[i] == STICK or pick.mode[i] == SLIP)
 
 
 @compiled_subset
@@ -310,10 +315,10 @@ def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: in
 
 
 @compiled_subset
-def _together(table: ContactTable, pick: Candidates, i: int, j: int) -> bool:
+def _together(table: ContactTable, space: ContactSpace, pick: Candidates, i: int, j: int) -> bool:
     """Return whether two contacts stick now, of which one at least is to go on sticking."""
     sticks = pick.mode[i] == STICK or pick.mode[j] == STICK
-    return sticks and _contested(table, pick, i) and _contested(table, pick, j)
+    return sticks and _contested(table, space, pick, i) and _contested(table, space, pick, j)
 
 
 @compiled_subset
@@ -322,7 +327,7 @@ def _torn(table: ContactTable, space: ContactSpace, pick: Candidates, place: int
     torn = False
     for i in range(table.constraint.size):
         for j in range(i + 1, table.constraint.size):
-            if pick.mode[i] != pick.mode[j] and _together(table, pick, i, j):
+            if pick.mode[i] != pick.mode[j] and _together(table, space, pick, i, j):
                 torn = torn or _coupled(table, space, place, i, j)
     return torn
 
@@ -341,6 +346,9 @@ def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int,
     if state == STICK:
         used = 0.0
         for a in range(table.width[i]):
+            row = table.constraints + table.first[i] + a
+            if abs(space.slip[table.first[i] + a]) > _POWERLESS * (_speed(space) * row_size(table, space, row) + force):
+                return -1.0
             used += space.forces[table.first[i] + a, 0] * space.forces[table.first[i] + a, 0]
         if pick.turned[i] != 0:
             press = max(press, 0.0)  # it is zero, and rounding has its sign
@@ -439,8 +447,13 @@ def _apart(table: ContactTable, pick: Candidates, first: bool) -> bool:
 
 
 @compiled_subset
-def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool) -> tuple[int, int]:
-    """Try all combinations; return a status, and 2 where one holds, 1 where one does within rounding, else 0."""
+def _try_all(
+    table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool, meets: bool
+) -> tuple[int, int]:
+    """Try all combinations; return a status, and 2 where one holds, 1 where one does within rounding, else 0.
+
+    Where a contact ``meets``, rounding is no reason to leave it open: a guard fires at once where that was wrong.
+    """
     _list_options(table, space, pick, expected)
     for i in range(table.constraint.size):
         pick.choice[i] = 0
@@ -457,7 +470,7 @@ def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expecte
         lost = lost or math.isnan(margin)
         grade = 0
         if margin >= -ROUNDING:
-            grade = 2 if margin >= 0.0 else 1
+            grade = 2 if margin >= 0.0 or meets else 1
         if grade > best:
             best = grade
             _take(pick)
@@ -474,7 +487,7 @@ def _try_all(table: ContactTable, space: ContactSpace, pick: Candidates, expecte
 
 
 @compiled_subset
-def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, known: bool) -> int:
+def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, known: bool, meets: bool) -> int:
     """Select the mode of the contacts into ``best_mode``, ``best_sides``, ``best_along`` and ``best_motion``.
 
     The forces and demands are those of `load_accelerations` or `load_impact`. What has just failed to hold, or to
@@ -485,6 +498,8 @@ def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, know
     ----------
     known : bool
         Whether the signs of normal reactions just before are known: others are tried where these contradict something.
+    meets : bool
+        Whether a contact that was open touches.
 
     Returns
     -------
@@ -496,10 +511,10 @@ def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, know
         sided = sided or table.sided[i] != 0
     for attempt in range(2):
         if known and sided:
-            status, best = _try_all(table, space, pick, True)
+            status, best = _try_all(table, space, pick, True, meets)
             if best == 2:
                 return status
-        status, best = _try_all(table, space, pick, False)
+        status, best = _try_all(table, space, pick, False, meets)
         if status != _IMPOSSIBLE:
             return status
         relaxed = False

@@ -156,7 +156,8 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
     if numbers.soon[i] >= SOON_IN_A_ROW:
         numbers.state[i] = _ACCUMULATE
         return False
-    numbers.phases[i] += 1
+    if cases.passed[i] != 0.0:
+        numbers.phases[i] += 1
     return True
 
 
@@ -202,17 +203,24 @@ def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
 
 
 @compiled_subset
+def _forget(table: CaseTable, i: int) -> None:
+    """Do not count a phase that does not begin."""
+    if table.cases.passed[i] != 0.0:
+        table.numbers.phases[i] -= 1
+
+
+@compiled_subset
 def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
     """Let a case go on in the mode that was selected."""
     numbers = table.numbers
     if table.cases.status[i] != _SUCCESS:
         numbers.state[i] = table.cases.status[i]
-        numbers.phases[i] -= 1
+        _forget(table, i)
         return
     numbers.runner[i] = _runner(plan, table, i)
     if table.t[i] == table.t1[i]:
         numbers.state[i] = _SUCCESS
-        numbers.phases[i] -= 1
+        _forget(table, i)
     if table.log.shape[0] > 0:
         _log(table, i)
 
@@ -220,9 +228,8 @@ def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
 @compiled_subset
 def _log(table: CaseTable, i: int) -> None:
     """Take down how the only case begins a phase."""
-    log, numbers, cases, line = table.log, table.numbers, table.cases, table.numbers.phases[i] - 1
-    if line < 0:
-        return
+    log, numbers, cases, line = table.log, table.numbers, table.cases, table.numbers.logged[i]
+    numbers.logged[i] += 1
     k, n = cases.sides.shape[1], cases.x.shape[1]
     log[line, 0], log[line, 1] = table.t[i], float(numbers.soon[i])
     for m in range(k):

@@ -22,11 +22,13 @@ class CaseNumbers(NamedTuple):
     runner : (k,)
         Number of the runner of its mode; -1: none.
     phases, steps : (k,)
-        How many phases others have followed; steps.
+        How many phases that took time others have followed; steps.
     soon : (k,)
         Phases in a row that ended too soon.
     next : (k,)
         The next sample.
+    logged : (k,)
+        Lines of the log.
     """
 
     state: IntVector
@@ -35,6 +37,7 @@ class CaseNumbers(NamedTuple):
     steps: IntVector
     soon: IntVector
     next: IntVector
+    logged: IntVector
 
 
 def case_numbers(count: int) -> CaseNumbers:

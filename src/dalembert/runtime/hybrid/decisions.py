@@ -75,7 +75,9 @@ class Decisions:
         self.automaton, self.table = automaton, contact_table(automaton)
         self._rows = rows
 
-    def arguments(self, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64]) -> DecisionArguments:
+    def arguments(
+        self, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
+    ) -> DecisionArguments:
         """Return the arguments of the loop, with working memory of their own."""
         table = self.table
         return DecisionArguments(
@@ -87,18 +89,22 @@ class Decisions:
             values=values,
             wanted=wanted,
             after_impact=np.zeros(len(wanted), np.int64),
+            tolerance=rtol,
         )
 
     def values(self, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the numbers of the contacts (k, n_values) at times (k,), states (k, 2 n_q), parameters (k, n_p)."""
         return self._rows(self.automaton.contact_data.kernel, t, x, c)
 
-    def decide(self, state: HybridState, wanted: NDArray[np.intp]) -> None:
-        """Decide how the wanted cases go on: their states, modes and `status` are written."""
+    def decide(self, state: HybridState, wanted: NDArray[np.intp], rtol: float = 0.0) -> None:
+        """Decide how the wanted cases go on: their states, modes and `status` are written.
+
+        `rtol` is the relative tolerance of the integration.
+        """
         wanted = np.ascontiguousarray(wanted, np.int64)
         while len(wanted):
             values = self.values(state.t[wanted], state.x[wanted], state.c[wanted])
-            arguments = self.arguments(state.cases, values, wanted)
+            arguments = self.arguments(state.cases, values, wanted, rtol)
             loop_named(LOOP)(arguments)
             wanted = wanted[arguments.after_impact != 0]
 

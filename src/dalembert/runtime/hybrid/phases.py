@@ -130,7 +130,8 @@ class PhaseExecutor:
         threads = min(threads, -(-len(order) // together))
         spaces: list[tuple[ThreadWorkspace, object]] = []
         for _ in range(threads):
-            made = thread_workspace(self.runners, self.rows, together, lanes, self.modes.decisions, self.table)
+            about = lanes, self.modes.decisions, self.table, float(self.options["rtol"])
+            made = thread_workspace(self.runners, self.rows, together, *about)
             if made is None:
                 self.methods = dict.fromkeys(self.methods)
                 numbers.runner[:] = -1

@@ -137,7 +137,7 @@ class _Run:
         for guard in fired:
             if guard.contact >= 0:
                 cases.fired[0, guard.contact] |= flag(guard)
-        self.modes.decisions.decide(self.now, np.zeros(1, np.intp))
+        self.modes.decisions.decide(self.now, np.zeros(1, np.intp), float(self.request.options["rtol"]))
         status = Status(int(cases.status[0]))
         if status is Status.INITIAL_STATE:
             raise self._complaint()

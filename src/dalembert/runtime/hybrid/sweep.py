@@ -261,7 +261,7 @@ class _Sweep:
         self.status[cases[self.steps[cases] >= self.request.options["max_steps"]]] = int(Status.MAX_STEPS)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
-        self.phases[cases] += 1
+        self.phases[cases] += self.now.cases.passed[cases] != 0.0
         self._settle(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
         self._sample(cases)
 
@@ -285,16 +285,16 @@ class _Sweep:
         for guard, here in fired.items():
             if guard.contact >= 0:
                 cases.fired[some[here], guard.contact] |= flag(guard)
-        self.modes.decisions.decide(self.now, some)
+        self.modes.decisions.decide(self.now, some, float(self.request.options["rtol"]))
         status = cases.status[some]
         bad = some[status != Status.SUCCESS]
         self.status[bad] = cases.status[bad]
-        self.phases[bad] -= mode is not None
+        self.phases[bad] -= (mode is not None) & (cases.passed[bad] != 0.0)
         some = some[status == Status.SUCCESS]
         self.numbers.runner[some] = -1
         over = some[self.now.t[some] == self.request.t1[some]]
         self.status[over] = int(Status.SUCCESS)
-        self.phases[over] -= mode is not None
+        self.phases[over] -= (mode is not None) & (cases.passed[over] != 0.0)
 
     # -- results ---------------------------------------------------------------------------
 
