@@ -225,3 +225,50 @@ def test_a_rod_lies_down_in_a_corner(mu, mu_wall):
         start = {"x": l * math.cos(theta), "y": -l * math.sin(theta), "theta": theta}
         start |= {"x_dot": 0.0, "y_dot": 0.0, "theta_dot": 0.0}
         assert_agrees(Case("rod in corner", p, start, 1.0))
+
+
+def test_a_block_rests_in_a_slot_whose_load_turns():
+    p = dict.fromkeys(setting("slot").parameters, 0.0) | {"m": 1.0, "B": 2.0, "nu": 7.3, "mu": 0.3, "omega": 1.0}
+    motion = run("slot", p, AT_REST, 3.0)
+    assert motion.success and set(words(motion)) == {("stick",)}
+    assert np.max(np.abs(motion.y)) == 0.0
+
+
+def test_a_rod_in_two_slots_starts_at_the_turning_point_of_an_end():
+    """The slip there is zero for an instant, and no friction can hold it."""
+    p = {"m": 2.0, "l": 0.9, "g": 10.0, "A": 0.0, "omega": 1.0, "mu": 0.2, "mu_wall": 0.1}
+    start = {"x": 0.9, "y": 0.0, "theta": 0.0, "x_dot": 0.0, "y_dot": 1.8, "theta_dot": -2.0}
+    assert_agrees(Case("trammel", p, start, 1.0))
+
+
+def test_a_plate_that_sticks_on_two_feet_tips():
+    """Where F h = m g b; it sticks on the other foot."""
+    p = PLATE | {"mu": 0.9, "A": 6.0, "omega": 0.8}
+    start = {"x": 0.0, "y": 0.7, "theta": 0.0, "x_dot": 0.0, "y_dot": 0.0, "theta_dot": 0.0}
+    motion = run("plate", p, start, 1.2)
+    assert motion.success and words(motion) == [("stick", "stick"), ("open", "stick")]
+    assert motion.phases[1].t0 == pytest.approx(math.asin(9.81 * 0.3 / 0.7 / 6.0) / 0.8, abs=1e-9)
+    assert motion["theta"][-1] < 0.0
+
+
+def test_a_foot_that_lands_takes_the_other_one_off():
+    """Of the impulses that the laws allow, trial finds one: the left foot sticks, the right one leaves."""
+    p = {"m": 1.673, "I": 0.3402, "b": 0.471, "h": 0.623, "g": 9.81, "mu": 0.43, "A": 7.4, "omega": 5.885, "phi": 0.0}
+    theta = -0.232
+    start = {"x": 0.0, "theta": theta, "x_dot": 0.0, "y_dot": 0.0, "theta_dot": 0.0}
+    start["y"] = p["b"] * math.sin(-theta) + p["h"] * math.cos(theta)
+    assert_agrees(Case("plate", p, start, 0.5))
+
+
+def test_a_wheel_at_a_smooth_wall_rolls_away_when_its_motor_reverses():
+    """T sin(omega t) presses it to the wall, at rest, until t = pi / omega."""
+    p = dict.fromkeys(setting("wheel").parameters, 0.0)
+    p |= {"m": 1.0, "I": 0.1, "r": 0.5, "g_y": 9.81, "T": -0.8, "omega": 4.0, "mu": 0.5, "x_wall": 0.5}
+    start = {"x": 0.0, "y": 0.5, "theta": 0.0, "x_dot": 0.0, "y_dot": 0.0, "theta_dot": 0.0}
+    motion = run("wheel", p, start, 1.2)
+    away = math.pi / 4.0
+    assert motion.success and motion.phases[-1].t0 == pytest.approx(away, abs=1e-7)
+    assert words(motion)[-1] == ("stick", "open")
+    s = 1.2 - away
+    angle = 0.8 / (0.1 + 0.25) * (s / 4.0 - math.sin(4.0 * s) / 16.0)
+    np.testing.assert_allclose(motion.q[-1], [-0.5 * angle, 0.5, angle], atol=1e-8)
