@@ -114,9 +114,9 @@ _MESSAGES = {
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
         "Events with apply follow each other ever faster, infinitely many within a finite time, or phases of contacts "
-        "follow each other too fast to be told apart; the run ends there: go on from there with a model of the rest, "
-        "make the event terminal, or describe the bounces of a body by a UnilateralContact with restitution, which "
-        "comes to rest."
+        "follow each other too fast to be told apart; the run ends where they accumulate: go on from there with a "
+        "model of the rest, make the event terminal, or describe the bounces of a body by a UnilateralContact with "
+        "restitution, which comes to rest."
     ),
     Status.EVENT_STATE: (
         "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "
