@@ -196,7 +196,11 @@ def test_what_was_chosen_is_explained():
     ("name", "wanted", "why"),
     [
         ("stiff flyball governor", "energy", r"'energy' is not conserved: forces without a potential energy"),
-        ("sphere on a turntable", True, r"nothing is known to be conserved .* constraints that move do work: nonhol"),
+        (
+            "sphere on a turntable",
+            True,
+            r"nothing is known to be conserved .* constraints that depend on time do work: nonhol",
+        ),
         ("edge plate falling flat", "p_theta", r"'p_theta' is not conserved: constraints act along|a force acts along"),
         ("knife edge on an incline", ["p_x"], r"'p_x' is not conserved: constraints act along 'x': nonholonomic"),
     ],

@@ -73,7 +73,7 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
     """
     if scene.velocities or scene.lagrangian is not None:
         raise OptionError(
-            f"scene {scene.name!r} came from SymPy without positions of its bodies, so that there is nothing to draw;"
+            f"scene {scene.name!r} came from SymPy without positions of its bodies and cannot be drawn;"
             " .plot() draws its coordinates"
         )
     places, names = placed(points)

@@ -107,8 +107,7 @@ _MESSAGES = {
         "it (real=True) and compile anew."
     ),
     Status.TIMES_IN_NO_ORDER: (
-        "The times of the run are not finite, or go neither up nor down: give finite times in increasing or in "
-        "decreasing order."
+        "The times of the run are not finite or not monotone: give finite times in increasing or in decreasing order."
     ),
     Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",
@@ -123,7 +122,7 @@ _MESSAGES = {
         "and rate that jumps, in accordance with the constraints."
     ),
     Status.EVENT_NON_FINITE: (
-        "A watched expression is NaN or infinite on the way: make it finite wherever the motion goes, or end the run "
-        "before with a terminal event."
+        "The expression of an event or reduction is NaN or infinite during the run: make it finite along the whole "
+        "motion, or end the run before with a terminal event."
     ),
 }

@@ -176,7 +176,7 @@ def factorize_inertia(graph: Graph, matrix: Matrix, names: Sequence[str], scene:
         return factorize(graph, matrix)
     except SingularMatrix as singular:
         raise SingularMassMatrixError(
-            f"scene {scene!r}: the mass matrix is singular, whatever the state: {names[singular.index]!r} moves no"
+            f"scene {scene!r}: the mass matrix is singular at every state: {names[singular.index]!r} moves no"
             " inertia of its own in a direction that the constraints leave free. Give the bodies it moves mass or"
             " inertia, drop the coordinate, or add the constraint that fixes it"
         ) from None

@@ -48,7 +48,7 @@ class Baumgarte(Formulation):
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
         pulled = saddle.accelerations(_demand(equations, settings.gains), equations.name)
-        note = f"q and q_dot, accelerations from the saddle-point system, drift pulled back with gains {how}"
+        note = f"q and q_dot, accelerations from the saddle-point system, stabilised with gains {how}"
         reduced = reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)
         return replace(
             reduced,

@@ -93,7 +93,7 @@ def event_functions(
     for expression, node in zip(expressions, nodes, strict=True):
         if moving and graph.freed_of(node, [*y, *graph.adopt(system.equations.timing)]) is not None:
             raise ExpressionError(
-                f"{what} {expression} is constant along every motion, so that nothing can be watched: write it in"
+                f"{what} {expression} is constant along every motion, so it has no events: write it in"
                 " coordinates, rates, outputs or time"
             )
     flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}

@@ -120,14 +120,14 @@ def why_not(equations: EquationsOfMotion, name: str) -> str:
             return f"constraints act along {x!r}: {', '.join(held)}"
         return f"a force acts along {x!r}, or the kinetic or potential energy depends on it"
     if moving:
-        return f"constraints that move do work: {', '.join(moving)}"
+        return f"constraints that depend on time do work: {', '.join(moving)}"
     energies = equations.energies(graph)
     if not all(change.is_zero for change in tangents(graph, energies, time)):
-        return "the scene is moved in a way that time prescribes"
+        return "the scene depends explicitly on time"
     momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
     at_rest = graph.substitute(momenta, dict.fromkeys(equations.qdot, graph.zero))
     if not all(momentum.is_zero for momentum in at_rest):
-        return "bodies are moved in a way that is prescribed"
+        return "prescribed motions of bodies do work"
     named = dict.fromkeys((*loads.rates, *loads.time, *loads.unknown))
     which = f": {list_names(named)}" if named else ", such as friction"
     return f"forces without a potential energy do work{which}"

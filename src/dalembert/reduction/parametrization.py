@@ -152,7 +152,7 @@ def _refuse_dependent(
         return
     verdict, wrong = ("follows from", "repeats") if vanishes(residual) else ("contradicts", "contradicts")
     raise ConstraintError(
-        f"scene {equations.name!r}: {row.label} {verdict} the other constraints, whatever the state."
+        f"scene {equations.name!r}: {row.label} {verdict} the other constraints at every state."
         f" Remove it, or correct the one that it {wrong}"
     )
 

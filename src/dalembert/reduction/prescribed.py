@@ -56,5 +56,5 @@ def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> Reduce
         projection=None,
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
-        notes=("everything sticks: nothing moves" if still else "everything sticks: the constraints fix every rate",),
+        notes=("all contacts stick: nothing moves" if still else "all contacts stick: the constraints fix every rate",),
     )

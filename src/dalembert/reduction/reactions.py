@@ -112,7 +112,7 @@ def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
         why.append(f"only a combination of {list_names(rest)} with others appears in the equations")
     return (
         f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
-        f" {'; '.join(why)}. Give back the coordinate that hides each, with"
+        f" {'; '.join(why)}. Release the coordinate along which each acts:"
         " scene.release(coordinate, point or frame, direction)"
     )
 

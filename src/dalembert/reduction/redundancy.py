@@ -100,14 +100,14 @@ def _refuse_unless_it_follows(
         nonholonomic = any(r.position is None and not vanishes(w) for r, w in zip(kept, weights, strict=True))
         if nonholonomic or not all(vanishes(slope) for slope in slopes):
             raise ConstraintError(
-                f"scene {equations.name!r}: {row.label} depends on the other constraints, whatever the state: it"
+                f"scene {equations.name!r}: {row.label} depends on the other constraints at every state: it"
                 " follows from them or contradicts them. Remove it, or correct the one that it repeats"
             )
         left.append(rest(row.position, [r.position for r in kept]))
     if all(vanishes(node) or _depends_on_parameters_alone(equations, node) for node in left):
         return  # whether parameters contradict each other is seen in the residuals at the start of a run
     raise ConstraintError(
-        f"scene {equations.name!r}: {row.label} contradicts the other constraints, whatever the state."
+        f"scene {equations.name!r}: {row.label} contradicts the other constraints at every state."
         " Remove it, or correct the one that it contradicts"
     )
 

@@ -89,9 +89,9 @@ class SaddlePoint:
         except SingularMatrix as singular:
             label = self.rows[singular.index].label
             raise ConstraintError(
-                f"scene {scene!r}: {label} depends on the other constraints, whatever the state, or so nearly that"
-                " double precision does not tell: it follows from them or contradicts them. Remove it, correct the one"
-                " that it repeats, or take formulation='minimal', which can tell smaller differences"
+                f"scene {scene!r}: {label} depends on the other constraints at every state, within double"
+                " precision: it follows from them or contradicts them. Remove it, correct the one that it repeats, or"
+                " use formulation='minimal', which resolves smaller differences"
             ) from None
 
     def _guard(self, pivot: Node, diagonal: Node) -> Node:
@@ -209,7 +209,7 @@ class Augmented(Formulation):
         settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
-        note = "q and q_dot, accelerations from the saddle-point system, nothing done against drift"
+        note = "q and q_dot, accelerations from the saddle-point system, without stabilisation"
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
         return reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)

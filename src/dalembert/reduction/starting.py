@@ -123,7 +123,7 @@ class _Starting:
         twice = [name for name in entry.targets if name in self.given or name in self.entered]
         if twice:
             raise InitialStateError(
-                f"{list_names(entry.names)} say what {list_names(twice)} are, which are given too; give one of the two"
+                f"{list_names(entry.names)} determine {list_names(twice)}, which are given too; give one of the two"
             )
         values = self._at(self.graph.adopt(entry.values))
         self.values |= {self.graph.input(name): node for name, node in zip(entry.targets, values, strict=True)}

@@ -56,8 +56,8 @@ class Animation(FuncAnimation):
         chosen = _WRITERS[ending] if writer is None else writer
         if isinstance(chosen, str) and not writers.is_available(chosen):
             raise MissingExtraError(
-                f"{str(filename)!r} needs the writer {chosen!r} of matplotlib, which is not there: install ffmpeg, or"
-                f" write a .gif or .html file (available: {', '.join(writers.list())})"
+                f"{str(filename)!r} needs the writer {chosen!r} of matplotlib, which is not available: install ffmpeg,"
+                f" or write a .gif or .html file (available: {', '.join(writers.list())})"
             )
         super().save(filename, chosen, *settings, **options)
 

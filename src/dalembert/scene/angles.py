@@ -179,7 +179,7 @@ class Angles:
         names = list_names(a.func.__name__ for a in self.orientation.angles)
         own, base = self.orientation.frame.name, self.orientation.base.name
         return (
-            f"{item} depends on the angles {names} otherwise than through the orientation of {own!r} and its angular"
+            f"{item} depends on the angles {names} other than through the orientation of {own!r} and its angular"
             f" velocity, so that orientation='quaternion' cannot serve: write it with vectors of {own!r} and {base!r},"
             " or leave the option out"
         )

@@ -26,8 +26,8 @@ from .velocity_checks import velocity_faults
 __all__ = ["read"]
 
 _IMPLIED = (
-    "is already implied by the parametrization: it vanishes whatever the coordinates. Remove it; for the reaction that"
-    " it would hold, give a coordinate back with scene.release(coordinate, point or frame, direction)"
+    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"
+    " coordinate with scene.release(coordinate, point or frame, direction)"
 )
 
 

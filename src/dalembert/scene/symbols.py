@@ -153,8 +153,8 @@ class SymbolReader:
         for name, symbol in [(name, self.expressions.parameters[name]) for name in parameters] + moving:
             if symbol.is_extended_real is False or symbol.is_finite is False:
                 self.faults.append(
-                    f"{name!r} is declared to be no finite real number, and all that is compiled is one; make it with"
-                    " real=True"
+                    f"{name!r} is declared to be no finite real number; compiled models need finite real numbers: make"
+                    " it with real=True"
                 )
             told = [next((what for what in kinds if _is(symbol, what)), "") for kinds in (_SIGNS, _WHOLE)]
             if any(told):

@@ -284,7 +284,7 @@ class LagrangeView:
             else "is not determined: only a combination of it with others appears in the equations"
             for x in self.undetermined
         }
-        remedy = "Give back the coordinate that hides it: scene.release(coordinate, point or frame, direction)"
+        remedy = "Release the coordinate along which it acts: scene.release(coordinate, point or frame, direction)"
         return Reactions(solution.reactions() if self.unknowns else {}, missing, remedy)
 
     @cached_property
