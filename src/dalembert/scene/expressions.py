@@ -83,7 +83,7 @@ class ExpressionReader:
         Rewrites what is read, where time is counted from the start of the run.
     time : Node, optional
         The input that is time. With it, conditions that depend on time and parameters alone are decided at
-        `CONDITION_TIME`, and taken down in `conditions`.
+        `CONDITION_TIME`, and recorded in `conditions`.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ def edge_plate() -> Scene:
     .. math:: z = h \sin\theta
 
     The joint is ideal when X = Y = 0 and L = N = 0. No coordinate is left on which M has power: the two
-    angles keep the edge horizontal, and M is determined once a rotation about A.y is given back,
+    angles keep the edge horizontal, and M is determined once a rotation about A.y is released,
     ``scene.release(phi, A, A.y)``.
     """
     x, y, z, psi, theta = dynamicsymbols("x y z psi theta")
