@@ -94,3 +94,20 @@ def test_decisions_as_plain_python_are_those_of_machine_code(monkeypatch):
     loop_named.cache_clear()
     for compiled, plain in zip(found[0].cases, found[1].cases, strict=True):
         np.testing.assert_array_equal(compiled, plain)
+
+
+def test_linearisation_is_that_of_the_mode_at_hand():
+    """A block on a spring: free where it slides, held where it sticks; a ball that rests has no motion left."""
+    from hard_cases.contacts import table_oscillator
+
+    model = da.compile_model(table_oscillator())
+    values = {"m": 1.0, "k": 4.0, "mu": 0.5, "g": 10.0}
+    values = {name: values[name] for name in model.layout.parameters if name in values}
+    sliding = model.linearize(0.0, {"x": 0.1, "x_dot": 0.3}, values)
+    np.testing.assert_allclose(sorted(sliding.eigenvalues.imag), [-2.0, 2.0], rtol=1e-12)
+    direct = model.mode().linearize(
+        0.0, {"x": 0.1, "x_dot": 0.3}, values | {n: 1.0 for n in model.mode().layout.parameters if n not in values}
+    )
+    np.testing.assert_array_equal(sliding.A, direct.A)
+    sticking = model.linearize(0.0, {"x": 0.1, "x_dot": 0.0}, values)
+    assert sticking.A.size == 0 or not np.any(sticking.A)

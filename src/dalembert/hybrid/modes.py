@@ -271,7 +271,7 @@ class _ModeEquations:
             if name in together and determined is not None:
                 watched = graph.call("less", graph.zero, graph.input(determined))
                 press = graph.call("select", watched, press, graph.one)
-            if contact.constraint is not None or state in (SLIP, STICK):
+            if contact.constraint is not None or (state in (SLIP, STICK) and name not in together):
                 kind = "turn" if contact.constraint is None else "lift"
                 points.append((Guard(f"press of {name}", i, kind), press))
             if state == SLIP:

@@ -81,7 +81,7 @@ _RESTING = 1e-7
 
 So infinitely many impacts within a finite time end."""
 
-_SLOW, _EXCURSION = 1e-2, 64.0 * 2.220446049250313e-16
+_SLOW, _EXCURSION = 1e-4, 64.0 * 2.220446049250313e-16
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
 and of the terms of the gap."""
 
@@ -91,11 +91,11 @@ _ROUNDED = 1e-14
 _STOPPED = 2.0
 """Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
 
-_REST, _REST_TOLERANCES, _REST_OF_SPAN = 1e-6, 10.0, 1e-7
+_REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
-a share of what friction does within the span."""
+a share of what friction and the motion do within the span; and the least one [m/s]."""
 
-SOON, SOON_IN_A_ROW = 1e-11, 64
+SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
@@ -115,6 +115,8 @@ class ContactCases(NamedTuple):
         Largest slip speed, and largest speed at which the gap closed, so far.
     rest : (k, c)
         Slip speed in a plane below which a contact counts as at rest; negative in phases that do not begin at rest.
+    flight : (k, c)
+        How long each contact has been open [s].
     span, passed : (k,)
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
@@ -133,6 +135,7 @@ class ContactCases(NamedTuple):
     speeds: Matrix
     approach: Matrix
     rest: Matrix
+    flight: Matrix
     span: Vector
     passed: Vector
     modes: IntMatrix
@@ -154,6 +157,7 @@ def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: i
         speeds=np.zeros((k, contacts)),
         approach=np.zeros((k, contacts)),
         rest=np.ones((k, contacts)),
+        flight=np.zeros((k, contacts)),
         span=span,
         passed=np.zeros(k),
         modes=undecided[0],
@@ -276,7 +280,7 @@ def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, c
     for j in range(table.coordinates):
         terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
     slow = speed <= _SLOW * cases.approach[case, i]
-    return slow and speed * abs(cases.passed[case]) <= _EXCURSION * terms
+    return slow and speed * cases.flight[case, i] <= _EXCURSION * terms
 
 
 @compiled_subset
@@ -478,18 +482,20 @@ def _hold(arguments: DecisionArguments, case: int) -> None:
 def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> None:
     """Choose the slip speed in a plane below which a contact counts as at rest."""
     table, space, cases = arguments.table, arguments.space, arguments.cases
-    first, change = table.first[i], 0.0
+    first, change, moved = table.first[i], 0.0, 0.0
     for a in range(first, first + 2):
         n, k = table.coordinates, table.normal.size
         change = max(change, abs(space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + a]))
     force = 0.0
     for a in range(first, first + 2):
         force += abs(space.forces[a, 0])
+        moved += abs(space.slip[a])
     speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
     rest = max(_REST, _REST_TOLERANCES * arguments.tolerance) * speed
     if rest == 0.0:
-        rest = _REST_OF_SPAN * change * force * abs(cases.span[case])
-    rest = max(rest, 1e-100)
+        terms = _REST * _slip_terms(table, space, i)
+        rest = max(terms, _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
+    rest = max(rest, _LEAST_REST)
     cases.rest[case, i] = rest if arguments.candidates.kind[i] == GRIPPED else -rest
 
 
@@ -511,6 +517,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     for i in range(k):
         known = known and begins and cases.modes[case, i] != UNDECIDED
         if begins:
+            cases.flight[case, i] += abs(cases.passed[case]) if cases.modes[case, i] == OPEN else 0.0
             pick.kind[i] = _opening(table, space, pick, cases, case, i)
         else:
             pick.kind[i] = cases.after[case, i]
@@ -518,6 +525,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         pick.struck[i] = 0
         if begins and pick.kind[i] >= TOUCHING and _strikes(table, space, cases, case, i):
             pick.struck[i], struck = 1, True
+        if pick.kind[i] >= TOUCHING:
+            cases.flight[case, i] = 0.0
         was = cases.modes[case, i]
         closing = closing or (pick.kind[i] >= TOUCHING and (not begins or was == UNDECIDED or was == OPEN))
         closing = closing or pick.kind[i] == TOUCHING

@@ -241,8 +241,8 @@ def _combine(table: ContactTable, space: ContactSpace, pick: Candidates) -> bool
         elif way != 0:
             pick.along[i, 0], pick.along[i, 1] = float(way), 0.0
         elif state == SLIP and pick.kind[i] == GRIPPED:
-            if not number(table, space, i, MU_STATIC) > 0.0:  # no direction means anything
-                pick.along[i, 0], pick.along[i, 1] = 0.0 if table.width[i] == 1 else 1.0, 0.0
+            if table.width[i] == 1:  # without friction, no direction means anything
+                pick.along[i, 0], pick.along[i, 1] = 0.0, 0.0
             else:
                 pick.begins[i], planar = 1, True
     return planar

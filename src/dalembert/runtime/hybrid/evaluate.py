@@ -11,7 +11,7 @@ from ...methods.status import Status
 from .decisions import Decisions
 from .state import HybridState
 
-__all__ = ["evaluate"]
+__all__ = ["decided_state", "evaluate"]
 
 _STRUCK = 1e-6
 """Share of the rates by which a state may miss what its contacts allow."""
@@ -32,7 +32,7 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":
-        return _accelerations(decisions, t, x, c)
+        return decided_state(decisions, t, x, c, "no accelerations belong to").cases.motion
     n, values = data.coordinates, decisions.values(t, x, np.ascontiguousarray(c))
     if kernel == "mass_matrix":
         return values[:, : n * n].reshape(-1, n, n)
@@ -43,8 +43,15 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
     return rows[:, [i for i in range(data.constraints) if i not in opening], :n]
 
 
-def _accelerations(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
-    """Return the second rates (k, n_q) with which motions go on from states (k, 2 n_q)."""
+def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatArray, what: str) -> HybridState:
+    """Return cases in the modes in which motions go on from states (k, 2 n_q) with parameters (k, n_p).
+
+    Raises
+    ------
+    InitialStateError
+        For states that the contacts forbid, or from which they let the motion go on in no way, or in several; `what`
+        says what then does not exist.
+    """
     equations = decisions.automaton.equations
     state = HybridState.starting(t, x, c, np.ones(len(t)), len(equations.contacts))
     decisions.decide(state, np.arange(len(t)))
@@ -59,5 +66,5 @@ def _accelerations(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatA
             moved = [name for name, change in zip(names, jump, strict=True) if change > 0.0]
             faults.append(f"at {place}: a closed contact forbids the rates, and {list_names(moved)} would jump")
     if faults:
-        raise InitialStateError("no accelerations belong to a state\n  " + "\n  ".join(faults))
-    return state.cases.motion
+        raise InitialStateError(f"{what} a state\n  " + "\n  ".join(faults))
+    return state

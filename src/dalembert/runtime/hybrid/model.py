@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, final
 
@@ -23,6 +23,7 @@ from ...pipeline import SeveralModes, compile_mode, compile_stages
 from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
+from ...results.linearization import Linearization
 from ...scene import Scene
 from ...values import option, times_of, tolerances, whole
 from .. import inputs
@@ -35,7 +36,7 @@ from ..model import CompiledModel
 from ..reductions import reduction_table
 from ..segments import at_time
 from .decisions import Decisions
-from .evaluate import evaluate
+from .evaluate import decided_state, evaluate
 from .mode_models import ModeModels
 from .request import SweepRequest
 from .simulate import Request, simulate
@@ -205,6 +206,47 @@ class HybridModel(Evaluated):
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
         return evaluate(self._modes.decisions, kernel, t, x, p)
+
+    def linearize(
+        self,
+        t: float,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        states: Sequence[str] | None = None,
+    ) -> Linearization:
+        """Linearise the motion about a state, in the mode that its contacts have there.
+
+        Parameters
+        ----------
+        t, initial, parameters, states
+            As for `dalembert.runtime.model.CompiledModel.linearize`.
+
+        Returns
+        -------
+        Linearization
+            Of the mode alone: it holds for changes that leave the contacts in it.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError, OptionError
+            For input that is wrong, and for states that the contacts forbid or do not let go on.
+        """
+        time = option("t", t)
+        p = self.parameter_vector(parameters)
+        given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
+        x = self._start(time, inputs.given_values(self.layout, initial), given)
+        if CONDITION_TIME in given:
+            given[CONDITION_TIME] = time
+        c = np.array([[given[name] for name in self.layout.parameters]])
+        decisions, at = self._modes.decisions, np.array([time])
+        state = decided_state(decisions, at, x[np.newaxis], c, "no motion goes on from")
+        mode = self._modes.automaton.mode(int(state.mode_numbers()[0]))
+        cases = state.cases
+        added = self._modes.added(mode, state.directions()[0], cases.sides[0], cases.rest[0])
+        values = given | {name: float(value) for name, value in added.items()}
+        start = dict(zip((*self.layout.coordinates, *self.layout.rates), state.x[0].tolist(), strict=True))
+        return self._model(mode).linearize(time, start, values, states=states)
 
     def _refuse(self, project_invariants: Any, error_estimate: bool) -> None:
         if error_estimate:
