@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.integrators import contact_decisions as rules
+from dalembert.integrators import contact_cases as rules
 from dalembert.methods.status import Status
 from dalembert.runtime.hybrid.state import HybridState
 from hard_cases.contacts import corner_plate, loose_plate

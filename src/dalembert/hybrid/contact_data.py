@@ -1,6 +1,6 @@
 """Numbers of contacts at an instant as a kernel: [EquationsOfMotion] -> [Kernel].
 
-Mode selection and impacts are computed from them (`dalembert.integrators.contact_system`).
+Mode selection and impacts are computed from them (`dalembert.integrators.contact_table`).
 """
 
 from __future__ import annotations

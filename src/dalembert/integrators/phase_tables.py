@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arguments import Address, IntMatrix, IntVector, Matrix, Vector
-from .contact_decisions import ContactCases
+from .contact_cases import ContactCases
 
 __all__ = ["CaseNumbers", "CaseTable", "PhasePlan", "RunnerTable", "ThreadWorkspace", "case_numbers"]
 

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .compiled_subset import compiled_subset, sqrt
-from .contact_system import STICK, ContactSpace, ContactTable, solve_mode
+from .contact_system import solve_mode
+from .contact_table import STICK, ContactSpace, ContactTable
 
 if TYPE_CHECKING:
-    from .mode_selection import Candidates
+    from .mode_candidates import Candidates
 
 __all__ = ["steady_directions", "uneven"]
 

@@ -12,10 +12,11 @@ from ...arrays import FloatArray
 from ...codegen.llvm.loops import loop_named
 from ...hybrid import HybridAutomaton
 from ...hybrid.modes import side_name
-from ...integrators import contact_decisions as rules
-from ...integrators.contact_decisions import ContactCases, DecisionArguments
-from ...integrators.contact_system import ContactTable, contact_space, number, opening_power
-from ...integrators.mode_selection import candidates_space
+from ...integrators import contact_cases as rules
+from ...integrators.contact_cases import ContactCases
+from ...integrators.contact_decisions import DecisionArguments
+from ...integrators.contact_table import ContactTable, contact_space, number, opening_power
+from ...integrators.mode_candidates import candidates_space
 from ...ir.kernel import Kernel
 from ...mechanics.equations import Guard
 from .state import HybridState

@@ -13,8 +13,9 @@ from ...arrays import FloatArray
 from ...errors import InitialStateError, ValueInputError
 from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...hybrid.modes import STATES
-from ...integrators.contact_decisions import NOISE, SOON, SOON_IN_A_ROW, UNDECIDED
-from ...integrators.contact_system import GAP, MU, MU_STATIC, RESTITUTION
+from ...integrators.contact_cases import NOISE, UNDECIDED
+from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
+from ...integrators.contact_table import GAP, MU, MU_STATIC, RESTITUTION
 from ...integrators.event_code import Event
 from ...ir.program import Layout
 from ...mechanics.equations import Guard

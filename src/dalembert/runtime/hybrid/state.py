@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...hybrid.modes import STATES
-from ...integrators.contact_decisions import ContactCases, contact_cases
+from ...integrators.contact_cases import ContactCases, contact_cases
 
 __all__ = ["HybridState", "placed"]
 

@@ -1,0 +1,291 @@
+"""Cases with contacts, and what is known of each contact before a decision."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arguments import IntMatrix, IntVector, Matrix, Vector
+from .compiled_subset import compiled_subset, sqrt
+from .contact_table import (
+    GAP,
+    MU,
+    MU_STATIC,
+    OPEN,
+    RESTITUTION,
+    STICK,
+    ContactSpace,
+    ContactTable,
+    drift,
+    mass,
+    number,
+    opening_power,
+    slope,
+    velocity,
+)
+from .mode_candidates import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Candidates
+
+__all__ = [
+    "BREAK_DOWN",
+    "BREAK_PLANE",
+    "BREAK_UP",
+    "LIFT",
+    "MEET",
+    "NOISE",
+    "RESTING",
+    "STOP",
+    "TURN",
+    "UNDECIDED",
+    "ContactCases",
+    "contact_cases",
+    "gap_rate",
+    "known_of",
+    "laws_of_sliding",
+    "rate_noise",
+    "refused",
+    "sign",
+    "slip_speed",
+    "slip_terms",
+    "strikes",
+]
+
+LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE = 1, 2, 4, 8, 16, 32, 64
+"""Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
+ends; friction fails to hold against slip forwards, backwards, or in a plane."""
+
+
+NOISE = 1e-8
+"""Share of a velocity, or of a position, below which it counts as zero."""
+
+
+UNDECIDED = -1
+"""Mode of a contact before the first decision, and `ContactCases.after` without an impact."""
+
+
+_LENGTH = 1.0001
+"""What gaps are compared with beside their own size."""
+
+
+_STILL = 1e-12
+"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
+
+
+RESTING = 1e-7
+"""Share of the largest approach speed of a contact so far, below which an impact is none: the contact stays closed.
+
+So infinitely many impacts within a finite time end."""
+
+
+_SLOW, _EXCURSION = 1e-4, 64.0 * 2.220446049250313e-16
+"""The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
+and of the terms of the gap."""
+
+
+_STOPPED = 2.0
+"""Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
+
+
+class ContactCases(NamedTuple):
+    """Cases at an instant; of k cases with c contacts each.
+
+    Attributes
+    ----------
+    x : (k, 2 n_q)
+        Coordinates and rates; the rates change.
+    directions, sides : (k, 2 c), (k, c)
+        Directions of slip; signs of normal reactions, or of contacts that open 1 where they are determined and 0 where
+        contacts that stick share a load in several ways.
+    speeds, approach : (k, c)
+        Largest slip speed, and largest speed at which the gap closed, so far.
+    rest : (k, c)
+        Slip speed in a plane below which a contact counts as at rest; negative in phases that do not begin at rest.
+    flight : (k, c)
+        How long each contact has been open [s].
+    span, passed : (k,)
+        Duration of the whole motion, and of the last phase [s].
+    modes, fired : (k, c)
+        What each contact does, `UNDECIDED` before the start; guards that have fired, as bits.
+    after : (k, c)
+        What is known of each contact after an impact, else `UNDECIDED`.
+    status : (k,)
+        SUCCESS where a mode was selected.
+    motion : (k, n_q)
+        Accelerations in the mode.
+    """
+
+    x: Matrix
+    directions: Matrix
+    sides: Matrix
+    speeds: Matrix
+    approach: Matrix
+    rest: Matrix
+    flight: Matrix
+    span: Vector
+    passed: Vector
+    modes: IntMatrix
+    fired: IntMatrix
+    after: IntMatrix
+    status: IntVector
+    motion: Matrix
+
+
+def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: int) -> ContactCases:
+    """Return cases that start from states x (k, 2 n_q), which change, with signed spans (k,)."""
+    k, n = len(x), x.shape[1] // 2
+    directions = np.tile(np.array([1.0, 0.0]), (k, contacts))
+    undecided = np.full((2, k, contacts), UNDECIDED)
+    return ContactCases(
+        x=x,
+        directions=directions,
+        sides=np.ones((k, contacts)),
+        speeds=np.zeros((k, contacts)),
+        approach=np.zeros((k, contacts)),
+        rest=np.ones((k, contacts)),
+        flight=np.zeros((k, contacts)),
+        span=span,
+        passed=np.zeros(k),
+        modes=undecided[0],
+        fired=np.zeros((k, contacts), np.int64),
+        after=undecided[1],
+        status=np.zeros(k, np.int64),
+        motion=np.zeros((k, n)),
+    )
+
+
+@compiled_subset
+def slip_speed(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the size of the slip velocity of a contact."""
+    total = 0.0
+    for a in range(table.width[i]):
+        slip = velocity(table, space, table.constraints + table.first[i] + a)
+        total += slip * slip
+    return sqrt(total)
+
+
+@compiled_subset
+def slip_terms(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, the larger of two."""
+    largest = 0.0
+    for a in range(table.width[i]):
+        row = table.constraints + table.first[i] + a
+        total = abs(drift(table, space, row))
+        for j in range(table.coordinates):
+            total += abs(slope(table, space, row, j) * space.rates[j])
+        largest = max(largest, total)
+    return largest
+
+
+@compiled_subset
+def gap_rate(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the rate of the gap of a contact."""
+    return float(table.sense[i]) * velocity(table, space, table.constraint[i])
+
+
+@compiled_subset
+def rate_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the size below which the rate of a gap counts as zero."""
+    row, terms, energy, ease = table.constraint[i], 0.0, 0.0, 0.0
+    for j in range(table.coordinates):
+        entry, inertia = slope(table, space, row, j), mass(table, space, j, j)
+        terms += abs(entry * space.rates[j])
+        if inertia > 0.0:
+            ease += entry * entry / inertia
+        for m in range(table.coordinates):
+            energy += space.rates[j] * mass(table, space, j, m) * space.rates[m]
+    return NOISE * terms + _STILL * sqrt(max(energy * ease, 0.0))
+
+
+@compiled_subset
+def _gap_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
+    return NOISE * (abs(number(table, space, i, GAP)) + _LENGTH)
+
+
+@compiled_subset
+def laws_of_sliding(table: ContactTable, i: int) -> bool:
+    """Return whether a contact slips or sticks while it is closed."""
+    return table.width[i] > 0 and table.smooth[i] == 0
+
+
+@compiled_subset
+def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
+    """Return what is known of a contact if it is closed."""
+    if not laws_of_sliding(table, i):
+        return TOUCHING
+    fired, before, scale = cases.fired[case, i], cases.modes[case, i], cases.speeds[case, i]
+    if fired >= BREAK_UP:
+        # where the normal reaction vanishes, so does the friction that it allows: nothing is known of the direction
+        alone = fired == BREAK_UP or fired == BREAK_DOWN or fired == BREAK_PLANE
+        if alone:
+            pick.broken[i] = 2 if fired == BREAK_PLANE else 1 if fired == BREAK_UP else -1
+        return GRIPPED
+    if before == STICK or (fired & STOP != 0 and table.width[i] == 1):
+        return GRIPPED
+    speed, limit = slip_speed(table, space, i), NOISE * scale
+    if before == UNDECIDED:
+        limit = NOISE * max(scale, slip_terms(table, space, i))
+    if fired & STOP != 0:
+        limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
+    return GRIPPED if speed <= limit else SLIDING
+
+
+@compiled_subset
+def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
+    speed, terms = abs(gap_rate(table, space, i)), 0.0
+    for j in range(table.coordinates):
+        terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
+    slow = speed <= _SLOW * cases.approach[case, i]
+    return slow and speed * cases.flight[case, i] <= _EXCURSION * terms
+
+
+@compiled_subset
+def known_of(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
+    """Return what is known of a contact; ``turned`` and ``broken`` are written, and ``struck`` is in the sign."""
+    fired, before = cases.fired[case, i], cases.modes[case, i]
+    pick.broken[i] = pick.slides[i] = 0
+    pick.turned[i] = 1 if fired & TURN != 0 else 0
+    if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
+        return LIFTING if fired & LIFT != 0 else _closed(table, space, pick, cases, case, i)
+    if before == OPEN and fired & MEET == 0:
+        return FREE
+    rate, noise = gap_rate(table, space, i), rate_noise(table, space, i)
+    far = before == UNDECIDED and number(table, space, i, GAP) > _gap_noise(table, space, i)
+    if far or (rate > noise and (before == UNDECIDED or not _unresolved(table, space, cases, case, i))):
+        return FREE
+    return _closed(table, space, pick, cases, case, i)
+
+
+@compiled_subset
+def strikes(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact that touches, and was open, is struck; its approach speed is remembered."""
+    before = cases.modes[case, i]
+    if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
+        return False
+    speed = -gap_rate(table, space, i)
+    largest = max(cases.approach[case, i], speed)
+    cases.approach[case, i] = largest
+    if before == OPEN and _unresolved(table, space, cases, case, i):
+        return False
+    return speed > max(rate_noise(table, space, i), RESTING * largest)
+
+
+@compiled_subset
+def refused(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int) -> bool:
+    """Return whether a case cannot start, or its coefficients make no sense."""
+    bad = False
+    for i in range(table.constraint.size):
+        mu, static = number(table, space, i, MU), number(table, space, i, MU_STATIC)
+        restitution = number(table, space, i, RESTITUTION)
+        bad = bad or mu < 0.0 or static < mu or restitution < 0.0 or restitution > 1.0
+        if table.constraint[i] >= 0 and cases.modes[case, i] == UNDECIDED:
+            bad = bad or number(table, space, i, GAP) < -_gap_noise(table, space, i)
+            bad = bad or not opening_power(table, space, i) > 0.0
+    return bad
+
+
+@compiled_subset
+def sign(table: ContactTable, cases: ContactCases, case: int, i: int) -> float:
+    """Return the sign of the normal reaction of a contact, 1 where it has only one."""
+    return cases.sides[case, i] if table.sided[i] != 0 else 1.0
