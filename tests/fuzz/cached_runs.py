@@ -19,6 +19,7 @@ from dalembert.codegen.llvm.advance_lanes import _code as advance_code
 from dalembert.codegen.llvm.backend import LLVMBackend
 from dalembert.codegen.llvm.check_inputs import _code as check_code
 from dalembert.codegen.llvm.loops import loop_named
+from dalembert.pipeline import Compiled
 from dalembert.runtime.model import CompiledModel
 
 __all__ = ["SCENES", "Outcome", "begun", "ended", "prepared_models"]
@@ -48,7 +49,8 @@ def _everything(model: CompiledModel, cache: bool) -> bytes:
         kept.cache_clear()
     backend, stages = LLVMBackend(), model.stages
     rendered = backend.render(stages.program)
-    fresh = CompiledModel(stages, backend.load(rendered, cache=cache), backend.serving(stages.program))
+    engine = backend.load(rendered, cache=cache)
+    fresh = CompiledModel.of(Compiled(stages, engine, backend.serving(stages.program)))
     start, p = SCENES[fresh.name]
     run = fresh.simulate((0, 1), start, p)
     name = next(iter(p))
