@@ -111,3 +111,10 @@ def test_linearisation_is_that_of_the_mode_at_hand():
     np.testing.assert_array_equal(sliding.A, direct.A)
     sticking = model.linearize(0.0, {"x": 0.1, "x_dot": 0.0}, values)
     assert sticking.A.size == 0 or not np.any(sticking.A)
+
+
+def test_states_have_one_number_in_the_equations_and_in_compiled_code():
+    from dalembert.hybrid.modes import STATES
+    from dalembert.integrators import contact_table
+
+    assert [getattr(contact_table, state.upper()) for state in STATES] == list(range(len(STATES)))

@@ -348,7 +348,7 @@ class TracedEngine(Protocol):
 
 
 class Capability(Enum):
-    """What some backends offer beyond simulation; the value is what a refusal says."""
+    """Abilities of some backends beyond simulation; the values are the texts of refusals."""
 
     KERNEL_FUNCTIONS = 'model.kernels are functions of numba: compile with backend="numba"'
     VECTOR_FIELD = 'vector_field is for programs in JAX: compile with backend="jax"'
@@ -369,7 +369,7 @@ class Backend(ABC):
     """Methods of the backend that take one power series over a whole step."""
 
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
-    """What it offers beyond simulation."""
+    """Its abilities beyond simulation."""
 
     def serving(self, program: Program) -> Mapping[str, str]:
         """Return the methods that can integrate a program.

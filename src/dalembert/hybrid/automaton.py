@@ -21,7 +21,7 @@ __all__ = ["TRANSITIONS", "HybridAutomaton", "Transition"]
 @final
 @dataclass(frozen=True)
 class Transition:
-    """What follows when a guard of a contact falls through zero.
+    """Consequence of a guard of a contact that falls through zero.
 
     Attributes
     ----------
@@ -45,20 +45,23 @@ class Transition:
     impact: bool = False
 
 
-_RUBBING = (SLIP, STICK)
-
 TRANSITIONS: Mapping[str, Transition] = {
     row.guard: row
     for row in (
         Transition("meet", "the gap closes", (OPEN,), (CLOSED, SLIP, STICK, SMOOTH, OPEN), impact=True),
         Transition("lift", "the normal reaction vanishes", (CLOSED, SLIP, STICK, SMOOTH), (OPEN,)),
-        Transition("turn", "the normal reaction of a constraint that never opens changes its sign", _RUBBING, _RUBBING),
+        Transition(
+            "turn",
+            "the normal reaction of a constraint that never opens changes its sign",
+            (SLIP, STICK),
+            (SLIP, STICK),
+        ),
         Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
         Transition("break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN)),
         Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
     )
 }
-"""What ends a mode, and what follows, by the kind of the guard. After a paradox nothing follows."""
+"""Ends of a mode and their consequences, by the kind of the guard. After a paradox nothing follows."""
 
 
 @final
@@ -104,7 +107,7 @@ class HybridAutomaton:
         Raises
         ------
         ConstraintError
-            When the equations do not determine the normal reaction of a contact that rubs.
+            When the equations do not determine the normal reaction of a contact that slides.
         """
         return mode_equations(self.equations, mode)
 

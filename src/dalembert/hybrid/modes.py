@@ -108,7 +108,7 @@ def mode_equations(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotio
     Raises
     ------
     ConstraintError
-        When the equations do not determine the normal reaction of a contact that rubs.
+        When the equations do not determine the normal reaction of a contact that slides.
     """
     return _ModeEquations(equations, mode).equations()
 
@@ -121,13 +121,13 @@ class _ModeEquations:
         self.whole, self.mode = equations, mode
         self.graph: Graph = equations.graph
         self.contacts = list(zip(equations.contacts, mode, strict=True))
-        rubbing = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
-        self.rubbing = [SlidingContact(c, partial(self._factors, c, state)) for c, state in rubbing]
+        sliding = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
+        self.sliding = [SlidingContact(c, partial(self._factors, c, state)) for c, state in sliding]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
         self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
-        gone |= {i for c in (*(c for c, _ in rubbing), *self.idle) for i in c.tangential}
+        gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
     def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[tuple[ContactRow, Node]]]:
@@ -172,11 +172,11 @@ class _ModeEquations:
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
         bare = self._bare(self.rows, self.kept)
-        rubbed = sliding_friction(bare, whole, self.kept, self.rubbing)
+        friction = sliding_friction(bare, whole, self.kept, self.sliding)
         known: dict[Node, Node] = {}
-        for rubbing, kappa in zip(self.rubbing, rubbed.factors, strict=True):
-            pressing = graph.input(names[rubbing.contact.normal])
-            for i, k in zip(rubbing.contact.tangential, kappa, strict=True):
+        for item, kappa in zip(self.sliding, friction.factors, strict=True):
+            pressing = graph.input(names[item.contact.normal])
+            for i, k in zip(item.contact.tangential, kappa, strict=True):
                 known[graph.input(names[i])] = -k * pressing
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
@@ -185,7 +185,7 @@ class _ModeEquations:
                 known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
         outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
         outputs |= {str(node.payload): value for node, value in known.items()}
-        points = self._guards(rubbed)
+        guards = self._guards(friction)
         added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
         added |= {name: 1.0 for c, _ in self.contacts if c.name in self._together and (name := determined_name(c))}
         symbols = replace(
@@ -196,10 +196,10 @@ class _ModeEquations:
         return replace(
             bare,
             symbols=symbols,
-            forcing=rubbed.forcing,
-            outputs=outputs | {point.output: node for point, node in points},
+            forcing=friction.forcing,
+            outputs=outputs | {guard.output: node for guard, node in guards},
             defaults=added,
-            guards=tuple(point for point, _ in points),
+            guards=tuple(guard for guard, _ in guards),
             minimum_norm=bool(self.groups),
         )
 
@@ -255,16 +255,16 @@ class _ModeEquations:
         """Contacts that hold each other while they stick, by name."""
         return {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
 
-    def _guards(self, rubbed: SlidingFriction) -> list[tuple[Guard, Node]]:
+    def _guards(self, friction: SlidingFriction) -> list[tuple[Guard, Node]]:
         """Return what ends the mode, with its value; reactions in it are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
         together = self._together
-        points: list[tuple[Guard, Node]] = []
+        guards: list[tuple[Guard, Node]] = []
         for i, (contact, state) in enumerate(self.contacts):
             name = contact.name
             if state == OPEN:
                 assert contact.gap is not None
-                points.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
+                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
             determined = determined_name(contact)
@@ -273,18 +273,18 @@ class _ModeEquations:
                 press = graph.call("select", watched, press, graph.one)
             if contact.constraint is not None or (state in (SLIP, STICK) and name not in together):
                 kind = "turn" if contact.constraint is None else "lift"
-                points.append((Guard(f"press of {name}", i, kind), press))
+                guards.append((Guard(f"press of {name}", i, kind), press))
             if state == SLIP:
                 held = [graph.input(n) for n in direction_names(contact)]
                 forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
-                points += self._stopping(i, forward)
+                guards += self._stopping(i, forward)
             elif state == STICK and name in together:
-                points += self._impending(i)
+                guards += self._impending(i)
             elif state == STICK and contact not in self.idle:
-                points += self._holding(i, press)
+                guards += self._holding(i, press)
         if any(state == SLIP for state in self.mode):
-            points.append((Guard("uniqueness of reactions", -1, "paradox"), rubbed.determinant))
-        return points
+            guards.append((Guard("uniqueness of reactions", -1, "paradox"), friction.determinant))
+        return guards
 
     def _stopping(self, i: int, forward: Node) -> list[tuple[Guard, Node]]:
         """Return the slip velocity along its former direction.
@@ -328,16 +328,16 @@ class _ModeEquations:
         rows = [row for row in self.rows if row is not contact.slips[0]]
         kept = [j for j in self.kept if all(j not in c.tangential for c, _ in group)]
         bare = self._bare(rows, kept)
-        points = []
+        guards = []
         for sign in (1, -1):
             limits = [SlidingContact(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
-            rubbed = sliding_friction(bare, self.whole, kept, [*self.rubbing, *limits])
-            moving = SaddlePoint.of(replace(bare, forcing=rubbed.forcing), guarded=False)
+            friction = sliding_friction(bare, self.whole, kept, [*self.sliding, *limits])
+            moving = SaddlePoint.of(replace(bare, forcing=friction.forcing), guarded=False)
             found = moving.accelerations([row.bias for row in rows], bare.name)
             slip = contact.slips[0]
             rate = graph.sum(a * b for a, b in zip(slip.jacobian, found, strict=True)) - slip.bias
-            points.append((Guard(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
-        return points
+            guards.append((Guard(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
+        return guards
 
     def _limit(self, contact: ContactRow, sign: int, ratio: Node, free: Node) -> list[Node]:
         """Return kappa of a contact at its limit, where another is about to slip with `sign`."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_table import (
@@ -55,33 +56,26 @@ LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE = 1, 2, 4, 8, 16, 32, 
 """Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
 ends; friction fails to hold against slip forwards, backwards, or in a plane."""
 
-
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
-
 
 UNDECIDED = -1
 """Mode of a contact before the first decision, and `ContactCases.after` without an impact."""
 
-
 _LENGTH = 1.0001
-"""What gaps are compared with beside their own size."""
-
+"""Length that gaps are compared with beside their own size."""
 
 _STILL = 1e-12
 """Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
-
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact is none: the contact stays closed.
 
 So infinitely many impacts within a finite time end."""
 
-
-_SLOW, _EXCURSION = 1e-4, 64.0 * 2.220446049250313e-16
+_SLOW, _EXCURSION = 1e-4, 64.0 * EPSILON
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
 and of the terms of the gap."""
-
 
 _STOPPED = 2.0
 """Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
@@ -199,6 +193,7 @@ def rate_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
 
 @compiled_subset
 def _gap_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the size below which the gap of a contact counts as zero."""
     return NOISE * (abs(number(table, space, i, GAP)) + _LENGTH)
 
 
@@ -242,7 +237,7 @@ def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, c
 
 @compiled_subset
 def known_of(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
-    """Return what is known of a contact; ``turned`` and ``broken`` are written, and ``struck`` is in the sign."""
+    """Return what is known of a contact before a decision; ``broken``, ``slides`` and ``turned`` are written too."""
     fired, before = cases.fired[case, i], cases.modes[case, i]
     pick.broken[i] = pick.slides[i] = 0
     pick.turned[i] = 1 if fired & TURN != 0 else 0

@@ -27,7 +27,7 @@ from .contact_cases import (
     slip_terms,
     strikes,
 )
-from .contact_system import load_accelerations, load_impact, solve_mode
+from .contact_system import compliance, load_accelerations, load_impact, normal_response, solve_mode
 from .contact_table import (
     CLOSED,
     OPEN,
@@ -55,19 +55,15 @@ __all__ = [
 SHORT_LOOPS = True
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
 
-
 _ROUNDED = 1e-14
 """Share of the largest speed so far that rounding leaves of one that is zero."""
-
 
 _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and the least one [m/s]."""
 
-
 SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
-
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
 
@@ -104,11 +100,10 @@ class DecisionArguments(NamedTuple):
 @compiled_subset
 def _determined(table: ContactTable, space: ContactSpace, place: int, i: int) -> float:
     """Return 1 where the equations of motion determine the normal reaction of a contact, in the solution at hand."""
-    n, width = table.coordinates, 1 + table.slips
     for a in range(space.undetermined[0]):
         change, size = 0.0, 0.0
         for r in range(table.slips):
-            term = space.responses[place, (n + i) * width + 1 + r] * space.free[a, r]
+            term = normal_response(table, space, place, i, r) * space.free[a, r]
             change += term
             size = max(size, abs(term), abs(space.free[a, r]))
         if abs(change) > NOISE * size:
@@ -131,7 +126,7 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
         for i in range(table.constraint.size):
             pick.mode[i], pick.sides[i] = cases.modes[case, i], sign(table, cases, case, i)
             pick.along[i, 0], pick.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
-        solve_mode(table, space, pick.mode, pick.along, pick.sides, False)
+        solve_mode(table, space, pick.mode, pick.along, pick.sides)
     for i in range(table.constraint.size):
         change = 0.0
         for a in range(table.width[i]):
@@ -170,14 +165,22 @@ def _impact(arguments: DecisionArguments, case: int) -> int:
     if status != _SUCCESS:
         return status
     n = table.coordinates
-    for i in range(table.constraint.size):
-        cases.after[case, i] = _kind_after(table, space, pick, cases, case, i)
     for j in range(n):
         cases.x[case, n + j] = pick.best_motion[j]
     for i in range(table.constraint.size):
+        cases.after[case, i] = _kind_after(table, space, pick, cases, case, i)
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
         cases.sides[case, i] = pick.best_sides[i]
     return status
+
+
+@compiled_subset
+def _rate_after(table: ContactTable, space: ContactSpace, pick: Candidates, row: int) -> float:
+    """Return the rate of a constraint, or a slip velocity, after an impact."""
+    rate = drift(table, space, row)
+    for j in range(table.coordinates):
+        rate += slope(table, space, row, j) * pick.best_motion[j]
+    return rate
 
 
 @compiled_subset
@@ -189,11 +192,9 @@ def _kind_after(
         return FREE
     if table.constraint[i] >= 0:
         row = table.constraint[i]
-        rate, terms = drift(table, space, row), 0.0
+        terms, rate = 0.0, float(table.sense[i]) * _rate_after(table, space, pick, row)
         for j in range(table.coordinates):
-            rate += slope(table, space, row, j) * pick.best_motion[j]
             terms += abs(slope(table, space, row, j) * pick.best_motion[j])
-        rate *= float(table.sense[i])
         least = max(rate_noise(table, space, i), NOISE * terms)
         if rate > max(least, RESTING * cases.approach[case, i]):
             return FREE
@@ -203,10 +204,7 @@ def _kind_after(
         return GRIPPED
     total = 0.0
     for a in range(table.width[i]):
-        row = table.constraints + table.first[i] + a
-        slip = drift(table, space, row)
-        for j in range(table.coordinates):
-            slip += slope(table, space, row, j) * pick.best_motion[j]
+        slip = _rate_after(table, space, pick, table.constraints + table.first[i] + a)
         total += slip * slip
     return GRIPPED if sqrt(total) <= NOISE * cases.speeds[case, i] else SLIDING
 
@@ -234,7 +232,7 @@ def _hold(arguments: DecisionArguments, case: int) -> None:
     for i in range(table.constraint.size):
         state = pick.best_mode[i]
         pick.mode[i] = state if state == OPEN or state == STICK else CLOSED
-    solve_mode(table, space, pick.mode, pick.best_along, pick.best_sides, False)
+    solve_mode(table, space, pick.mode, pick.best_along, pick.best_sides)
     for j in range(n):
         cases.x[case, n + j] = space.motion[j]
 
@@ -244,11 +242,9 @@ def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> 
     """Choose the slip speed in a plane below which a contact counts as at rest."""
     table, space, cases = arguments.table, arguments.space, arguments.cases
     first, change, moved = table.first[i], 0.0, 0.0
-    for a in range(first, first + 2):
-        n, k = table.coordinates, table.normal.size
-        change = max(change, abs(space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + a]))
     force = 0.0
     for a in range(first, first + 2):
+        change = max(change, abs(compliance(table, space, place, a, a)))
         force += abs(space.forces[a, 0])
         moved += abs(space.slip[a])
     speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
@@ -317,7 +313,7 @@ def _parametrize(arguments: DecisionArguments, case: int, sticking: int) -> None
         planar = planar or (pick.best_mode[i] == SLIP and table.width[i] > 1)
     if not planar and sticking < 2:
         return
-    place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides, False)
+    place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides)
     for i in range(pick.kind.size):
         if pick.best_mode[i] == SLIP and table.width[i] > 1:
             _rest_speed(arguments, case, i, place)

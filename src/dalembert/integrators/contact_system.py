@@ -14,7 +14,6 @@ from ..arrays import FloatArray
 from .compiled_subset import compiled_subset
 from .contact_table import (
     MU,
-    MU_STATIC,
     OPEN,
     SLIP,
     SMOOTH,
@@ -31,8 +30,10 @@ from .contact_table import (
 from .dense_solve import solve_dense
 
 __all__ = [
+    "compliance",
     "load_accelerations",
     "load_impact",
+    "normal_response",
     "respond",
     "shift_forces",
     "solve_mode",
@@ -207,7 +208,6 @@ def solve_mode(
     mode: NDArray[np.int64],
     along: FloatArray,
     sides: FloatArray,
-    static: bool,
 ) -> int:
     """Solve for motion and forces in a mode; return the row of ``responses`` that was used.
 
@@ -218,8 +218,6 @@ def solve_mode(
         Directions of slip.
     sides : (n_contacts,)
         Signs of the normal reactions.
-    static : bool
-        Whether sliding contacts have their coefficients of static friction.
     """
     n, k, s, width = table.coordinates, table.normal.size, table.slips, 1 + table.slips
     opened = 0
@@ -238,8 +236,7 @@ def solve_mode(
             if mode[i] != STICK:
                 space.laws[r, r] = 1.0
             if mode[i] == SLIP or mode[i] == SMOOTH:
-                mu = number(table, space, i, MU_STATIC if static else MU)
-                kappa = mu * sides[i] * along[i, a]
+                kappa = number(table, space, i, MU) * sides[i] * along[i, a]
                 for j in range(s):
                     space.laws[r, j] += kappa * found[(n + i) * width + 1 + j]
                 space.forces[r, 0] = -kappa * found[(n + i) * width]
@@ -259,15 +256,26 @@ def solve_mode(
 
 
 @compiled_subset
+def compliance(table: ContactTable, space: ContactSpace, place: int, a: int, b: int) -> float:
+    """Return the acceleration along one slip velocity for a unit of friction force along another."""
+    n, k = table.coordinates, table.normal.size
+    return space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + b]
+
+
+@compiled_subset
+def normal_response(table: ContactTable, space: ContactSpace, place: int, i: int, r: int) -> float:
+    """Return the change of the normal reaction of a contact for a unit of friction force along a slip velocity."""
+    return space.responses[place, (table.coordinates + i) * (1 + table.slips) + 1 + r]
+
+
+@compiled_subset
 def shift_forces(table: ContactTable, space: ContactSpace, place: int, direction: int, amount: float) -> None:
     """Change friction forces along a direction in which they are not determined, and normal reactions with them."""
-    n, width = table.coordinates, 1 + table.slips
     for r in range(table.slips):
         space.forces[r, 0] += amount * space.free[direction, r]
     for i in range(table.normal.size):
         for r in range(table.slips):
-            response = space.responses[place, (n + i) * width + 1 + r]
-            space.normal[i] += amount * response * space.free[direction, r]
+            space.normal[i] += amount * normal_response(table, space, place, i, r) * space.free[direction, r]
 
 
 @compiled_subset

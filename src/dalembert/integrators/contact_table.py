@@ -39,14 +39,12 @@ __all__ = [
 ]
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = 0, 1, 2, 3, 4
-"""What a contact does, as `dalembert.hybrid.modes` numbers it."""
-
+"""States of a contact, by their places in `dalembert.hybrid.modes.STATES`."""
 
 GAP, MU, MU_STATIC, RESTITUTION, REGULARIZATION = 0, 1, 2, 3, 4
-
+"""Places of the numbers of a contact, see `number`."""
 
 _NUMBERS = 5
-
 
 _KEPT_RESPONSES = 8
 """Sets of open contacts whose responses are kept during one decision."""

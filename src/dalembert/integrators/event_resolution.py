@@ -1,4 +1,4 @@
-"""What follows an event of a case of a sweep: other events there, jumps, the status, and signs to go on from."""
+"""Resolution of an event of a case of a sweep: other events at its time, jumps, status, signs to go on from."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ from .step_control import ACCEPTED, error_verdict, growth, reduction
 __all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "StiffnessStop", "integrate"]
 
 _STOPPED = RUNNING - 1
-"""What the loop returns in place of a status where it stopped a run that is held up by stability."""
+"""Value that the loop returns in place of a status where it stopped a run that is held up by stability."""
 
 
 class Addresses(NamedTuple):

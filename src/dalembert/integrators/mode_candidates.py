@@ -36,9 +36,8 @@ __all__ = [
 ]
 
 FREE, LIFTING, TOUCHING, GRIPPED, SLIDING = 0, 1, 2, 3, 4
-"""What is known of a contact: open; its normal reaction has just vanished; closed without a law of sliding; closed
-with a slip velocity of zero; closed with a slip velocity."""
-
+"""Knowledge of a contact before a decision: open; its normal reaction has just vanished; closed without a law of
+sliding; closed with a slip velocity of zero; closed with a slip velocity."""
 
 _MOST_OPTIONS = 8
 
@@ -66,8 +65,14 @@ class Candidates(NamedTuple):
         State, side and direction of each option; their number; the number of the option in the combination.
     mode, sides, along, begins
         The combination, and 1 where slip in a plane begins in it.
-    best_mode, best_sides, best_along, best_motion, clear_mode, clear_sides
-        The combination that is taken, and the first that holds beyond rounding.
+    best_mode, best_sides, best_along, best_motion
+        The combination that is taken, and its accelerations, or rates after an impact (n_q,).
+    motion : (n_q,)
+        The accelerations, or rates after an impact, of the combination at hand.
+    clear_mode, clear_sides
+        The first combination that holds beyond rounding.
+    sticking
+        The combination with sticking in place of slip in a plane that begins.
     """
 
     kind: IntVector
@@ -92,8 +97,7 @@ class Candidates(NamedTuple):
     motion: Vector
     clear_mode: IntVector
     clear_sides: Vector
-    other_mode: IntVector
-    other_along: Matrix
+    sticking: IntVector
 
 
 def candidates_space(table: ContactTable) -> Candidates:
@@ -126,8 +130,7 @@ def candidates_space(table: ContactTable) -> Candidates:
         motion=np.zeros(n),
         clear_mode=whole(),
         clear_sides=np.zeros(k),
-        other_mode=whole(),
-        other_along=np.zeros((k, 2)),
+        sticking=whole(),
     )
 
 
@@ -139,6 +142,7 @@ def _side(pick: Candidates, i: int) -> int:
 
 @compiled_subset
 def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> None:
+    """Add a state, a side and a direction (0: that of the slip velocity) to the options of a contact."""
     place = 3 * pick.option_count[i]
     pick.options[i, place], pick.options[i, place + 1], pick.options[i, place + 2] = state, side, way
     pick.option_count[i] += 1

@@ -12,7 +12,7 @@ import math
 
 from ..methods.status import Status
 from .compiled_subset import compiled_subset, sqrt
-from .contact_system import shift_forces, solve_mode
+from .contact_system import compliance, shift_forces, solve_mode
 from .contact_table import MU, MU_STATIC, OPEN, SLIP, STICK, ContactSpace, ContactTable, number, row_size
 from .mode_candidates import FREE, GRIPPED, LIFTING, TOUCHING, Candidates, combine, list_options, next_combination
 from .slip_direction import steady_directions, uneven
@@ -25,25 +25,20 @@ __all__ = [
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
 
-
 _GRAZING = 1e-6
 """Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
-
 
 _POWERLESS = 1e-6
 """Share of the motion, and of the forces, up to which a contact that sticks may have a slip acceleration left; friction
 holds nothing where a point turns back."""
 
-
 _TOGETHER = 1e-9
 """Share to which the slips of two contacts may differ from being multiples of each other."""
 
-
 _GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 60, 4
-
+"""Golden section; sections of a direction in which forces are not determined; rounds over several such directions."""
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
-
 
 _IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
 
@@ -67,17 +62,11 @@ def _friction(table: ContactTable, space: ContactSpace, i: int) -> float:
 
 @compiled_subset
 def _speed(space: ContactSpace) -> float:
+    """Return the largest acceleration, or rate after an impact."""
     largest = 0.0
     for j in range(space.motion.size):
         largest = max(largest, abs(space.motion[j]))
     return largest
-
-
-@compiled_subset
-def _compliance(table: ContactTable, space: ContactSpace, place: int, a: int, b: int) -> float:
-    """Return the acceleration along one slip velocity for a unit of friction force along another."""
-    n, k = table.coordinates, table.normal.size
-    return space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + b]
 
 
 @compiled_subset
@@ -91,7 +80,7 @@ def _forward(
         forward += space.slip[first + 1] * y
     for a in range(table.width[i]):
         rows = max(rows, row_size(table, space, table.constraints + first + a))
-    held = abs(_compliance(table, space, place, first, first)) * _friction(table, space, i)
+    held = abs(compliance(table, space, place, first, first)) * _friction(table, space, i)
     return _share(forward, _speed(space) * rows + held)
 
 
@@ -106,8 +95,8 @@ def _contested(table: ContactTable, space: ContactSpace, pick: Candidates, i: in
 def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: int) -> bool:
     """Return whether two contacts can only slip together."""
     a, b = table.first[i], table.first[j]
-    own = _compliance(table, space, place, a, a) * _compliance(table, space, place, b, b)
-    mixed = _compliance(table, space, place, a, b) * _compliance(table, space, place, b, a)
+    own = compliance(table, space, place, a, a) * compliance(table, space, place, b, b)
+    mixed = compliance(table, space, place, a, b) * compliance(table, space, place, b, a)
     return abs(own - mixed) <= _TOGETHER * abs(own)
 
 
@@ -257,7 +246,7 @@ def _try_all(
     while True:
         if combine(table, space, pick):
             steady_directions(table, space, pick)
-        place = solve_mode(table, space, pick.mode, pick.along, pick.sides, False)
+        place = solve_mode(table, space, pick.mode, pick.along, pick.sides)
         for j in range(pick.motion.size):
             pick.motion[j] = space.motion[j]
         margin = _margin(table, space, pick, place)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from ..hybrid.modes import STATES
 from ..interrupts import STOPPED
 from ..methods.status import Status
 from .arguments import place_of
@@ -35,7 +36,7 @@ _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACC
 _MAX_STEPS = int(Status.MAX_STEPS)
 _NOBODY = -1
 _COUNT = place_of(SweepArguments, "shape.cases")
-_STATES = 5
+_STATES = len(STATES)
 
 
 # -- running -----------------------------------------------------------------------------------
@@ -190,12 +191,19 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
 
 
 @compiled_subset
-def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
-    """Return the runner of the mode of a case; -1 where there is none."""
+def _mode_number(table: CaseTable, i: int) -> int:
+    """Return the number of the mode of a case (`dalembert.hybrid.automaton.HybridAutomaton.number`)."""
     number, digit = 0, 1
     for m in range(table.cases.modes.shape[1]):
         number += digit * table.cases.modes[i, m]
         digit *= _STATES
+    return number
+
+
+@compiled_subset
+def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
+    """Return the runner of the mode of a case; -1 where there is none."""
+    number = _mode_number(table, i)
     for runner in range(plan.runners.mode.size):
         if plan.runners.mode[runner] == number:
             return runner
@@ -246,10 +254,7 @@ def _log(table: CaseTable, i: int) -> None:
 def _sample(table: CaseTable, i: int) -> None:
     """Take down the samples that a case has reached."""
     numbers, wanted, cases = table.numbers, table.t_eval.size, table.cases
-    forward, number, digit = 1.0 if cases.span[i] >= 0.0 else -1.0, 0, 1
-    for m in range(cases.modes.shape[1]):
-        number += digit * cases.modes[i, m]
-        digit *= _STATES
+    forward, number = 1.0 if cases.span[i] >= 0.0 else -1.0, _mode_number(table, i)
     while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - table.t[i]) * forward <= 0.0:
         place = i * wanted + numbers.next[i]
         table.sampled_t[place], table.sampled_mode[place] = table.t[i], number

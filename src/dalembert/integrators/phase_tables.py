@@ -71,7 +71,7 @@ class RunnerTable(NamedTuple):
 
 
 class PhasePlan(NamedTuple):
-    """What is the same for all cases.
+    """Modes, guards and code that all cases have in common.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .compiled_subset import compiled_subset, sqrt
-from .contact_system import solve_mode
+from .contact_system import compliance, solve_mode
 from .contact_table import STICK, ContactSpace, ContactTable
 
 if TYPE_CHECKING:
@@ -26,26 +26,31 @@ _EXACT = 1e-15
 """The same, below which a direction is not improved."""
 
 _ROUNDS, _HALVINGS, _SECTORS = 60, 80, 24
+"""Rounds over several contacts; halvings of an angle; angles at which a root is looked for."""
+
 _ANGLES = 2.0 * np.pi * np.arange(_SECTORS + 1) / _SECTORS
 _COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
 
 
 @compiled_subset
-def _turn(pick: Candidates, i: int, x: float, y: float) -> float:
-    """Write a direction, made a unit vector; return its change."""
+def _turn(pick: Candidates, i: int, x: float, y: float) -> None:
+    """Write a direction, made a unit vector; a vector of length zero has none."""
     size = sqrt(x * x + y * y)
-    if not size > 0.0:
-        return 0.0
-    change = max(abs(x / size - pick.along[i, 0]), abs(y / size - pick.along[i, 1]))
-    pick.along[i, 0], pick.along[i, 1] = x / size, y / size
-    return change
+    if size > 0.0:
+        pick.along[i, 0], pick.along[i, 1] = x / size, y / size
 
 
 @compiled_subset
 def _across(table: ContactTable, space: ContactSpace, pick: Candidates, i: int, x: float, y: float) -> float:
     """Return the slip acceleration across a direction, which is written; friction opposes that direction."""
     _turn(pick, i, x, y)
-    solve_mode(table, space, pick.mode, pick.along, pick.sides, False)
+    solve_mode(table, space, pick.mode, pick.along, pick.sides)
+    return _slip_across(table, space, pick, i)
+
+
+@compiled_subset
+def _slip_across(table: ContactTable, space: ContactSpace, pick: Candidates, i: int) -> float:
+    """Return the component of the slip acceleration across the direction, for the solution at hand."""
     first = table.first[i]
     return pick.along[i, 0] * space.slip[first + 1] - pick.along[i, 1] * space.slip[first]
 
@@ -53,12 +58,11 @@ def _across(table: ContactTable, space: ContactSpace, pick: Candidates, i: int, 
 @compiled_subset
 def _scale(table: ContactTable, space: ContactSpace, place: int, i: int) -> float:
     """Return the size of the slip acceleration, and of what friction does to it."""
-    n, k, first, total = table.coordinates, table.normal.size, table.first[i], 0.0
+    first, total = table.first[i], 0.0
     for a in range(first, first + 2):
         total += abs(space.slip[a])
         for b in range(first, first + 2):
-            compliance = space.responses[place, (n + 2 * k + a) * (1 + table.slips) + 1 + b]
-            total += abs(compliance * space.forces[b, 0])
+            total += abs(compliance(table, space, place, a, b) * space.forces[b, 0])
     return total
 
 
@@ -121,8 +125,8 @@ def steady_directions(table: ContactTable, space: ContactSpace, pick: Candidates
     """Write the directions in which slip in a plane begins in a combination."""
     k = table.constraint.size
     for i in range(k):
-        pick.other_mode[i] = STICK if pick.begins[i] != 0 else pick.mode[i]
-    place = solve_mode(table, space, pick.other_mode, pick.along, pick.sides, False)
+        pick.sticking[i] = STICK if pick.begins[i] != 0 else pick.mode[i]
+    place = solve_mode(table, space, pick.sticking, pick.along, pick.sides)
     count = 0
     for i in range(k):
         if pick.begins[i] != 0:
@@ -143,6 +147,4 @@ def steady_directions(table: ContactTable, space: ContactSpace, pick: Candidates
 @compiled_subset
 def uneven(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int) -> bool:
     """Return whether slip does not begin along the direction that friction opposes, for the solution at hand."""
-    first = table.first[i]
-    across = pick.along[i, 0] * space.slip[first + 1] - pick.along[i, 1] * space.slip[first]
-    return not abs(across) <= _UNEVEN * _scale(table, space, place, i)
+    return not abs(_slip_across(table, space, pick, i)) <= _UNEVEN * _scale(table, space, place, i)

@@ -100,9 +100,9 @@ def _energy(stages: Stages) -> list[str]:
         (loads.unknown, " (no potential energy known)"),
     ]
     out = [f"{name}{why}" for names, why in left for name in names]
-    rubbing = [contact.name for contact in stages.equations.contacts if contact.tangential]
-    if rubbing:
-        out.append(f"the friction at {list_names(rubbing)}")
+    with_friction = [contact.name for contact in stages.equations.contacts if contact.tangential]
+    if with_friction:
+        out.append(f"the friction at {list_names(with_friction)}")
     if out:
         lines.append(f"{'              ' if lines else 'energy        '}without the work of {', '.join(out)}")
     return lines

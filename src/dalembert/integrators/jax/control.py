@@ -22,7 +22,7 @@ _INTEGRAL = 0.65
 
 @final
 class Control(NamedTuple):
-    """What the controller remembers from step to step.
+    """Memory of the controller from step to step.
 
     Attributes
     ----------

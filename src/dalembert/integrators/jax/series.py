@@ -29,7 +29,7 @@ LEG = 64
 
 @final
 class _Span(NamedTuple):
-    """What a run is told: ends of time, its direction, the largest step, the scale floor, tolerance, constants."""
+    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, tolerance, constants."""
 
     t0: Any
     t1: Any

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from ...integrators.phase_tables import CaseTable, ThreadWorkspace
 from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
+from ...options import StepOptions
 from .. import inputs
 from ..case_blocks import fitted
 from ..cases import Cases, Settings
@@ -63,7 +64,7 @@ class ModeRunner:
     model: CompiledModel
     events: tuple[Event, ...]
     method: str
-    settings: Mapping[str, Any]
+    options: StepOptions
 
     @property
     def size(self) -> int:
@@ -85,7 +86,10 @@ class ModeRunner:
             start=start,
             t_eval=np.empty(0),
             watch=model.derived.events(self.events),
-            **self.settings,
+            rtol=self.options.rtol,
+            atol=self.options.atol,
+            max_step=self.options.max_step,
+            max_steps=self.options.max_steps,
         )
         happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = memory.y[: k * self.size].reshape(k, self.size)
@@ -94,14 +98,15 @@ class ModeRunner:
         return None if run is None or run.call is None else run.call(turn)
 
 
-def fitting_method(model: CompiledModel, cases: Cases, settings: Mapping[str, Any], method: str) -> str | None:
+def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions) -> str | None:
     """Return the method for cases of a mode, None where they take more than runs of the engine."""
     if not runs_unchecked(model) or any(name not in cases.parameters for name in model.layout.parameters):
         return None
-    chosen = model.choose_method(method, settings["rtol"], settings["atol"], many=True)
-    inputs.warn_below_floor(settings["rtol"], settings["atol"], model.stages.program, chosen)
-    if method == "auto":
-        common = Settings(None, chosen, **settings, threads=1, progress=False)
+    chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
+    inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, chosen)
+    if options.automatic:
+        limits = options.rtol, options.atol, options.max_step, options.max_steps
+        common = Settings(None, chosen, *limits, threads=1, progress=False)
         chosen = fitted(model.engine, cases, common).method
     return chosen
 

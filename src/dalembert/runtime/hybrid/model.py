@@ -18,14 +18,14 @@ from ...ir.interpret import interpret_rows
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...once import derived_once
-from ...options import CompileOptions
+from ...options import CompileOptions, SimulateOptions, SweepOptions, simulate_options
 from ...pipeline import SeveralModes, compile_mode, compile_stages
 from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
 from ...scene import Scene
-from ...values import option, times_of, tolerances, whole
+from ...values import option
 from .. import inputs
 from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
@@ -314,18 +314,19 @@ class HybridModel(Evaluated):
         """
         self._refuse(project_invariants, error_estimate)
         t0, t1 = span_of(t_span)
-        options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "first_step": first_step}
-        options |= {"max_step": max_step, "max_steps": max_steps, "dense": dense}
+        plain = (method, rtol, atol, max_step, max_steps, first_step, dense, False, False)
+        options = simulate_options(*plain, t_eval=t_eval, events=events)
         other, own, _ = self._counting(t0, t1, events) if begins_elsewhere(t0, t1) else (None, events, None)
         if other is None:
-            return self._simulate((t0, t1), initial, parameters, t_eval=t_eval, events=events, **options)
-        times = None if t_eval is None else times_of("t_eval", t_eval)
+            return self._simulate((t0, t1), initial, parameters, options)
+        times = options.t_eval
         wanted = elapsed_times(t0, t1, times)
         given: Mapping[Any, Any] = parameters
         if other is not self:
             values = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
             given = {**parameters, **offset_values(other._equations.symbols.offsets, t0, values)}
-        run = other._simulate((0.0, t1 - t0), initial, given, t_eval=wanted, events=own, **options)
+        options = replace(options, t_eval=wanted, events=own)
+        run = other._simulate((0.0, t1 - t0), initial, given, options)
         if times is not None and wanted is not None:
             times = times[(wanted - run.t_end) * (1.0 if t1 >= t0 else -1.0) <= 0.0]
         return run.counted_from(t0, times, noted_from(run.stats.note, t0))
@@ -349,43 +350,22 @@ class HybridModel(Evaluated):
         t_span: tuple[float, float],
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
-        *,
-        t_eval: Any,
-        method: str,
-        rtol: float,
-        atol: float,
-        first_step: float | None,
-        max_step: float,
-        max_steps: int,
-        dense: bool,
-        events: Any,
+        options: SimulateOptions,
     ) -> HybridTrajectory:
         """Simulate one trajectory, as `simulate` does, in the time of this model."""
         t0, t1 = t_span
-        rtol, atol = tolerances(rtol, atol)
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
-        inputs.warn_below_floor(rtol, atol)
-        listed = self._events(events)
-        times = None if t_eval is None else times_of("t_eval", t_eval)
+        inputs.warn_below_floor(options.rtol, options.atol)
+        listed, times = self._events(options.events), options.t_eval
         if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
             raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
-        options = {
-            "method": method,
-            "rtol": rtol,
-            "atol": atol,
-            "first_step": first_step,
-            "max_step": option("max_step", max_step),
-            "max_steps": whole("max_steps", max_steps),
-            "dense": bool(dense),
-        }
         request = Request(
             t0=t0,
             t1=t1,
             x=self._start(t0, inputs.given_values(self.layout, initial), given),
             parameters=given,
             c=p,
-            t_eval=times,
             options=options,
             events=listed,
             layout=self.layout,
@@ -436,16 +416,27 @@ class HybridModel(Evaluated):
             For input that is wrong for all cases; with contacts `error_estimate` and `project_invariants` are.
         """
         self._refuse(project_invariants, error_estimate)
-        options: dict[str, Any] = {"grid": grid, "method": method, "rtol": rtol, "atol": atol, "max_step": max_step}
-        options |= {"max_steps": max_steps, "threads": threads, "progress": progress}
+        options = SweepOptions(
+            grid=grid,
+            t_eval=t_eval,
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+            threads=threads,
+            progress=progress,
+            events=events,
+            reduce=reduce,
+        )
         starts, lasts = spans_of(t_span)
         together = len(starts) == len(lasts) == 1
         other, own, table = None, events, reduce
         if begins_elsewhere(starts, lasts) and (together or t_eval is None):
             other, own, table = self._counting(starts, lasts, events, reduce)
         if other is None:
-            return self._sweep(t_span, initial, parameters, t_eval=t_eval, events=own, reduce=table, **options)
-        times = None if t_eval is None else times_of("t_eval", t_eval)
+            return self._sweep(t_span, initial, parameters, replace(options, events=own, reduce=table))
+        times = options.t_eval
         wanted = elapsed_times(float(starts[0]), float(lasts[0]), times)
         given = parameters
         if other is not self:
@@ -454,7 +445,8 @@ class HybridModel(Evaluated):
             cases = Cases(model.stages.program, model.derived.start, t_span, *whole)
             given = {**parameters, **offset_columns(other._equations.symbols.offsets, starts, cases.parameters)}
         spans = (starts - starts, lasts - starts)
-        run = other._sweep(spans, initial, given, t_eval=wanted, events=own, reduce=table, **options)
+        options = replace(options, t_eval=wanted, events=own, reduce=table)
+        run = other._sweep(spans, initial, given, options)
         reductions = reduction_table(reduce, self.layout.aliases)
         crossings = [name for name, each in reductions.items() if each.kind == "first crossing"]
         return run.counted_from(starts, times, self.layout.parameters, crossings)
@@ -464,51 +456,38 @@ class HybridModel(Evaluated):
         t_span: tuple[Any, Any],
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
-        *,
-        grid: Grid | None,
-        t_eval: Any,
-        method: str,
-        rtol: float,
-        atol: float,
-        max_step: float,
-        max_steps: int,
-        threads: int | None,
-        progress: bool,
-        events: Any,
-        reduce: Any,
+        options: SweepOptions,
     ) -> HybridSweep:
         """Simulate many cases, as `sweep` does, in the time of this model."""
-        rtol, atol = tolerances(rtol, atol)
-        max_step, max_steps = option("max_step", max_step), whole("max_steps", max_steps)
-        inputs.warn_below_floor(rtol, atol)
-        listed = self._events(events)
+        inputs.warn_below_floor(options.rtol, options.atol)
+        listed = self._events(options.events)
         for event in listed:
             if event.apply is not None or int(event.terminal) > 1:
                 raise OptionError(
                     f"event {event.label!r}: a sweep of a scene with contacts counts events, and may end at the first;"
                     " simulate its cases one by one for those that map the state, or end it later"
                 )
-        if grid is not None:
-            initial, parameters = with_grid(self.layout, grid, initial, parameters)
+        if options.grid is not None:
+            initial, parameters = with_grid(self.layout, options.grid, initial, parameters)
         known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
         model = self._model(self._plain(OPEN if self._complete(known) else CLOSED))
         program = model.stages.program
         cases = Cases(program, model.derived.start, t_span, initial, parameters)
         settings = agreed(
             cases,
-            t_eval=t_eval,
-            method=model.choose_method(method, rtol, atol, many=True),
-            rtol=rtol,
-            atol=atol,
-            max_step=max_step,
-            max_steps=max_steps,
-            threads=threads,
-            progress=progress,
+            t_eval=options.t_eval,
+            method=model.choose_method(options.method, options.rtol, options.atol, many=True),
+            rtol=options.rtol,
+            atol=options.atol,
+            max_step=options.max_step,
+            max_steps=options.max_steps,
+            threads=options.threads,
+            progress=options.progress,
         )
         block, status = cases.block(slice(0, cases.count), settings)
         columns = {n: cases.parameters[n] for n in self.layout.parameters}
         p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
-        campaign = SweepRequest(
+        request = SweepRequest(
             t=block.spans[:, 0],
             t1=block.spans[:, 1],
             x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
@@ -516,21 +495,14 @@ class HybridModel(Evaluated):
             status=status.astype(np.int64),
             t_eval=settings.t_eval,
             events=listed,
-            reductions=reduction_table(reduce, self.layout.aliases),
-            options={
-                "method": method,
-                "rtol": rtol,
-                "atol": atol,
-                "max_step": max_step,
-                "max_steps": max_steps,
-                "threads": settings.threads,
-            },
-            progress=progress,
+            reductions=reduction_table(options.reduce, self.layout.aliases),
+            options=options,
+            threads=settings.threads,
             layout=self.layout,
             varied=(cases.initial, columns),
-            axes={} if grid is None else grid.axes,
+            axes={} if options.grid is None else options.grid.axes,
         )
-        return sweep(self._modes, campaign)
+        return sweep(self._modes, request)
 
     def _complete(self, given: Iterable[str]) -> bool:
         """Return whether values give all coordinates and rates, by themselves or by what stands for them."""

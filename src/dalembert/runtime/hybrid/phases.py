@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_tables import CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED
 from ...ir.program import Layout
+from ...options import StepOptions
 from ..case_blocks import begin_whole
 from ..cases import Cases
 from .decisions import LOOP, flag
@@ -42,8 +43,9 @@ class PhaseExecutor:
     modes : ModeModels
     layout : Layout
         Of the scene.
-    options : mapping
-        Method, tolerances, largest step, number of steps and threads.
+    options : StepOptions
+        Method, tolerances, largest step and number of steps.
+    threads : int
     events : sequence of Event
         What users watch.
     state : HybridState
@@ -56,14 +58,14 @@ class PhaseExecutor:
         self,
         modes: ModeModels,
         layout: Layout,
-        options: Mapping[str, Any],
+        options: StepOptions,
+        threads: int,
         events: Sequence[Event],
         state: HybridState,
         table: CaseTable,
     ) -> None:
-        self.modes, self.options, self.state, self.table = modes, options, state, table
+        self.modes, self.options, self.threads, self.state, self.table = modes, options, threads, state, table
         self.parameters, self.rows = layout.parameters, GatheredRows.of(layout, modes.equations.contacts)
-        self.settings = {name: options[name] for name in ("rtol", "atol", "max_step", "max_steps")}
         self.asked = [replace(event, name=event.label) for event in events]
         self.methods: dict[Mode, str | None] = {}
         self.numbers: dict[Mode, int] = {}
@@ -90,7 +92,7 @@ class PhaseExecutor:
         if mode not in self.numbers:
             self.numbers[mode] = len(self.runners)
             events = (*self.asked, *self.modes.events(mode))
-            self.runners.append(ModeRunner(mode, self.modes.model(mode), events, method, self.settings))
+            self.runners.append(ModeRunner(mode, self.modes.model(mode), events, method, self.options))
         return self.numbers[mode]
 
     def _method(self, mode: Mode, some: NDArray[np.intp]) -> str | None:
@@ -108,7 +110,7 @@ class PhaseExecutor:
             ready = Cases(model.stages.program, model.derived.start, spans, initial, given)
         except ValueInputError:  # a value that its symbol excludes; the run of the phase says so
             return None
-        return fitting_method(model, ready, self.settings, self.options["method"])
+        return fitting_method(model, ready, self.options)
 
     # -- running ---------------------------------------------------------------------------
 
@@ -125,12 +127,12 @@ class PhaseExecutor:
         if not len(order):
             return False
         plan, lanes = self._plan()
-        threads = int(self.options["threads"])
+        threads = self.threads
         together = min(_MOST_TOGETHER, max(lanes, len(order) // (threads * _BATCHES_PER_THREAD)))
         threads = min(threads, -(-len(order) // together))
         spaces: list[tuple[ThreadWorkspace, object]] = []
         for _ in range(threads):
-            about = lanes, self.modes.decisions, self.table, float(self.options["rtol"])
+            about = lanes, self.modes.decisions, self.table, self.options.rtol
             made = thread_workspace(self.runners, self.rows, together, *about)
             if made is None:
                 self.methods = dict.fromkeys(self.methods)
@@ -174,5 +176,5 @@ class PhaseExecutor:
             columns=columns,
             guards=np.array(guards, np.int64).reshape(len(guards), 2),
             terminal=np.array([int(bool(event.terminal)) for event in self.asked], np.int64),
-            most_steps=int(self.options["max_steps"]),
+            most_steps=self.options.max_steps,
         ), lanes

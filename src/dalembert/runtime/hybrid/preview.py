@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -15,6 +14,7 @@ from ...integrators.phase_tables import CaseTable, case_numbers
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...methods.status import Status
+from ...options import StepOptions
 from .mode_models import ModeModels
 from .phases import PhaseExecutor
 from .state import HybridState
@@ -122,7 +122,7 @@ class PhasePreview:
     modes : ModeModels
     layout : Layout
         Of the scene.
-    options : mapping
+    options : StepOptions
         Method, tolerances, largest step and number of steps.
     t1 : float
         End of the whole motion [s].
@@ -130,15 +130,13 @@ class PhasePreview:
         The case where it starts.
     """
 
-    def __init__(
-        self, modes: ModeModels, layout: Layout, options: Mapping[str, Any], t1: float, start: HybridState
-    ) -> None:
+    def __init__(self, modes: ModeModels, layout: Layout, options: StepOptions, t1: float, start: HybridState) -> None:
         self.modes, self.state, k = modes, start.copy(), len(modes.equations.contacts)
         self.log = np.empty((_MOST_PHASES, 2 + 5 * k + start.x.shape[1]))
         none, samples = np.zeros(0), np.empty((0, 0))
         table = (none, samples, np.zeros(0, np.int64), samples, samples, samples)
         self.table = case_table(self.state, np.array([t1]), 0, none, table, self.log)
-        self.executor = PhaseExecutor(modes, layout, {**options, "threads": 1}, (), self.state, self.table)
+        self.executor = PhaseExecutor(modes, layout, options, 1, (), self.state, self.table)
 
     def preview(self, state: HybridState, soon: int) -> Previewed | None:
         """Return what comes of a motion from an instant on; None where compiled code does not serve its mode."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ...integrators.event_code import Event
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
+from ...options import SweepOptions
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
@@ -43,9 +44,9 @@ class SweepRequest:
     t_eval : ndarray or None
     events : tuple of Event
     reductions : mapping of str to Reduction
-    options : mapping
-        Further arguments of `sweep`.
-    progress : bool
+    options : SweepOptions
+        Method, tolerances, limits and progress.
+    threads : int
     layout : Layout
         Of the scene.
     varied, axes
@@ -60,8 +61,8 @@ class SweepRequest:
     t_eval: FloatArray | None
     events: tuple[Event, ...]
     reductions: Mapping[str, Reduction]
-    options: Mapping[str, Any]
-    progress: bool
+    options: SweepOptions
+    threads: int
     layout: Layout
     varied: tuple[dict[str, FloatArray], dict[str, FloatArray]]
     axes: Mapping[str, FloatArray]

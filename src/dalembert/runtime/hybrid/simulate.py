@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -53,9 +53,8 @@ class Request:
         Of the scene.
     c : ndarray (n_p,)
         The same in the order of the scene.
-    t_eval : ndarray or None
-    options : mapping
-        Further arguments of `simulate`.
+    options : SimulateOptions
+        As `simulate` was given them.
     events : tuple of Event
     jumps : mapping of str to callable
         For each event that maps the state: from time and state (2 n_q,) to the state after it, or None.
@@ -68,8 +67,7 @@ class Request:
     x: FloatArray
     parameters: dict[str, float]
     c: FloatArray
-    t_eval: FloatArray | None
-    options: Mapping[str, Any]
+    options: SimulateOptions
     events: tuple[Event, ...]
     jumps: Mapping[str, Callable[[float, FloatArray], FloatArray | None]]
     layout: Layout
@@ -107,7 +105,7 @@ class _Run:
         self.counts = {event.label: 0 for event in request.events}
         self.steps = self.rejected = self.evaluations = self.soon = 0
         self.compile_seconds = 0.0
-        self.method = str(request.options["method"])
+        self.method = request.options.method
         self.note = ""
         # events of users may happen just where a phase ends, and are located together with its guards
         alone = bool(request.events) or self.breaks is not None
@@ -116,7 +114,7 @@ class _Run:
 
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
-        status = self._settle(())
+        status = self._decide(())
         while status is None:
             status = self._previewed()
             if status is None:
@@ -127,7 +125,7 @@ class _Run:
 
     # -- between phases --------------------------------------------------------------------
 
-    def _settle(self, fired: Sequence[Guard]) -> Status | None:
+    def _decide(self, fired: Sequence[Guard]) -> Status | None:
         """Decide how the motion goes on; return a status where it cannot."""
         cases = self.now.cases
         if self.breaks is not None and self.breaks.place is not None:
@@ -138,7 +136,7 @@ class _Run:
         for guard in fired:
             if guard.contact >= 0:
                 cases.fired[0, guard.contact] |= flag(guard)
-        self.modes.decisions.decide(self.now, np.zeros(1, np.intp), float(self.request.options["rtol"]))
+        self.modes.decisions.decide(self.now, np.zeros(1, np.intp), self.request.options.rtol)
         status = Status(int(cases.status[0]))
         if status is Status.INITIAL_STATE:
             raise self._complaint()
@@ -206,8 +204,8 @@ class _Run:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        options = SimulateOptions(events=events, **self._options())
-        return simulate_in_own_time(model, (self.t, t1), initial, self._parameters(self._present(mode)), options)
+        own = self._parameters(self._present(mode))
+        return simulate_in_own_time(model, (self.t, t1), initial, own, self._options(events))
 
     def _parameters(self, start: PhaseStart) -> dict[str, float]:
         """Return the parameters of a mode."""
@@ -220,14 +218,17 @@ class _Run:
         about = now.x[0].copy(), now.directions()[0].copy(), now.cases.sides[0].copy(), now.cases.rest[0].copy()
         return PhaseStart(float(now.t[0]), self.soon, mode, *about)
 
-    def _options(self) -> dict[str, Any]:
+    def _options(self, events: Sequence[Event] = ()) -> SimulateOptions:
         """Return the options of the next phase."""
-        options = dict(self.request.options)
-        options["max_steps"] = max(1, options["max_steps"] - self.steps - self.rejected)
-        options["dense"] = options["dense"] or self.request.t_eval is not None
-        if self.parts:
-            options["first_step"] = None
-        return options
+        options = self.request.options
+        return replace(
+            options,
+            events=events,
+            t_eval=None,
+            max_steps=max(1, options.max_steps - self.steps - self.rejected),
+            dense=options.dense or options.t_eval is not None,
+            first_step=None if self.parts else options.first_step,
+        )
 
     def _previewed(self) -> Status | None:
         """Run the phases that compiled code sees ahead; return a status where the motion ends."""
@@ -278,8 +279,7 @@ class _Run:
         self.mode = mode
         if t1 == self.t:
             return Status.SUCCESS
-        options = SimulateOptions(**self._options())
-        run = simulate_from_state(self.modes.model(mode), (self.t, t1), begun.y, begun.c, options)
+        run = simulate_from_state(self.modes.model(mode), (self.t, t1), begun.y, begun.c, self._options())
         self._add(run, mode, float(run.t[-1]))
         return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
 
@@ -299,7 +299,7 @@ class _Run:
             self.counts[event.label] += len(run.events[event.label])
 
     def _phase(self) -> Status | None:
-        """Run one phase and settle what comes after; return a status where the motion ends."""
+        """Run one phase and decide what comes after; return a status where the motion ends."""
         mode = self.mode
         assert mode is not None
         run = self._run(mode, self.request.t1, self._events() + self.modes.events(mode))
@@ -323,7 +323,7 @@ class _Run:
         return self._after(mode, happened)
 
     def _after(self, mode: Mode, happened: Sequence[str]) -> Status | None:
-        """Apply events that ended a phase, and settle how the motion goes on."""
+        """Apply events that ended a phase, and decide how the motion goes on."""
         for event in self.request.events:
             if event.label in happened and event.apply is None and 0 < int(event.terminal) <= self.counts[event.label]:
                 return Status.EVENT
@@ -341,7 +341,7 @@ class _Run:
             return Status.CONTACT_IMPOSSIBLE
         if applied:
             self.mode, fired = None, []
-        return self._settle(fired)
+        return self._decide(fired)
 
     def _failed(self, run: Trajectory, mode: Mode) -> Status:
         """Return how a phase ended that no event ended; a failure near Painleve's paradox is one of that."""
@@ -356,7 +356,7 @@ class _Run:
 
     def _too_soon(self, passed: float) -> Status | None:
         """Judge whether phases follow each other too fast to be told apart."""
-        if self.steps + self.rejected >= self.request.options["max_steps"]:
+        if self.steps + self.rejected >= self.request.options.max_steps:
             return Status.MAX_STEPS
         span = abs(self.request.t1 - self.request.t0)
         self.soon = self.soon + 1 if passed <= SOON * span else 0
@@ -376,7 +376,7 @@ class _Run:
         model = self.modes.model(mode)
         names = (*model.layout.coordinates, *model.layout.rates)
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
-        options = SimulateOptions(method=self.request.options["method"])
+        options = SimulateOptions(method=self.request.options.method)
         run = simulate_in_own_time(model, (self.t, self.t), initial, self.request.parameters, options)
         self.parts.append(Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode)))
 
@@ -402,9 +402,9 @@ class _Run:
             return HybridTrajectory(parts, phases, None, self.parts, status, stats, name, self.request.layout)
 
         run = make(self.parts)
-        if self.request.t_eval is not None:
-            reached = self.request.t_eval[(self.request.t_eval - self.t) * self.forward <= 0.0]
-            run = run(reached)
+        times = self.request.options.t_eval
+        if times is not None:
+            run = run(times[(times - self.t) * self.forward <= 0.0])
         if not self.request.events or not self.records:
             return run
         labels = [event.label for event in self.request.events]

@@ -17,7 +17,6 @@ from ...integrators.event_code import Event
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Guard
 from ...methods.status import Status
-from ...options import SweepOptions
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
 from ..case_blocks import meter
@@ -75,15 +74,15 @@ class _Sweep:
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[Mode, tuple[Event, ...]] = {}
-        known = modes, request.layout, request.options, request.events, self.now, table
+        known = modes, request.layout, request.options, request.threads, request.events, self.now, table
         self.executor = None if request.reductions or self.breaks is not None else PhaseExecutor(*known)
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
         every = np.flatnonzero(self.status == _RUNNING)
-        self._settle(every, None, {})
+        self._decide(every, None, {})
         self._sample(every)
-        with meter(len(self.status), self.request.progress) as advance:
+        with meter(len(self.status), self.request.options.progress) as advance:
             advance(len(self.status) - len(self._going()))
             try:
                 while len(going := self._going()):
@@ -103,7 +102,7 @@ class _Sweep:
 
     def _executed(self, going: NDArray[np.intp]) -> bool:
         """Let compiled code run cases as far as it can; return whether it could do anything."""
-        if self.request.progress:
+        if self.request.options.progress:
             going = going[:_BETWEEN_LOOKS]
         if self.executor is None or not self.executor.run(going):
             return False
@@ -145,7 +144,7 @@ class _Sweep:
         status = run.status.astype(np.int64)
         failed = (status != Status.SUCCESS) & (status != Status.EVENT)
         if np.any(failed):
-            self.status[some[failed]] = self._judged(run, status, mode)[failed]
+            self.status[some[failed]] = self._statuses(run, status, mode)[failed]
         reached = status == Status.SUCCESS
         done = reached & (run.t == self.request.t1[some])
         self.status[some[done]] = int(Status.SUCCESS)
@@ -187,18 +186,19 @@ class _Sweep:
             asked = [replace(e, name=e.label) for e in self.request.events]
             self.watched[mode] = (*asked, *self.modes.events(mode))
         rounds, method = self.fits.get(mode, (0, ""))
-        options = {**self.request.options}
-        if rounds % _BETWEEN_FITS:
-            options["method"] = method  # as it was found to fit this mode; asking takes as long as some hundred phases
+        options = replace(self.request.options, events=self.watched[mode], reduce=self.request.reductions)
+        options = replace(options, grid=None, t_eval=None, threads=self.request.threads, progress=False)
+        if rounds % _BETWEEN_FITS:  # the method that fits is known; to ask takes as long as some hundred phases
+            options = replace(options, method=method)
         return begin_sweep(
             model,
             (self.now.t[some], self._goal(some)),
             {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
-            SweepOptions(events=self.watched[mode], reduce=self.request.reductions, **options),
+            options,
         )
 
-    def _judged(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
+    def _statuses(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
         """Return statuses, those of runs into Painleve's paradox told from other failures."""
         if SLIP not in mode:
             return status
@@ -245,7 +245,7 @@ class _Sweep:
     # -- between rounds --------------------------------------------------------------------
 
     def _after(self, run: Sweep, mode: Mode, some: NDArray[np.intp], ended: NDArray[np.intp]) -> None:
-        """Settle the cases whose phase was ended by events."""
+        """Decide on the cases whose phase was ended by events."""
         guards = self.modes.guards(mode)
         fired = np.array([run.events[g.output].last == run.t for g in guards]).reshape(len(guards), len(some))
         for event in self.request.events:
@@ -258,11 +258,11 @@ class _Sweep:
         quick = np.abs(self.now.cases.passed[cases]) <= SOON * np.abs(self.span[cases])
         self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
-        self.status[cases[self.steps[cases] >= self.request.options["max_steps"]]] = int(Status.MAX_STEPS)
+        self.status[cases[self.steps[cases] >= self.request.options.max_steps]] = int(Status.MAX_STEPS)
         keep = self.status[cases] == _RUNNING
         ended, cases = ended[keep], cases[keep]
         self.phases[cases] += self.now.cases.passed[cases] != 0.0
-        self._settle(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
+        self._decide(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
         self._sample(cases)
 
     def _over(
@@ -274,7 +274,7 @@ class _Sweep:
         self.status[some[ended[over[ended]]]] = int(status)
         return ended[~over[ended]]
 
-    def _settle(self, some: NDArray[np.intp], mode: Mode | None, fired: Mapping[Guard, NDArray[np.bool_]]) -> None:
+    def _decide(self, some: NDArray[np.intp], mode: Mode | None, fired: Mapping[Guard, NDArray[np.bool_]]) -> None:
         """Decide how cases go on; `fired` tells of which of them a guard has fired (k,)."""
         if not len(some):
             return
@@ -285,7 +285,7 @@ class _Sweep:
         for guard, here in fired.items():
             if guard.contact >= 0:
                 cases.fired[some[here], guard.contact] |= flag(guard)
-        self.modes.decisions.decide(self.now, some, float(self.request.options["rtol"]))
+        self.modes.decisions.decide(self.now, some, self.request.options.rtol)
         status = cases.status[some]
         bad = some[status != Status.SUCCESS]
         self.status[bad] = cases.status[bad]
@@ -304,7 +304,7 @@ class _Sweep:
         ends = np.column_stack([self.now.t, self.status.astype(float), self.steps.astype(float)])
         stats = SweepStatistics(
             method=", ".join(self.methods),
-            threads=int(request.options["threads"]),
+            threads=request.threads,
             steps=int(self.steps.sum()),
             compile_seconds=self.compile_seconds,
             run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
