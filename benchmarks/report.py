@@ -1,6 +1,6 @@
-"""Pages from results: bench.md, and the tables in README.md and docs/speed.md.
+"""Pages from results: bench.md, and the tables in README.md, docs/benchmarks.md and docs/speed.md.
 
-``python benchmarks/report.py`` writes the tables of the committed result into README.md and docs/speed.md, between
+``python benchmarks/report.py`` writes the tables of the committed result into these pages, between
 their markers; with ``--check`` it only says, by its exit status, whether they are up to date.
 """
 
@@ -23,6 +23,7 @@ from tables import (
     fewer_cases,
     markdown_table,
     marked,
+    microseconds,
     precision_rows,
     ratio_rows,
     startup_rows,
@@ -233,7 +234,33 @@ def _chains_in_short(derivation: Record) -> str:
 
 
 def readme_section(result: Record) -> str:
-    """Return what the README shows of a result."""
+    """Return what the README shows of a result: one row for each solver, its fastest contender."""
+    works = (("one run", "precision", "trajectory", _OWN_RUN), ("a case of a sweep", "sweeps", "sweep", _OWN_SWEEP))
+    head, columns = ["sleigh"], []
+    for title, key, kind, reference in works:
+        head += [f"{title}, error {target:.0e}" for target in TARGETS]
+        columns.append([r for r in ratios(result[key], kind, reference) if r["scene"] == "sleigh"])
+    rows = [
+        [name, *(cell for found in columns for cell in _fastest(found, solver))]
+        for name, solver in (("dalembert", "dalembert llvm"), *((peer, peer) for peer in SETTINGS))
+    ]
+    return f"{markdown_table(head, rows)}\n\nMeasured on {describe_machine(result['machine'])}."
+
+
+def _fastest(found: Sequence[Record], solver: str) -> list[str]:
+    """Return, for each error, the shortest time of the contenders of a solver, and its ratio to the reference."""
+    own = [r for r in found if r["label"].startswith(f"{solver} ")]
+    cells = []
+    for times, shares in zip(
+        zip(*(r["times"] for r in own), strict=True), zip(*(r["ratios"] for r in own), strict=True), strict=True
+    ):
+        known = [(time, share) for time, share in zip(times, shares, strict=True) if time is not None]
+        cells.append(f"{microseconds(min(known)[0])} ({float(f'{min(known)[1]:.2g}'):g}x)" if known else "-")
+    return cells
+
+
+def benchmarks_section(result: Record) -> str:
+    """Return what docs/benchmarks.md shows of a result."""
     shown = [r for r in selected(result["precision"]) if r["rtol"] in (1e-6, 1e-9, 1e-12)]
     precision = [markdown_table(head, rows) for _, head, rows in precision_rows(shown, False)]
     return "\n\n".join(
@@ -296,12 +323,16 @@ def docs_section(result: Record) -> str:
 
 
 def fill(*, check: bool = False) -> bool:
-    """Write the committed result's tables into README.md and docs/speed.md; return whether they were up to date.
+    """Write the committed result's tables into their pages; return whether they were up to date.
 
     With `check`, nothing is written.
     """
     result = json.loads(RESULT.read_text(encoding="utf-8"))
-    pages = {"README.md": readme_section(result), "docs/speed.md": docs_section(result)}
+    pages = {
+        "README.md": readme_section(result),
+        "docs/benchmarks.md": benchmarks_section(result),
+        "docs/speed.md": docs_section(result),
+    }
     return all([fill_page(ROOT / name, (BEGIN, END), section, check=check) for name, section in pages.items()])
 
 
