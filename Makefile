@@ -18,10 +18,11 @@ NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/run
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all test-targets lint bench bench-quick fuzz corpus clean
+.PHONY: help demo docs test test-all test-targets lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
+	@echo "make docs         the documentation site, in build/docs (executes the gallery)"
 	@echo "make test         ruff, mypy and the tests"
 	@echo "make test-all     make test, and every ready scene in every formulation by every method on the numba backend"
 	@echo "make test-targets the numerical tests for every instruction set that the processor has"
@@ -36,6 +37,10 @@ help:
 
 demo: $(VENV)/.installed-demo
 	@$(BIN)/python benchmarks/demo.py
+
+docs: $(VENV)/.installed-dev
+	@$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
+	@echo "site: build/docs/index.html"
 
 lint: $(VENV)/.installed-dev
 	@echo "==> ruff check"
@@ -83,7 +88,7 @@ corpus: $(VENV)/.installed-dev
 	@PYTHONPATH=tests $(BIN)/python -m corpus
 
 clean:
-	@rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf build dist docs/generated .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 $(VENV)/.installed-demo:  EXTRAS := plot,jax

@@ -198,7 +198,7 @@ class LagrangeView:
         """Friction force -> expression in the normal reaction and the rates, while the contact slips: -mu N sign(w).
 
         The slip velocity w is what the force has power on, so that friction opposes slip and is of size mu N where the
-        normal reaction presses (equation (4) of example 13.4.2). Components in two directions are -mu N w / |w|.
+        normal reaction presses (equation (4) of example 13.4.2). Components in two directions are ``-mu N w / |w|``.
         """
         return friction_laws(self.actions)
 
