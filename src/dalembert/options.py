@@ -20,6 +20,7 @@ __all__ = [
     "SimulateOptions",
     "StepOptions",
     "SweepOptions",
+    "TrimOptions",
     "simulate_options",
 ]
 
@@ -275,6 +276,45 @@ class SensitivityOptions(RunOptions):
         super().__post_init__()
         if self.t_eval is not None:
             _set(self, t_eval=times_of("t_eval", self.t_eval))
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrimOptions:
+    """Options of equilibria and steady motions; the keyword arguments of `CompiledModel.trim`.
+
+    Attributes
+    ----------
+    free : iterable of names or None
+        Values that may change; None takes all coordinates.
+    steady : iterable of names or None
+        Coordinates and rates that must not change in time; None takes rates.
+    t : float
+        Time [s].
+    tolerance : float
+        What may be left of a condition, as a share of the size of its terms.
+    max_iterations : int
+        Most Newton steps.
+
+    Raises
+    ------
+    OptionError
+        For values that are not of the kind that is needed.
+    """
+
+    free: Any = None
+    steady: Any = None
+    t: float = 0.0
+    tolerance: float = 1e-12
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        tolerance, most = option("tolerance", self.tolerance), whole("max_iterations", self.max_iterations)
+        if not 0.0 < tolerance < 1.0:
+            raise OptionError(f"tolerance must be a number between 0 and 1, not {self.tolerance!r}")
+        if most < 1:
+            raise OptionError(f"max_iterations must be at least 1, not {self.max_iterations!r}")
+        self.__dict__.update(t=option("t", self.t), tolerance=tolerance, max_iterations=most)
 
 
 @lru_cache(maxsize=256, typed=True)

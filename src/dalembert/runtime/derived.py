@@ -14,6 +14,7 @@ from ..reduction.invariants import Candidates, candidates
 from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
 from .events import compiled_events
+from .partials import Partials
 from .quick_start import QuickStart
 from .reductions import reduction_table
 from .symbol_assumptions import signed_names
@@ -36,6 +37,8 @@ class Derived:
         be independent.
     signed : tuple of str
         Coordinates that were declared to have a sign.
+    partials : Partials
+        Kernels of the program and their derivatives.
     """
 
     def __init__(self, stages: Stages, engine: Engine) -> None:
@@ -44,6 +47,7 @@ class Derived:
         self._stages, self._engine = stages, engine
         self.enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
         self.signed = signed_names(stages.program.layout.assumptions, stages.program.layout.coordinates)
+        self.partials = Partials(stages.program)
         self._starts: dict[frozenset[str], Start] = {}
         self._quick_starts: dict[frozenset[str], QuickStart] = {}
         self._events: dict[str, EventCode] = {}

@@ -20,12 +20,14 @@ from ..options import (
     PrepareOptions,
     SensitivityOptions,
     SweepOptions,
+    TrimOptions,
     simulate_options,
 )
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..results.comparison import Comparison
 from ..results.grid import Grid
 from ..results.linearization import Linearization
+from ..results.operating_point import OperatingPoint
 from ..results.sensitivity import Sensitivity
 from ..results.sweep import Sweep
 from ..results.trajectory import Trajectory
@@ -47,6 +49,7 @@ from .segments import at_time, segmented
 from .sensitivity import sensitivity
 from .simulate import simulate
 from .sweep import sweep
+from .trim import trim
 from .variants import Variants
 
 if TYPE_CHECKING:
@@ -489,6 +492,67 @@ class CompiledModel(Evaluated):
             For input that is wrong.
         """
         return linearize(self, t, initial, parameters, states)
+
+    @nesting_named
+    def trim(
+        self,
+        guess: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        free: Iterable[Any] | None = None,
+        steady: Iterable[Any] | None = None,
+        t: float = 0.0,
+        tolerance: float = 1e-12,
+        max_iterations: int = 100,
+    ) -> OperatingPoint:
+        """Find an equilibrium or a steady motion near a guess, by Newton's method with exact derivatives.
+
+        Values that are `free` change until the constraints hold and what is `steady` does not change in time. All
+        other values are held. Where the conditions do not determine the free values, each Newton step takes the least
+        change, and the result names what is undetermined.
+
+        Parameters
+        ----------
+        guess : mapping of symbols or names to numbers
+            Every coordinate, and the rates: 0 for an equilibrium. Rates that the constraints fix may be left out.
+        parameters : mapping of symbols or names to numbers
+            Every parameter of the scene.
+        free : iterable of symbols or names, optional
+            Coordinates, rates and parameters that may change; their values above are where Newton's method starts. By
+            default all coordinates.
+        steady : iterable of symbols or names, optional
+            Coordinates and rates that must not change in time: ``x.diff()`` stands for a vanishing acceleration,
+            ``x`` for a vanishing rate. By default all rates, and in scenes with velocity constraints those that
+            `guess` gives: in a steady turn the others go on changing.
+        t : float
+            Time [s], where the scene depends on it. The conditions hold at this time.
+        tolerance : float
+            What may be left of a condition, as a share of the size of its terms.
+        max_iterations : int
+            Most Newton steps.
+
+        Returns
+        -------
+        OperatingPoint
+            Values by name, what is left of each condition, `converged` and a message: where conditions could not be
+            met, it says which.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError, InitialStateError
+            For input that is wrong.
+        OptionError
+            For more conditions than free values, where not all of them can hold.
+
+        Examples
+        --------
+        ::
+
+            point = model.trim({x: 0, theta: 0.3, x.diff(): 0, theta.diff(): 0}, p, free=[theta, "F"])
+            model.linearize(0.0, point.initial, point.parameters).eigenvalues
+        """
+        options = TrimOptions(free=free, steady=steady, t=t, tolerance=tolerance, max_iterations=max_iterations)
+        return trim(self, guess, parameters, options)
 
     @nesting_named
     def compare_formulations(

@@ -1,0 +1,77 @@
+"""Equilibria and steady motions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from ..errors import UnknownNameError, unknown_name
+
+__all__ = ["OperatingPoint"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """An equilibrium or a steady motion, with what a run or a linearisation there needs.
+
+    ``model.simulate(span, point.initial, point.parameters)`` starts from it.
+
+    Attributes
+    ----------
+    t : float
+        Time [s] at which the conditions hold.
+    converged : bool
+        Whether all conditions hold.
+    message : str
+        What was found, and which conditions could not be met.
+    iterations : int
+        Newton steps.
+    free : tuple of str
+        Names of the values that were changed.
+    initial : dict of str to float
+        Coordinates and rates.
+    parameters : dict of str to float
+        Parameters.
+    residual : dict of str to float
+        What is left of each condition, by its name.
+    derivatives : dict of str to float
+        Time derivatives of coordinates (their rates) and of rates (accelerations), by the name of the coordinate or
+        rate.
+    undetermined : tuple of str
+        Free values that the conditions do not determine, alone or together; each Newton step changed them as
+        little as possible.
+    aliases : mapping of str to str
+        Text of a SymPy symbol -> name.
+    """
+
+    t: float
+    converged: bool
+    message: str
+    iterations: int
+    free: tuple[str, ...]
+    initial: dict[str, float]
+    parameters: dict[str, float]
+    residual: dict[str, float]
+    derivatives: dict[str, float]
+    undetermined: tuple[str, ...]
+    aliases: Mapping[str, str]
+
+    def __getitem__(self, key: Any) -> float:
+        """Return a coordinate, rate or parameter, by name or symbol.
+
+        Raises
+        ------
+        UnknownNameError
+            For other names.
+        """
+        values = self.parameters | self.initial
+        for name in (self.aliases.get(str(key), str(key)), str(key)):
+            if name in values:
+                return values[name]
+        raise UnknownNameError(unknown_name("name", str(key), values))
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{name} = {self[name]:.6g}" for name in self.free)
+        return f"<OperatingPoint {'' if self.converged else 'NOT CONVERGED '}at t = {self.t:g}: {found}>"

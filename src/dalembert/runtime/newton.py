@@ -1,0 +1,165 @@
+"""Damped Newton steps of least norm for equations that may be singular, too many or too few.
+
+A step solves the linearised equations by singular values: exactly where it can, with the least change of the unknowns
+where they are not determined, and by least squares where equations contradict each other. It is shortened until the
+next one would be shorter (natural monotonicity, P. Deuflhard, Newton Methods for Nonlinear Problems, 2004), which
+does not depend on how equations are scaled. Where that fails, a step is damped after Levenberg and Marquardt until it
+reduces the residuals (J. J. More, Lecture Notes in Mathematics 630, 1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+__all__ = ["Root", "floored", "newton"]
+
+_RANK = 1e-12
+"""Share of the largest singular value below which another counts as zero."""
+
+_FLOOR = 1e-3
+"""Least scale of an equation, as a share of the largest in its group."""
+
+_NEAR = 1e-9
+"""Share of its scale that a residual has at most where Newton's steps converge."""
+
+_FIRST_DAMPING, _MOST_DAMPING = 1e-8, 1e12
+_LEAST_SHARE = 2.0**-8
+_SMALLEST = 1e-16
+
+Equations = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""From unknowns (n,) to residuals (m,) and their derivatives (m, n)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Root:
+    """What Newton's iteration came to.
+
+    Attributes
+    ----------
+    unknowns : ndarray (n,)
+    residual : ndarray (m,)
+    jacobian : ndarray (m, n)
+    scale : ndarray (m,)
+        Size of a residual: what it changes by when each unknown changes by its own size, or by one.
+    iterations : int
+    free : ndarray (n, k)
+        Directions, of length one, along which no equation changes.
+    """
+
+    unknowns: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
+    scale: FloatArray
+    iterations: int
+    free: FloatArray
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Unknowns with residuals, derivatives, and both without units."""
+
+    z: FloatArray
+    r: FloatArray
+    jacobian: FloatArray
+    size: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def at(cls, equations: Equations, z: FloatArray, groups: NDArray[np.intp]) -> _Point:
+        r, jacobian = equations(z)
+        size = np.maximum(1.0, np.abs(z))
+        scale = floored(np.abs(jacobian) @ size, groups)
+        return cls(z, r, jacobian, size, np.where(scale > 0.0, scale, 1.0))
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.all(np.isfinite(self.r)) and np.all(np.isfinite(self.jacobian)))
+
+    @property
+    def worst(self) -> float:
+        """Largest residual beside its scale."""
+        return float(np.max(np.abs(self.r / self.scale), initial=0.0))
+
+    def singular_values(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        u, s, vt = np.linalg.svd(self.jacobian * self.size / self.scale[:, np.newaxis], full_matrices=True)
+        kept = s > _RANK * max(float(s.max(initial=0.0)), 1e-300)
+        rank = int(np.count_nonzero(kept))
+        return u[:, :rank], s[:rank], vt
+
+
+def floored(sizes: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+    """Return sizes (m,) of equations, none far below the largest of its group (m,)."""
+    largest = np.array([np.max(sizes[groups == group]) for group in groups])
+    found: FloatArray = np.maximum(sizes, _FLOOR * largest)
+    return found
+
+
+def newton(equations: Equations, start: FloatArray, groups: NDArray[np.intp], most: int) -> Root:
+    """Return the root of equations near a start, up to rounding, or the point of least residuals that was reached.
+
+    Parameters
+    ----------
+    equations : callable
+    start : ndarray (n,)
+    groups : ndarray (m,) of int
+        Equations with the same number have the same unit.
+    most : int
+        Most iterations.
+    """
+    here, iterations = _Point.at(equations, start, groups), 0
+    while here.finite and iterations < most:
+        there = _stepped(equations, here, groups)
+        if there is None:
+            break
+        iterations += 1
+        done = here.worst <= _NEAR and there.worst > 0.5 * here.worst  # only rounding is left
+        here = here if done and there.worst > here.worst else there
+        if done:
+            break
+    free = here.singular_values()[2] if here.finite else np.eye(len(start))
+    rank = len(here.singular_values()[1]) if here.finite else len(start)
+    return Root(here.z, here.r, here.jacobian, here.scale, iterations, free[rank:].T)
+
+
+def _stepped(equations: Equations, here: _Point, groups: NDArray[np.intp]) -> _Point | None:
+    """Return the next point, or None where no step reduces the residuals."""
+    u, s, vt = here.singular_values()
+    r = here.r / here.scale
+    before = float(r @ r)
+    if not len(s) or before == 0.0:
+        return None
+
+    def correction(residual: FloatArray, damping: float = 0.0) -> FloatArray:
+        """Return the change of the unknowns, each as a share of its size, that cancels residuals."""
+        change: FloatArray = -(vt[: len(s)].T @ (s / (s * s + damping) * (u.T @ residual)))
+        return change
+
+    whole = correction(r)
+    length, share = float(np.linalg.norm(whole)), 1.0
+    if length < _SMALLEST:
+        return None
+    while share >= _LEAST_SHARE:
+        there = _Point.at(equations, here.z + share * here.size * whole, groups)
+        if there.finite and np.linalg.norm(correction(there.r / here.scale)) <= (1.0 - 0.25 * share) * length:
+            return there
+        share *= 0.5
+    damping = _FIRST_DAMPING * float(s[0]) ** 2
+    while damping < _MOST_DAMPING:
+        change = correction(r, damping)
+        if np.linalg.norm(change) < _SMALLEST:
+            return None
+        there = _Point.at(equations, here.z + here.size * change, groups)
+        left = there.r / here.scale
+        if there.finite and float(left @ left) < before:
+            return there
+        damping *= 10.0
+    return None

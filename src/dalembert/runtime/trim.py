@@ -1,0 +1,302 @@
+"""Equilibria and steady motions, by Newton's method on chosen values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import InitialStateError, OptionError, ValueInputError, list_names
+from ..ir.conditions import CONDITION_TIME
+from ..ir.interpret import interpret_rows
+from ..options import TrimOptions
+from ..results.operating_point import OperatingPoint
+from . import inputs
+from .assembly import assembled
+from .newton import Root, floored, newton
+from .singular import redundant
+from .steady_conditions import SteadyConditions
+from .symbol_assumptions import ROUNDING, refuse_contradictions
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["trim"]
+
+_RANK = 1e-9
+_SHOWN = 1e-3
+"""Share of the largest component of a direction from which on a value belongs to it."""
+
+_MOST_SHOWN = 6
+_ROUNDING = 4e-15
+"""What rounding leaves of a condition, as a share of what it changes by with the free values."""
+
+
+def trim(
+    model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
+) -> OperatingPoint:
+    """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
+    values = inputs.given_values(model.layout, guess, plain=True)
+    p = model.parameter_vector(parameters)
+    free = _free_names(model, options.free)
+    follow = tuple(name for name in model.layout.rates if name not in values)
+    able, values = _regular(model, options.t, values, p, free, follow)
+    conditions, chosen = _conditions(able, options, values, p, free, follow)
+    with np.errstate(all="ignore"):
+        root = newton(conditions.equations, conditions.start, conditions.groups, options.max_iterations)
+    if root.iterations == 0 and not np.all(np.isfinite(root.residual)):
+        raise ValueInputError(
+            "the accelerations or constraints are not finite at the guess: start from other values, or check the"
+            " parameters that the scene divides by"
+        )
+    share = _shares(conditions, root, options.tolerance)
+    return _Report(able, conditions, root, chosen, share).point()
+
+
+def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> FloatArray:
+    """Return residuals (m,) as shares of what may be left of them, by the tolerance and by rounding of free values."""
+    terms = floored(conditions.terms(root.unknowns), conditions.groups)
+    limits = tolerance * terms + _ROUNDING * root.scale
+    return np.abs(root.residual) / limits
+
+
+def _free_names(model: CompiledModel, given: Iterable[Any] | None) -> list[str]:
+    """Return the names of what may change."""
+    layout = model.layout
+    if given is None:
+        return list(layout.coordinates)
+    known = (*layout.coordinates, *layout.rates, *(name for name in layout.parameters if name != CONDITION_TIME))
+    free = list(dict.fromkeys(inputs.resolve_names("free value", given, known, layout.aliases)))
+    if not free:
+        raise OptionError(
+            "free names nothing that may change: name coordinates, rates or parameters, or leave it out for all"
+            f" coordinates. Known: {list_names(known)}"
+        )
+    return free
+
+
+def _regular(
+    model: CompiledModel,
+    t: float,
+    values: dict[str, float],
+    p: FloatArray,
+    free: Sequence[str],
+    follow: Sequence[str],
+) -> tuple[CompiledModel, dict[str, float]]:
+    """Return the model without constraints that follow from others, and the guess moved onto the constraints."""
+    layout, program = model.layout, model.stages.program
+    c = inputs.constants(program, p)
+    try:
+        values = values | assembled(program, c, t, values, [name for name in values if name not in free])
+    except InitialStateError:
+        if any(name not in values for name in layout.coordinates):
+            raise
+    q = np.array([values[name] for name in layout.coordinates])
+    x = np.concatenate([q, [values.get(name, 0.0) for name in layout.rates]])
+    if follow:
+        _refuse_undetermined(model, t, x, c, follow)
+    enforced = model.derived.enforced
+    if not enforced:
+        return model, values
+    y = interpret_rows(program.kernel("initial"), np.array([t]), x[np.newaxis], c)[0]
+    found = redundant(program, t, y, c, enforced)
+    if found is None:
+        raise InitialStateError(
+            "the constraints lose rank at the guess alone, where accelerations are not determined: start from another"
+            " configuration"
+        )
+    return (model.variants.without_constraints(found) if found else model), values
+
+
+def _refuse_undetermined(model: CompiledModel, t: float, x: FloatArray, c: FloatArray, missing: Sequence[str]) -> None:
+    """Refuse rates that were left out and that the constraints do not fix."""
+    layout = model.layout
+    columns = [layout.rates.index(name) for name in missing]
+    rows = model.derived.partials.value("constraint_jacobian", t, x, c).reshape(-1, len(layout.rates))
+    size = max(float(np.linalg.norm(rows)), 1e-300)
+    if rows.size == 0 or np.linalg.matrix_rank(rows[:, columns], tol=_RANK * size) < len(missing):
+        raise InitialStateError(
+            f"values are missing for the rates {list_names(missing)}: the constraints do not fix all of them, and"
+            " nothing defaults to zero. Give them in the guess, 0 for an equilibrium"
+        )
+
+
+@final
+@dataclass(frozen=True)
+class _Chosen:
+    """Names of what may change, of what follows from the constraints besides, and whether `steady` was left out."""
+
+    free: tuple[str, ...]
+    follow: tuple[str, ...]
+    default: bool
+
+
+def _conditions(
+    model: CompiledModel,
+    options: TrimOptions,
+    values: Mapping[str, float],
+    p: FloatArray,
+    free: Sequence[str],
+    follow: tuple[str, ...],
+) -> tuple[SteadyConditions, _Chosen]:
+    layout = model.layout
+    names = (*layout.coordinates, *layout.rates)
+    nonholonomic = len(layout.constraints) > layout.holonomic
+    if options.steady is None:
+        steady = [name for name in layout.rates if not (nonholonomic and name in follow)]
+    else:
+        steady = inputs.resolve_names("steady value", options.steady, names, layout.aliases)
+        if not steady:
+            raise OptionError(
+                "steady names nothing that must not change in time: name coordinates and rates, or leave it out for"
+                f" all rates. Known: {list_names(names)}"
+            )
+    changing = {*free, *follow}
+    conditions = SteadyConditions(
+        program=model.stages.program,
+        partials=model.derived.partials,
+        t=options.t,
+        x=np.array([values.get(name, 0.0) for name in names]),
+        p=p,
+        free_x=tuple(i for i, name in enumerate(names) if name in changing),
+        free_p=tuple(i for i, name in enumerate(layout.parameters) if name in changing),
+        steady=tuple(i for i, name in enumerate(names) if name in steady),
+    )
+    return conditions, _Chosen(tuple(free), follow, options.steady is None)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Report:
+    """What came of the iteration, in words and by name."""
+
+    model: CompiledModel
+    conditions: SteadyConditions
+    root: Root
+    chosen: _Chosen
+    share: FloatArray
+
+    def point(self) -> OperatingPoint:
+        """Return the result.
+
+        Raises
+        ------
+        OptionError
+            Where more conditions than free values could not be met.
+        """
+        layout, root = self.model.layout, self.root
+        x, p = self.conditions.values(root.unknowns)
+        names = (*layout.coordinates, *layout.rates)
+        n = len(layout.coordinates)
+        c = self.conditions.constants(p)
+        second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
+        changes = np.concatenate([x[n:], second])
+        initial = dict(zip(names, x.tolist(), strict=True))
+        given = {k: v for k, v in zip(layout.parameters, p.tolist(), strict=True) if k != CONDITION_TIME}
+        fault = self._fault(x, c, initial, given)
+        return OperatingPoint(
+            t=self.conditions.t,
+            converged=not fault,
+            message=fault or self._success(),
+            iterations=root.iterations,
+            free=self.chosen.free,
+            initial=initial,
+            parameters=given,
+            residual=dict(zip(self.conditions.labels, root.residual.tolist(), strict=True)),
+            derivatives=dict(zip(names, changes.tolist(), strict=True)),
+            undetermined=self._undetermined(),
+            aliases=layout.aliases,
+        )
+
+    def _success(self) -> str:
+        found = f"all {len(self.root.residual)} conditions hold after {self.root.iterations} iterations"
+        lost = self._undetermined()
+        if not lost:
+            return found
+        return (
+            f"{found}; they do not determine {list_names(lost)}, so that each iteration took the least change of the"
+            " free values"
+        )
+
+    def _undetermined(self) -> tuple[str, ...]:
+        directions = self.root.free
+        if not directions.size:
+            return ()
+        share = np.linalg.norm(directions, axis=1)
+        return tuple(name for name, part in zip(self._unknowns(), share, strict=True) if part > _SHOWN)
+
+    def _unknowns(self) -> list[str]:
+        layout = self.model.layout
+        names = (*layout.coordinates, *layout.rates)
+        places = self.conditions
+        return [names[i] for i in places.free_x] + [layout.parameters[i] for i in places.free_p]
+
+    def _fault(self, x: FloatArray, c: FloatArray, initial: Mapping[str, float], given: Mapping[str, float]) -> str:
+        """Return why the result is no equilibrium or steady motion; nothing where it is."""
+        layout = self.model.layout
+        if not np.all(self.share <= 1.0):
+            return self._left(x, c)
+        try:
+            refuse_contradictions(layout.assumptions, initial, ROUNDING)
+            refuse_contradictions(layout.assumptions, given)
+        except ValueInputError as reason:
+            return f"all conditions hold, but {reason}"
+        if self.chosen.default:
+            every, covered = self.conditions.accelerations_left(x, c, self.conditions.steady)
+            if covered < every:
+                moving = self._accelerating(x, c)
+                return (
+                    "the conditions hold, but do not determine every acceleration there"
+                    f" ({list_names(moving) or 'the others'} may change): give all rates in the guess, or name in"
+                    " steady what must not change"
+                )
+        return ""
+
+    def _accelerating(self, x: FloatArray, c: FloatArray) -> list[str]:
+        second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
+        limit = 1e-9 * max(1.0, float(np.max(np.abs(second))))
+        return [name for name, a in zip(self.model.layout.rates, second, strict=True) if abs(a) > limit]
+
+    def _left(self, x: FloatArray, c: FloatArray) -> str:
+        """Return what could not vanish, and what to do.
+
+        Raises
+        ------
+        OptionError
+            Where there are more conditions than free values.
+        """
+        root = self.root
+        worst = [i for i in np.argsort(-self.share) if not self.share[i] <= 1.0][:_MOST_SHOWN]
+        left = ", ".join(f"{self.conditions.labels[i]} = {root.residual[i]:.3g}" for i in worst)
+        at = ", ".join(f"{name} = {v:.6g}" for name, v in zip(self._unknowns(), root.unknowns, strict=True))
+        count, unknowns = self._count(x, c), len(root.unknowns)
+        if count > unknowns:
+            raise OptionError(
+                f"{count} conditions are to be met by {unknowns} free values"
+                f" ({list_names(self._unknowns())}), and are not: {left} is left at best, at {at}. Let more be free"
+                " (free=[...]), or name in steady only what must not change; a steady motion may leave out the"
+                " coordinates that follow from velocity constraints"
+            )
+        return (
+            f"not all conditions could be met: {left} is left after {root.iterations} iterations, at {at}. There may be"
+            " no equilibrium or steady motion with the values that are held; otherwise start nearer to it, or let other"
+            " values be free"
+        )
+
+    def _count(self, x: FloatArray, c: FloatArray) -> int:
+        """Return the number of conditions that say something and do not follow from others."""
+        root, groups = self.root, self.conditions.groups
+        unmet = ~(self.share <= 1.0)
+        rows = np.abs(root.jacobian) @ np.maximum(1.0, np.abs(root.unknowns)) / root.scale
+        tells = (rows > _RANK) | unmet
+        count = int(np.count_nonzero(tells & (groups == 2)))
+        for group in (0, 1):
+            own = root.jacobian[groups == group] / root.scale[groups == group, np.newaxis]
+            rank = int(np.linalg.matrix_rank(own, tol=_RANK)) if own.size else 0
+            count += max(rank, int(np.any(unmet[groups == group])))
+        steady = self.conditions.steady
+        _, independent = self.conditions.accelerations_left(x, c, steady)
+        return count + min(independent, int(np.count_nonzero(tells & (groups == 3))))
