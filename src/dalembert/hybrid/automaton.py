@@ -58,6 +58,12 @@ TRANSITIONS: Mapping[str, Transition] = {
         ),
         Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
         Transition("break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN)),
+        Transition(
+            "share",
+            "contacts that hold each other while they stick can no longer share their load",
+            (STICK,),
+            (STICK, SLIP, OPEN),
+        ),
         Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
     )
 }

@@ -16,8 +16,8 @@ from typing import final
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
-from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
 
 __all__ = [
@@ -30,7 +30,6 @@ __all__ = [
     "Mode",
     "added_parameters",
     "always",
-    "determined_name",
     "direction_names",
     "mode_equations",
     "rest_name",
@@ -63,15 +62,6 @@ def direction_names(contact: ContactRow) -> tuple[str, ...]:
 def side_name(contact: ContactRow) -> str | None:
     """Return the parameter that holds the sign of the normal reaction, where the constraint can push and pull."""
     return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
-
-
-def determined_name(contact: ContactRow) -> str | None:
-    """Return the parameter that says whether the normal reaction of a contact is determined; it is 1, or 0.
-
-    It is one of modes in which several contacts hold each other while they stick.
-    """
-    opens = contact.constraint is not None and contact.tangential
-    return f"determined normal reaction of {contact.name}" if opens else None
 
 
 def rest_name(contact: ContactRow) -> str | None:
@@ -130,15 +120,14 @@ class _ModeEquations:
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
-    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[tuple[ContactRow, Node]]]:
+    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[ContactRow]]:
         """Add the rows of what sticks that no other row implies.
 
-        Returns, by the name of the contact that holds them, the others that cannot slip while it does not, each with
-        the ratio of its slip velocity to that one's.
+        Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
         graph, held = self.graph, len(self.rows)
         self.idle: list[ContactRow] = []
-        groups: dict[str, list[tuple[ContactRow, Node]]] = {}
+        groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
         for contact in sticking:
             for row in contact.slips:
@@ -151,15 +140,15 @@ class _ModeEquations:
                     if base:
                         normal = factorize(graph, matmul(graph, base, transpose(base)))
                         weights = normal.solve(matvec(graph, base, row.jacobian))
-                    holding = [(o, w) for o, w in zip(owners, weights[held:], strict=True) if not w.is_zero]
+                    holding = [o for o, w in zip(owners, weights[held:], strict=True) if not w.is_zero]
                     if len(holding) > 1 or len(contact.slips) > 1:
                         raise ConstraintError(
                             f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
-                            f" {list_names(repr(o) for o, _ in holding)} hold each other while they stick, and which of"
+                            f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
                             " them lets go first is not determined: give one of them a regularization"
                         ) from None
-                    for owner, weight in holding:
-                        groups.setdefault(owner, []).append((contact, weight))
+                    for owner in holding:
+                        groups.setdefault(owner, []).append(contact)
                     if not holding:  # no slip is possible, and no friction is needed
                         self.idle.append(contact)
                     continue
@@ -187,7 +176,6 @@ class _ModeEquations:
         outputs |= {str(node.payload): value for node, value in known.items()}
         guards = self._guards(friction)
         added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
-        added |= {name: 1.0 for c, _ in self.contacts if c.name in self._together and (name := determined_name(c))}
         symbols = replace(
             whole.symbols,
             unknowns=tuple(names[i] for i in self.kept),
@@ -250,16 +238,12 @@ class _ModeEquations:
 
     # -- what ends the mode ----------------------------------------------------------------
 
-    @property
-    def _together(self) -> set[str]:
-        """Contacts that hold each other while they stick, by name."""
-        return {*self.groups, *(contact.name for group in self.groups.values() for contact, _ in group)}
-
     def _guards(self, friction: SlidingFriction) -> list[tuple[Guard, Node]]:
         """Return what ends the mode, with its value; reactions in it are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
-        together = self._together
+        directions = self._undetermined()
         guards: list[tuple[Guard, Node]] = []
+        laws: list[SharedLaw] = []
         for i, (contact, state) in enumerate(self.contacts):
             name = contact.name
             if state == OPEN:
@@ -267,24 +251,50 @@ class _ModeEquations:
                 guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
-            determined = determined_name(contact)
-            if name in together and determined is not None:
-                watched = graph.call("less", graph.zero, graph.input(determined))
-                press = graph.call("select", watched, press, graph.one)
-            if contact.constraint is not None or (state in (SLIP, STICK) and name not in together):
-                kind = "turn" if contact.constraint is None else "lift"
-                guards.append((Guard(f"press of {name}", i, kind), press))
+            if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
+                laws += self._shared_laws(contact, state, press, directions)
+            else:
+                if contact.constraint is not None or state in (SLIP, STICK):
+                    kind = "turn" if contact.constraint is None else "lift"
+                    guards.append((Guard(f"press of {name}", i, kind), press))
+                if state == STICK and contact not in self.idle:
+                    guards += self._holding(i, press)
             if state == SLIP:
                 held = [graph.input(n) for n in direction_names(contact)]
                 forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
                 guards += self._stopping(i, forward)
-            elif state == STICK and name in together:
-                guards += self._impending(i)
-            elif state == STICK and contact not in self.idle:
-                guards += self._holding(i, press)
+        if laws:
+            owner = next(i for i, (contact, _) in enumerate(self.contacts) if contact.name in self.groups)
+            sums = lawful_sums(graph, self.whole.name, laws)
+            guards += [(Guard(f"shared load {n}", owner, "share"), value) for n, value in enumerate(sums, 1)]
         if any(state == SLIP for state in self.mode):
             guards.append((Guard("uniqueness of reactions", -1, "paradox"), friction.determinant))
         return guards
+
+    def _undetermined(self) -> tuple[Direction, ...]:
+        """Return the directions in which the reactions of contacts that hold each other are not determined."""
+        shared = [i for group in self.groups.values() for contact in group for i in contact.tangential]
+        return undetermined_directions(self._bare(self.rows, self.kept), self.kept, shared)
+
+    def _shared_laws(
+        self, contact: ContactRow, state: str, press: Node, directions: Sequence[Direction]
+    ) -> list[SharedLaw]:
+        """Return what must not be negative of a contact whose reactions are not determined."""
+        graph, side = self.graph, self._side(contact)
+        slopes = [side * direction.get(contact.normal, graph.zero) for direction in directions]
+        if state != STICK or contact in self.idle or len(contact.tangential) > 1:
+            return [SharedLaw(press, tuple(slopes))]
+        assert contact.mu_static is not None
+        (number,), most = contact.tangential, contact.mu_static * press
+        force = graph.input(self.whole.symbols.unknowns[number])
+        changes = [direction.get(number, graph.zero) for direction in directions]
+        return [
+            SharedLaw(
+                most + sign * force,
+                tuple(contact.mu_static * a + sign * b for a, b in zip(slopes, changes, strict=True)),
+            )
+            for sign in (1, -1)
+        ]
 
     def _stopping(self, i: int, forward: Node) -> list[tuple[Guard, Node]]:
         """Return the slip velocity along its former direction.
@@ -315,32 +325,3 @@ class _ModeEquations:
             rest = most * most - graph.sum(f * f for f in forces)
             return [(Guard(f"hold of {contact.name}", i, "break"), rest)]
         return [(Guard(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)]
-
-    def _impending(self, i: int) -> list[tuple[Guard, Node]]:
-        """Return how fast slip would end if all contacts that hold each other slipped: they stick as long as it would.
-
-        Which of them bears how much is not determined, but with all of them at their limits it is.
-        """
-        graph, contact = self.graph, self.whole.contacts[i]
-        if contact.name not in self.groups or not contact.slips or contact.slips[0] not in self.rows:
-            return []
-        group = [(contact, graph.one), *self.groups[contact.name]]
-        rows = [row for row in self.rows if row is not contact.slips[0]]
-        kept = [j for j in self.kept if all(j not in c.tangential for c, _ in group)]
-        bare = self._bare(rows, kept)
-        guards = []
-        for sign in (1, -1):
-            limits = [SlidingContact(c, partial(self._limit, c, sign, ratio)) for c, ratio in group]
-            friction = sliding_friction(bare, self.whole, kept, [*self.sliding, *limits])
-            moving = SaddlePoint.of(replace(bare, forcing=friction.forcing), guarded=False)
-            found = moving.accelerations([row.bias for row in rows], bare.name)
-            slip = contact.slips[0]
-            rate = graph.sum(a * b for a, b in zip(slip.jacobian, found, strict=True)) - slip.bias
-            guards.append((Guard(f"hold of {contact.name} against {sign:+d}", i, "break", sign), -sign * rate))
-        return guards
-
-    def _limit(self, contact: ContactRow, sign: int, ratio: Node, free: Node) -> list[Node]:
-        """Return kappa of a contact at its limit, where another is about to slip with `sign`."""
-        assert contact.mu_static is not None
-        way = ratio if ratio.is_one else self.graph.call("sign", ratio)
-        return [sign * contact.mu_static * self._side(contact) * way]

@@ -36,6 +36,7 @@ __all__ = [
     "MEET",
     "NOISE",
     "RESTING",
+    "SHARE",
     "STOP",
     "TURN",
     "UNDECIDED",
@@ -52,9 +53,9 @@ __all__ = [
     "strikes",
 ]
 
-LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE = 1, 2, 4, 8, 16, 32, 64
+LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 16, 32, 64, 128
 """Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
-ends; friction fails to hold against slip forwards, backwards, or in a plane."""
+ends; friction fails to hold against slip forwards, backwards, or in a plane; contacts can no longer share a load."""
 
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
@@ -89,8 +90,7 @@ class ContactCases(NamedTuple):
     x : (k, 2 n_q)
         Coordinates and rates; the rates change.
     directions, sides : (k, 2 c), (k, c)
-        Directions of slip; signs of normal reactions, or of contacts that open 1 where they are determined and 0 where
-        contacts that stick share a load in several ways.
+        Directions of slip; signs of normal reactions.
     speeds, approach : (k, c)
         Largest slip speed, and largest speed at which the gap closed, so far.
     rest : (k, c)
@@ -237,8 +237,9 @@ def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, c
 
 @compiled_subset
 def known_of(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
-    """Return what is known of a contact before a decision; ``broken``, ``slides`` and ``turned`` are written too."""
+    """Return what is known of a contact before a decision; what its guards say of it is written too."""
     fired, before = cases.fired[case, i], cases.modes[case, i]
+    pick.former[i], pick.parted[i] = before, 1 if fired & SHARE != 0 else 0
     pick.broken[i] = pick.slides[i] = 0
     pick.turned[i] = 1 if fired & TURN != 0 else 0
     if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):

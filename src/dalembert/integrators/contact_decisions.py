@@ -27,7 +27,7 @@ from .contact_cases import (
     slip_terms,
     strikes,
 )
-from .contact_system import compliance, load_accelerations, load_impact, normal_response, solve_mode
+from .contact_system import compliance, load_accelerations, load_impact, solve_mode
 from .contact_table import (
     CLOSED,
     OPEN,
@@ -98,20 +98,6 @@ class DecisionArguments(NamedTuple):
 
 
 @compiled_subset
-def _determined(table: ContactTable, space: ContactSpace, place: int, i: int) -> float:
-    """Return 1 where the equations of motion determine the normal reaction of a contact, in the solution at hand."""
-    for a in range(space.undetermined[0]):
-        change, size = 0.0, 0.0
-        for r in range(table.slips):
-            term = normal_response(table, space, place, i, r) * space.free[a, r]
-            change += term
-            size = max(size, abs(term), abs(space.free[a, r]))
-        if abs(change) > NOISE * size:
-            return 0.0
-    return 1.0
-
-
-@compiled_subset
 def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Take down slip speeds so far, with what they have lost in the last phase, and directions of slip."""
     sliding, planar = 0, False
@@ -159,7 +145,7 @@ def _impact(arguments: DecisionArguments, case: int) -> int:
             demand[row] = -number(table, space, i, RESTITUTION) * velocity(table, space, row)
         if pick.kind[i] == SLIDING:
             pick.kind[i], pick.slides[i] = GRIPPED, 1
-        pick.broken[i] = pick.turned[i] = 0
+        pick.broken[i] = pick.turned[i] = pick.parted[i] = 0
     load_impact(table, space, demand)
     status = select_mode(table, space, pick, False, False)
     if status != _SUCCESS:
@@ -270,7 +256,7 @@ def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
                 pick.struck[i], struck = 1, True
         else:
             pick.kind[i] = cases.after[case, i]
-            pick.broken[i] = pick.turned[i] = pick.slides[i] = 0
+            pick.broken[i] = pick.turned[i] = pick.slides[i] = pick.parted[i] = 0
         if pick.kind[i] >= TOUCHING:
             cases.flight[case, i] = 0.0
     return struck
@@ -291,34 +277,31 @@ def _joined(arguments: DecisionArguments, case: int, begins: bool) -> tuple[bool
 
 
 @compiled_subset
-def _enter(arguments: DecisionArguments, case: int) -> int:
-    """Let a case enter the selected mode; return the number of contacts that stick."""
-    pick, cases, sticking = arguments.candidates, arguments.cases, 0
+def _enter(arguments: DecisionArguments, case: int) -> bool:
+    """Let a case enter the selected mode; return whether a contact sticks in it."""
+    pick, cases, sticking = arguments.candidates, arguments.cases, False
     for j in range(pick.best_motion.size):
         cases.motion[case, j] = pick.best_motion[j]
     for i in range(pick.kind.size):
         cases.after[case, i] = UNDECIDED
         cases.modes[case, i], cases.sides[case, i] = pick.best_mode[i], pick.best_sides[i]
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
-        sticking += 1 if pick.best_mode[i] == STICK else 0
+        sticking = sticking or pick.best_mode[i] == STICK
     return sticking
 
 
 @compiled_subset
-def _parametrize(arguments: DecisionArguments, case: int, sticking: int) -> None:
-    """Choose rest speeds of slip in a plane, and say which normal reactions are determined."""
-    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
+def _choose_rest_speeds(arguments: DecisionArguments, case: int) -> None:
+    """Choose the rest speeds of contacts that slip in a plane."""
+    table, space, pick = arguments.table, arguments.space, arguments.candidates
     planar = False
     for i in range(pick.kind.size):
         planar = planar or (pick.best_mode[i] == SLIP and table.width[i] > 1)
-    if not planar and sticking < 2:
-        return
-    place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides)
-    for i in range(pick.kind.size):
-        if pick.best_mode[i] == SLIP and table.width[i] > 1:
-            _rest_speed(arguments, case, i, place)
-        if table.sided[i] == 0:
-            cases.sides[case, i] = _determined(table, space, place, i)
+    if planar:
+        place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides)
+        for i in range(pick.kind.size):
+            if pick.best_mode[i] == SLIP and table.width[i] > 1:
+                _rest_speed(arguments, case, i, place)
 
 
 @compiled_subset
@@ -344,8 +327,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     if cases.status[case] != _SUCCESS:
         return False
     sticking = _enter(arguments, case)
-    _parametrize(arguments, case, sticking)
-    if (closing or sticking > 0) and _moves(table, space, pick, cases, case):
+    _choose_rest_speeds(arguments, case)
+    if (closing or sticking) and _moves(table, space, pick, cases, case):
         _hold(arguments, case)
     return False
 

@@ -57,6 +57,8 @@ class Candidates(NamedTuple):
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
     turned : (n_contacts,)
         1 where its normal reaction has just changed its sign, so that rounding decides about it.
+    former, parted : (n_contacts,)
+        Its former state; 1 where contacts, this one among them, can no longer share a load in their former states.
     given_along, given_sides : (n_contacts, 2), (n_contacts,)
         Directions of the slip velocities, or the former ones where there is none; former signs of normal reactions.
     base_sides : (n_contacts,)
@@ -80,6 +82,8 @@ class Candidates(NamedTuple):
     struck: IntVector
     slides: IntVector
     turned: IntVector
+    former: IntVector
+    parted: IntVector
     given_along: Matrix
     given_sides: Vector
     base_sides: Vector
@@ -113,6 +117,8 @@ def candidates_space(table: ContactTable) -> Candidates:
         struck=whole(),
         slides=whole(),
         turned=whole(),
+        former=whole(),
+        parted=whole(),
         given_along=np.zeros((k, 2)),
         given_sides=np.ones(k),
         base_sides=np.ones(k),

@@ -119,6 +119,17 @@ def _torn(table: ContactTable, space: ContactSpace, pick: Candidates, place: int
 
 
 @compiled_subset
+def _unchanged(table: ContactTable, pick: Candidates) -> bool:
+    """Return whether contacts that can no longer share a load are to go on as they were."""
+    parted, same = False, True
+    for i in range(table.constraint.size):
+        parted = parted or pick.parted[i] != 0
+        same = same and pick.mode[i] == pick.former[i]
+        same = same and (table.sided[i] == 0 or pick.sides[i] == pick.given_sides[i])
+    return parted and same
+
+
+@compiled_subset
 def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int, force: float) -> float:
     """Return the margin of what one contact does; `force` is the size of all forces."""
     least, state = 1.0, pick.mode[i]
@@ -199,7 +210,7 @@ def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: i
         total += 0.0 * space.motion[j]
     if total != 0.0:
         return math.nan
-    if _torn(table, space, pick, place):
+    if _torn(table, space, pick, place) or _unchanged(table, pick):
         return -1.0
     least = _laws(table, space, pick, place)
     if space.undetermined[0] > 0:
@@ -303,8 +314,8 @@ def select_mode(table: ContactTable, space: ContactSpace, pick: Candidates, know
         relaxed = False
         for i in range(table.constraint.size):
             relaxed = relaxed or pick.broken[i] != 0 or pick.kind[i] == LIFTING or pick.turned[i] != 0
-            relaxed = relaxed or pick.struck[i] != 0
-            pick.broken[i] = pick.turned[i] = pick.struck[i] = 0
+            relaxed = relaxed or pick.struck[i] != 0 or pick.parted[i] != 0
+            pick.broken[i] = pick.turned[i] = pick.struck[i] = pick.parted[i] = 0
             if pick.kind[i] == LIFTING:
                 slides = table.width[i] > 0 and table.smooth[i] == 0
                 pick.kind[i] = GRIPPED if slides else TOUCHING

@@ -92,7 +92,8 @@ class Guard:
     kind : str
         "stop" (the slip velocity along its former direction vanishes), "break" (friction cannot hold, towards `sign`),
         "lift" (the normal reaction vanishes), "turn" (it changes its sign, at a constraint that never opens), "meet"
-        (the gap closes) or "paradox" (the normal reactions are no longer determined).
+        (the gap closes), "share" (contacts that hold each other can no longer share a load) or "paradox" (the normal
+        reactions are no longer determined).
     sign : int
         Direction of the slip that begins where friction breaks along one direction.
     """

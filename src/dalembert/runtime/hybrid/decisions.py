@@ -57,7 +57,7 @@ def flag(guard: Guard) -> int:
     """Return the bit of `ContactCases.fired` that a guard sets; 0 for one of all contacts."""
     if guard.kind == "break":
         return {0: rules.BREAK_PLANE, 1: rules.BREAK_UP, -1: rules.BREAK_DOWN}[guard.sign]
-    flags = {"lift": rules.LIFT, "turn": rules.TURN, "meet": rules.MEET, "stop": rules.STOP}
+    flags = {"lift": rules.LIFT, "turn": rules.TURN, "meet": rules.MEET, "stop": rules.STOP, "share": rules.SHARE}
     return flags.get(guard.kind, 0)
 
 
