@@ -1,9 +1,9 @@
-"""Comparison of covectors at random positions that satisfy holonomic constraints."""
+"""Comparison and span of covectors at random positions that satisfy holonomic constraints."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..ir.graph import Node
 from ..ir.sampling import random_inputs, values_of
 
-__all__ = ["agree_on_manifold"]
+__all__ = ["agree_on_manifold", "outside_span_on_manifold"]
 
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9
@@ -42,9 +42,57 @@ def agree_on_manifold(
     bool
         Also False where no positions are found that satisfy the constraints.
     """
-    size = len(q)
+    size, found = len(q), 0
+    for matrix, flat in _samples(q, [*first, *second], positions, rows):
+        p, s = flat.reshape(2, size)
+        rest = p - s
+        if len(matrix):
+            rest = rest - matrix.T @ np.linalg.lstsq(matrix.T, rest, rcond=1e-10)[0]
+        if np.abs(rest).max() > _TOLERANCE * max(np.abs(p).max(), np.abs(s).max()):
+            return False
+        found += 1
+    return found == _POINTS
+
+
+def outside_span_on_manifold(
+    q: Sequence[Node],
+    covectors: Sequence[Sequence[Node]],
+    positions: Sequence[Node],
+    rows: Sequence[Sequence[Node]],
+) -> tuple[int, ...] | None:
+    """Return the coordinates along which the constraint Jacobian has what is no combination of covectors.
+
+    Parameters
+    ----------
+    q : sequence of Node
+    covectors : sequence of sequence of Node
+        Each of length n_q.
+    positions, rows : sequences
+        As of `agree_on_manifold`.
+
+    Returns
+    -------
+    tuple of int or None
+        At positions that satisfy the constraints; None where none are found.
+    """
+    found, missing = 0, np.zeros(len(q), dtype=bool)
+    for matrix, flat in _samples(q, [node for row in covectors for node in row], positions, rows):
+        columns = flat.reshape(len(covectors), len(q)).T
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        left, values, _ = np.linalg.svd(columns)
+        basis = left[:, : int(np.sum(values > _TOLERANCE))]
+        rest = matrix.T - basis @ (basis.T @ matrix.T)
+        missing |= np.abs(rest).max(axis=1) > _TOLERANCE * np.abs(matrix).max()
+        found += 1
+    return tuple(map(int, np.nonzero(missing)[0])) if found == _POINTS else None
+
+
+def _samples(
+    q: Sequence[Node], others: Sequence[Node], positions: Sequence[Node], rows: Sequence[Sequence[Node]]
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield the constraint Jacobian and values of other nodes at a few positions that satisfy the constraints."""
     jacobian = [node for row in rows for node in row]
-    nodes = [*positions, *jacobian, *first, *second]
+    nodes = [*positions, *jacobian, *others]
     found = 0
     for seed in range(_DRAWS):
         draw = random.Random(seed)
@@ -55,16 +103,10 @@ def agree_on_manifold(
         flat = _numbers(nodes, place)[len(positions) :]
         if not np.all(np.isfinite(flat)):
             continue
-        matrix, (p, s) = flat[: len(jacobian)].reshape(-1, size), flat[len(jacobian) :].reshape(2, size)
-        rest = p - s
-        if len(matrix):
-            rest = rest - matrix.T @ np.linalg.lstsq(matrix.T, rest, rcond=1e-10)[0]
-        if np.abs(rest).max() > _TOLERANCE * max(np.abs(p).max(), np.abs(s).max()):
-            return False
+        yield flat[: len(jacobian)].reshape(-1, len(q)), flat[len(jacobian) :]
         found += 1
         if found == _POINTS:
-            return True
-    return False
+            return
 
 
 def _consistent(

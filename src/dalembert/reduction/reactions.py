@@ -2,7 +2,8 @@
 
 Along a motion, reactions . X = M q_ddot - forcing =: r. The components that these equations
 determine solve the normal equations of that system; it is consistent whenever the joints of
-the scene can exert the reactions of its constraints, which is checked, not assumed.
+the scene can exert the reactions of its constraints, which is checked, not assumed: exactly, or at
+random positions that satisfy the constraints, where a pin that closes a loop can only then.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
+from ..mechanics.manifold import outside_span_on_manifold
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
@@ -181,12 +183,17 @@ def _solve(
 
 
 def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None:
-    """Raise unless the joints can exert the reactions of the constraints, where quaternions have length one."""
+    """Raise unless the joints can exert the reactions of the constraints, where positions satisfy them."""
     if all(vanishes(node) for node in left):
         return
     left = equations.graph.substitute(left, unit_values(equations))
-    names = zip(equations.symbols.coordinates, left, strict=True)
-    missing = [name for name, node in names if not vanishes(node)]
+    coordinates = equations.symbols.coordinates
+    missing = [name for name, node in zip(coordinates, left, strict=True) if not vanishes(node)]
+    positions = [row.position for row in equations.constraints if row.position is not None]
+    if missing and positions:
+        rows, columns = [row.jacobian for row in equations.constraints], transpose(equations.reactions)
+        along = outside_span_on_manifold(equations.q, columns, positions, rows)
+        missing = missing if along is None else [coordinates[i] for i in along]
     if missing:
         raise ConstraintError(
             f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"

@@ -21,34 +21,48 @@ def foreign_points(
 ) -> list[str]:
     """Return a fault for every action with unknowns at a point that moves with another body than its own.
 
-    A contact may travel over its body, and a pair of opposite actions with the same unknowns may act between
-    two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies,
+    A contact may travel over its body, and a joint, or a pair of opposite actions with the same unknowns, may act
+    between two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies,
     but not this one, is the wrong point or the wrong body.
     """
     poses = [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
     searched = graph.mask(unknowns)
-    faults = []
+    faults: dict[str, None] = {}
     for action in actions:
         held = _inputs(action) & searched
         if action.kind != "screw" or action.target is None or action.at is None or not held:
             continue
-        others = 0
+        own = sorted({action.target} if action.other is None else {action.target, action.other})
+        others, moving = 0, 0
         for number, pose in enumerate(poses):
-            if number != action.target:
-                others |= pose
-        strange = _apart(frames, points, bodies[action.target], action.at) & others & ~poses[action.target]
-        shared = any(
+            others, moving = (others, moving | pose) if number in own else (others | pose, moving)
+        apart = [_apart(frames, points, bodies[i], action.at) & others & ~moving for i in own]
+        strange = apart[0] if all(apart) else 0
+        shared = action.other is None and any(
             other.kind == "screw" and other.target != action.target and _inputs(other) & held for other in actions
         )
         names = [str(q.payload) for q in coordinates if q.deps & strange]
         if names and not shared:
-            body, point = bodies[action.target].name, points[action.at].name
-            faults.append(
-                f"joint {action.name!r} acts on {body!r} at {point!r}, which is not a point of that body: its place on"
-                f" the body changes with {', '.join(names)}, which does not move {body!r}. Name the body that"
-                f" {point!r} belongs to, or locate the point from {body!r}"
-            )
-    return faults
+            faults[_foreign(action.name, [bodies[i].name for i in own], points[action.at].name, names)] = None
+    return list(faults)
+
+
+def _foreign(joint: str, bodies: Sequence[str], point: str, names: Sequence[str]) -> str:
+    """Return the fault of a joint at a point of no body of its own."""
+    moves = ", ".join(names)
+    if len(bodies) == 1:
+        (body,) = bodies
+        return (
+            f"joint {joint!r} acts on {body!r} at {point!r}, which is not a point of that body: its place on the body"
+            f" changes with {moves}, which does not move {body!r}. Name the body that {point!r} belongs to, or locate"
+            f" the point from {body!r}"
+        )
+    both = " and ".join(map(repr, bodies))
+    return (
+        f"joint {joint!r} acts between {both} at {point!r}, which is a point of neither: its place on both changes with"
+        f" {moves}, which moves neither. Name the bodies that {point!r} belongs to, or locate the point from one of"
+        " them"
+    )
 
 
 def _inputs(action: Action) -> int:

@@ -44,6 +44,11 @@ class Piece:
     frame: int
     components: Components
 
+    def opposite(self) -> Piece:
+        """Return the components with the other sign."""
+        x, y, z = self.components
+        return Piece(self.frame, (-x, -y, -z))
+
 
 Pieces = tuple[Piece, ...]
 
@@ -86,7 +91,8 @@ class Action:
     """An action on the scene.
 
     `kind` is "screw" (on body number `target`, reduced at point `at`), "force" (at point `at`,
-    taken with that point's own velocity) or "torque" (on frame number `target`).
+    taken with that point's own velocity) or "torque" (on frame number `target`). A screw between two bodies is two
+    opposite actions; `other` is the body of the opposite one.
     """
 
     name: str
@@ -95,6 +101,12 @@ class Action:
     at: int | None
     force: Pieces
     torque: Pieces
+    other: int | None = None
+
+    def opposite(self) -> Action:
+        """Return the opposite screw on the other body, reduced at the same point."""
+        force, torque = (tuple(piece.opposite() for piece in pieces) for pieces in (self.force, self.torque))
+        return Action(self.name, self.kind, self.other, self.at, force, torque, self.target)
 
 
 @final

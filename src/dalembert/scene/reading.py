@@ -68,8 +68,9 @@ class _SceneReader(GeometryReader):
         names = list(scene.body_names())
         for name in sorted({name for name in names if names.count(name) > 1}):
             self.faults.append(f"two bodies are called {name!r}; give each its own name")
-        actions = [self._joint(joint, names) for joint in scene.joints]
-        actions += [self._load(load, place) for place, load in enumerate(scene.loads)] if placed else []
+        actions = [action for joint in scene.joints for action in self._joint(joint, names)]
+        loads = [self._load(load, place) for place, load in enumerate(scene.loads)] if placed else []
+        actions += [action for action in loads if action is not None]
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
         potentials = tuple(
             self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
@@ -97,7 +98,7 @@ class _SceneReader(GeometryReader):
                 self.frame_models,
                 self.point_models,
                 [body for body in bodies if body is not None],
-                [action for action in actions if action is not None],
+                actions,
                 symbols.unknowns,
             )
         if not self.faults and placed:
@@ -112,7 +113,7 @@ class _SceneReader(GeometryReader):
             frames=tuple(self.frame_models[i] for i in range(len(self.frame_models))),
             points=tuple(self.point_models[i] for i in range(len(self.point_models))),
             bodies=tuple(body for body in bodies if body is not None),
-            actions=tuple(action for action in actions if action is not None),
+            actions=tuple(actions),
             gravity=gravity,
             potentials=potentials,
             holonomic=(*holonomic, *closing),
@@ -186,23 +187,39 @@ class _SceneReader(GeometryReader):
             )
         return mass
 
-    def _joint(self, joint: Any, bodies: Sequence[str]) -> Action | None:
+    def _joint(self, joint: Any, bodies: Sequence[str]) -> list[Action]:
+        """Return the screw of a joint on its body, and the opposite one on the other body."""
         if not isinstance(joint, Joint):
             self.faults.append(f"{joint!r} is not a Joint")
-            return None
+            return []
         place = f"joint {joint.name!r}"
-        named: Any = joint.body
-        if not isinstance(named, str) or named not in bodies:
-            self.faults.append(f"{place} acts on {joint.body!r}, which is no body; known: {list_names(bodies)}")
-            return None
-        return Action(
-            joint.name,
-            "screw",
-            list(bodies).index(joint.body),
-            self._point(joint.at, place),
-            self._vector(joint.force, f"force of {place}", unknowns=True),
-            self._vector(joint.torque, f"torque of {place}", unknowns=True),
-        )
+        before = len(self.faults)
+        named: list[Any] = [joint.body] if joint.other is None else [joint.body, joint.other]
+        for verb, body in zip(("acts on", "reacts on"), named, strict=False):
+            if not isinstance(body, str) or body not in bodies:
+                self.faults.append(f"{place} {verb} {body!r}, which is no body; known: {list_names(bodies)}")
+        if joint.other is not None and joint.body == joint.other:
+            self.faults.append(
+                f"{place} acts between {joint.body!r} and itself; other= is another body that has the opposite"
+                f" action (known: {list_names(name for name in bodies if name != joint.body)}), or is left out where"
+                " the fixed frame has it"
+            )
+        turned = [str(body.name) for body in self.scene.bodies if isinstance(body, RigidBody)]
+        if joint.other is not None and joint.torque != 0:
+            for body in named:
+                if body in bodies and body not in turned:
+                    self.faults.append(
+                        f"{place} has a torque between two bodies, of which {body!r} is a particle, which has no"
+                        " orientation: make it a RigidBody, or leave the torque out"
+                    )
+        if len(self.faults) > before:
+            return []
+        at = self._point(joint.at, place)
+        force = self._vector(joint.force, f"force of {place}", unknowns=True)
+        torque = self._vector(joint.torque, f"torque of {place}", unknowns=True)
+        targets = [list(bodies).index(body) for body in named]
+        screw = Action(joint.name, "screw", targets[0], at, force, torque, *targets[1:])
+        return [screw, screw.opposite()] if joint.other is not None else [screw]
 
     def _load(self, load: Any, number: int) -> Action | None:
         place = f"load {number + 1}"

@@ -29,10 +29,11 @@ __all__ = [
 @final
 @dataclass(frozen=True)
 class Joint:
-    """A contact of a body with the fixed frame: an action screw with unknown components.
+    """A contact of a body with the fixed frame, or with another body: an action screw with unknown components.
 
     The power of the screw is taken with the body's own velocity field at `at`
-    (v_G + omega x (at - G)), so the point may travel over the body.
+    (v_G + omega x (at - G)), so the point may travel over the body. With `other`, the opposite screw acts on that body
+    at the same point, with the velocity field of that body there.
 
     Parameters
     ----------
@@ -43,7 +44,15 @@ class Joint:
     at : Point
         Reduction point of the screw.
     force, torque : Vector
-        Resultant [N] and moment about `at` [N m]; their unknowns are made by `unknowns`.
+        Resultant [N] and moment about `at` [N m] of the action on `body`; their unknowns are made by `unknowns`.
+    other : str, optional
+        Name of the body that exerts the action, and has the opposite one; without it, that is the fixed frame.
+
+    Examples
+    --------
+    A pin at P that holds rod b to rod a, of which R_x and R_y are the force on b::
+
+        da.Joint("pin", body="b", other="a", at=P, force=R_x*N.x + R_y*N.y)
     """
 
     name: str
@@ -51,6 +60,7 @@ class Joint:
     at: Point
     force: Vector | int = 0
     torque: Vector | int = 0
+    other: str | None = None
 
 
 @final

@@ -55,13 +55,35 @@ class Actions:
         )
         return partial if point is None else partial.at(point)
 
-    def action_screw(self, joint: Joint) -> Screw:
-        """Return the action screw of a joint at its reduction point."""
-        return Screw(self.geometry.vector(joint.force), self.geometry.vector(joint.torque), joint.at, self.geometry)
+    def acted_on(self, joint: Joint) -> tuple[Any, ...]:
+        """Return the body that a joint acts on, and the other body, if any, that has the opposite action."""
+        return tuple(self.bodies[name] for name in (joint.body, joint.other) if name is not None)
+
+    def action_screw(self, joint: Joint, body: Any = None) -> Screw:
+        """Return the action screw of a joint at its reduction point: on its body, or on the body given."""
+        force, torque = self.geometry.vector(joint.force), self.geometry.vector(joint.torque)
+        own, *other = self.acted_on(joint)
+        if body is not None and body is not own:
+            if body not in other:
+                known = ", ".join(repr(item.name) for item in (own, *other))
+                raise SceneError(self.scene.name, [f"joint {joint.name!r} acts on {known}, not on {str(body.name)!r}"])
+            force, torque = -force, -torque
+        return Screw(force, torque, joint.at, self.geometry)
 
     def joint_power(self, joint: Joint, coordinate: Any) -> sp.Expr:
-        """Return the power coefficient of a joint: its action screw times the partial kinematic screw."""
-        return self.action_screw(joint).product(self.partial_kinematic_screw(self.bodies[joint.body], coordinate))
+        """Return the power coefficient of a joint: its action screws times the partial kinematic screws."""
+        powers = (
+            self.action_screw(joint, body).product(self.partial_kinematic_screw(body, coordinate))
+            for body in self.acted_on(joint)
+        )
+        return sum(powers, sp.S.Zero)
+
+    def relative_screw(self, joint: Joint) -> Screw:
+        """Return the kinematic screw at a joint of its body, relative to the other body if it has one."""
+        own, *others = (self.kinematic_screw(body).at(joint.at) for body in self.acted_on(joint))
+        for other in others:
+            own = Screw(own.resultant - other.resultant, own.moment - other.moment, joint.at, self.geometry)
+        return own
 
     def load_power(self, load: Any, coordinate: Any) -> sp.Expr:
         """Return the power coefficient of a SymPy load, a force at a point or a torque on a frame."""

@@ -49,15 +49,19 @@ def friction_laws(actions: Actions) -> dict[Any, Any]:
 
 
 def _slip(actions: Actions, force: Any) -> Any:
-    """Return the velocity of the body at its joint along a reaction component: what the component has power on."""
+    """Return the slip velocity at a joint along a reaction component: what the component has power on.
+
+    That of a component of a torque is an angular velocity.
+    """
+    geometry = actions.geometry
     for joint in actions.scene.joints:
-        vector = actions.geometry.vector(joint.force)
-        held = {str(x): x for matrix, _ in vector.args for x in matrix.free_symbols}
-        if str(force) in held:
-            along = actions.geometry.map(vector, partial(_slope, held[str(force)]))
-            moving = actions.kinematic_screw(actions.bodies[joint.body]).at(joint.at).moment
-            return readable(actions.geometry.dot(along, moving))
-    raise SceneError(actions.scene.name, [f"friction: {force} is no force component of a joint"])
+        for kind, given in (("moment", joint.force), ("resultant", joint.torque)):
+            vector = geometry.vector(given)
+            held = {str(x): x for matrix, _ in vector.args for x in matrix.free_symbols}
+            if str(force) in held:
+                along = geometry.map(vector, partial(_slope, held[str(force)]))
+                return readable(geometry.dot(along, getattr(actions.relative_screw(joint), kind)))
+    raise SceneError(actions.scene.name, [f"friction: {force} is no component of the action of a joint"])
 
 
 def refuse_friction(scene: str, laws: Sequence[CoulombFriction], what: str) -> None:

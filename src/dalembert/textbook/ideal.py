@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import sympy as sp
@@ -11,11 +11,18 @@ from ..scene import Joint
 from ..scene.identity import vanishes
 from .actions import Actions
 from .energy import readable
+from .numeric import States
 
 __all__ = ["ideal_conditions", "single_unknowns"]
 
 
-def ideal_conditions(actions: Actions, joint: Joint, unknowns: Sequence[Any], free: Sequence[Any]) -> list[sp.Expr]:
+Clean = Callable[[Any], Any]
+"""Returns a coefficient in readable form, zero where it vanishes."""
+
+
+def ideal_conditions(
+    actions: Actions, joint: Joint, unknowns: Sequence[Any], free: Sequence[Any], states: States
+) -> list[sp.Expr]:
     """Return the expressions in the joint's unknowns that vanish when it has no power in any free virtual motion.
 
     Parameters
@@ -26,24 +33,28 @@ def ideal_conditions(actions: Actions, joint: Joint, unknowns: Sequence[Any], fr
         All unknowns of the scene.
     free : sequence of column Matrix
         Virtual speeds that the constraints leave free.
+    states : States
+        States that satisfy the constraints: a pin that closes a loop has no power there, and only there.
     """
+
+    def clean(expression: Any) -> Any:
+        if vanishes(expression) or states.vanishes_on_constraints(expression):
+            return sp.S.Zero
+        return readable(expression)
+
     powers = sp.Matrix([actions.joint_power(joint, q) for q in actions.coordinates])
     rows = []
     for direction in free:
         power = (direction.T * powers)[0]
-        row = {x: _clean(power.diff(x)) for x in unknowns if power.has(x)}
+        row = {x: clean(power.diff(x)) for x in unknowns if power.has(x)}
         row = {x: e for x, e in row.items() if e != 0}
         if row:
             rows.append(row)
-    conditions = [_condition(row) for row in _reduced(rows)]
+    conditions = [_condition(row) for row in _reduced(rows, clean)]
     return sorted(conditions, key=lambda e: [unknowns.index(x) for x in unknowns if e.has(x)])
 
 
-def _clean(expression: Any) -> Any:
-    return sp.S.Zero if vanishes(expression) else readable(expression)
-
-
-def _reduced(rows: list[dict[Any, Any]]) -> list[dict[Any, Any]]:
+def _reduced(rows: list[dict[Any, Any]], clean: Clean) -> list[dict[Any, Any]]:
     """Solve for single unknowns first, and put them into the other conditions, until nothing changes."""
     done: list[dict[Any, Any]] = []
     rows = list(rows)
@@ -61,22 +72,22 @@ def _reduced(rows: list[dict[Any, Any]]) -> list[dict[Any, Any]]:
             done += _independent(rows)
             break
         row, x = pivot
-        rows = [other if other is row else _eliminate(other, row, x) for other in rows]
+        rows = [other if other is row else _eliminate(other, row, x, clean) for other in rows]
         rows.remove(row)
         rows = [other for other in rows if other]
-        done = [other if x not in other else _eliminate(other, row, x) for other in done]
+        done = [other if x not in other else _eliminate(other, row, x, clean) for other in done]
         done.append(row)
         if any(len(other) == 1 for other in rows):
-            return _reduced([*done, *rows])
+            return _reduced([*done, *rows], clean)
     return done
 
 
-def _eliminate(other: dict[Any, Any], row: dict[Any, Any], x: Any) -> dict[Any, Any]:
+def _eliminate(other: dict[Any, Any], row: dict[Any, Any], x: Any, clean: Clean) -> dict[Any, Any]:
     if x not in other:
         return other
     factor = other[x] / row[x]
     keys = [*other, *(y for y in row if y not in other)]
-    new = {y: _clean(other.get(y, 0) - factor * row.get(y, 0)) for y in keys if y != x}
+    new = {y: clean(other.get(y, 0) - factor * row.get(y, 0)) for y in keys if y != x}
     return {y: e for y, e in new.items() if e != 0}
 
 

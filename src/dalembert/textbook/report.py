@@ -106,7 +106,12 @@ def _kinematics(view: LagrangeView) -> Section:
 def _actions(view: LagrangeView) -> Section:
     lines: list[Line] = []
     for joint in view.scene.joints:
-        lines.append((f"action screw of the joint {joint.name}", view.action_screw(joint)))
+        name = f"action screw of the joint {joint.name}"
+        if joint.other is None:
+            lines.append((name, view.action_screw(joint)))
+        else:
+            for body in (joint.body, joint.other):
+                lines.append((f"{name} on {body}", view.action_screw(joint, body)))
         conditions = view.ideal_conditions(joint)
         if not conditions:
             lines.append(

@@ -93,16 +93,22 @@ class LagrangeView:
         screw = self.actions.partial_kinematic_screw(self.actions.body(body), self._coordinate(coordinate))
         return self._tidy(screw if point is None else screw.at(point))
 
-    def action_screw(self, joint: Any) -> Screw:
-        """Return the action screw of a joint (name or object) at its reduction point."""
-        return self.actions.action_screw(self.actions.joint(joint))
+    def action_screw(self, joint: Any, body: Any = None) -> Screw:
+        """Return the action screw of a joint (name or object) at its reduction point, on its body or on `body`.
+
+        The other body of a joint between two has the opposite screw.
+        """
+        on = None if body is None else self.actions.body(body)
+        return self.actions.action_screw(self.actions.joint(joint), on)
 
     def slip_velocity(self, joint: Any) -> Any:
-        """Return the velocity of the body at the joint, with the constraints used: what friction there opposes."""
+        """Return the velocity of the body at the joint, with the constraints used: what friction there opposes.
+
+        At a joint between two bodies it is relative to the other body.
+        """
         item = self.actions.joint(joint)
-        body = self.actions.body(item.body)
-        velocity = self.actions.kinematic_screw(body).at(item.at).moment
-        expressed = self.geometry.express(velocity, getattr(body, "frame", self.scene.frame))
+        frame = getattr(self.actions.body(item.body), "frame", self.scene.frame)
+        expressed = self.geometry.express(self.actions.relative_screw(item).moment, frame)
         return self.geometry.map(expressed, lambda e: self.on_constraints(e))
 
     def _tidy(self, screw: Screw) -> Screw:
@@ -184,7 +190,8 @@ class LagrangeView:
 
     def ideal_conditions(self, joint: Any) -> list[sp.Expr]:
         """Return the expressions that must vanish for the joint to be ideal, X = 0 and the like."""
-        return ideal_conditions(self.actions, self.actions.joint(joint), self.unknowns, self._solution.free)
+        item = self.actions.joint(joint)
+        return ideal_conditions(self.actions, item, self.unknowns, self._solution.free, self._states)
 
     @cached_property
     def vanishing(self) -> tuple[Any, ...]:

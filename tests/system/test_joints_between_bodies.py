@@ -1,0 +1,346 @@
+"""Joints between two bodies, against the Newton-Euler equations of each body by itself.
+
+The reference knows planar bodies with three coordinates each, and pins as constraints on accelerations. It takes
+positions and velocities of the mechanisms from closed-form kinematics and solves for all accelerations and pin forces.
+"""
+
+import functools
+from itertools import product
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
+from dalembert.errors import ConstraintError, FormulationError, SceneError
+from dalembert.textbook.report import _actions
+from textbook.helpers import agreement, point
+
+G = 9.81
+N, O = ReferenceFrame("N"), Point("O")
+
+
+def pin_forces(masses, inertias, states, pins, fixed=()):
+    """Return the forces of pins (n_pins, 2) on their first bodies, from Newton-Euler equations of planar bodies.
+
+    `states` are (x, y, phi, x_dot, y_dot, phi_dot) of mass centres; `pins` are (body, arm, other, other arm) with arms
+    on the axes of the bodies, and other None for the fixed frame; `fixed` are (body, axis) that cannot accelerate.
+    """
+    n, k = 3 * len(masses), 2 * len(pins) + len(fixed)
+    inertia_matrix = np.diag(np.ravel([(m, m, i) for m, i in zip(masses, inertias, strict=True)]))
+    load = np.ravel([(0.0, -m * G, 0.0) for m in masses])
+    rows, gamma = np.zeros((k, n)), np.zeros(k)
+    for p, ends in enumerate(pins):
+        for sign, body, arm in ((1, *ends[:2]), (-1, *ends[2:])):
+            if body is None:
+                continue
+            phi, rate = states[body][2], states[body][5]
+            r = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ arm
+            rows[2 * p : 2 * p + 2, 3 * body : 3 * body + 2] += sign * np.eye(2)
+            rows[2 * p : 2 * p + 2, 3 * body + 2] += sign * np.array([-r[1], r[0]])
+            gamma[2 * p : 2 * p + 2] += sign * rate**2 * r
+    for j, (body, axis) in enumerate(fixed):
+        rows[2 * len(pins) + j, 3 * body + axis] = 1
+    matrix = np.block([[inertia_matrix, -rows.T], [rows, np.zeros((k, k))]])
+    found = np.linalg.solve(matrix, np.concatenate([load, gamma]))
+    return found[n : n + 2 * len(pins)].reshape(-1, 2)
+
+
+def rod(name, frame, start, length, mass, number):
+    centre = start.locatenew(f"G_{name}", length / 2 * frame.x)
+    return RigidBody(name, centre, frame, mass, (inertia(frame, 0, 0, number), centre))
+
+
+def turned(name, angle):
+    frame = ReferenceFrame(name)
+    frame.orient_axis(N, N.z, angle)
+    return frame
+
+
+m1, m2, m3, l1, l2, l3, d, J1, J2, J3 = sp.symbols("m1 m2 m3 l1 l2 l3 d J1 J2 J3", positive=True)
+VALUES = {m1: 1.3, m2: 0.7, m3: 1.9, l1: 0.5, l2: 1.1, l3: 0.9, d: 1.2, J1: 0.03, J2: 0.08, J3: 0.11}
+R_x, R_y = da.unknowns("R_x R_y")
+PIN = R_x * N.x + R_y * N.y
+
+
+def four_bar():
+    """A crank and a coupler on it, a rocker, and the pin that closes the loop."""
+    angles = dynamicsymbols("a b c")
+    A, B, C = (turned(*pair) for pair in zip("ABC", angles, strict=True))
+    P = O.locatenew("P", l1 * A.x)
+    Q = P.locatenew("Q", l2 * B.x)
+    D = O.locatenew("D", d * N.x)
+    gap = Q.pos_from(O) - D.pos_from(O) - l3 * C.x
+    scene = da.Scene("four_bar", frame=N, origin=O, coordinates=angles)
+    scene.add_bodies(rod("crank", A, O, l1, m1, J1), rod("coupler", B, P, l2, m2, J2), rod("rocker", C, D, l3, m3, J3))
+    scene.add_joints(da.Joint("closing", body="rocker", other="coupler", at=Q, force=PIN))
+    scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-G * N.y)
+    return scene
+
+
+def four_bar_forces(q, qdot, p):
+    a, b, c = q
+    (da_, db, dc), L1, L2, L3 = qdot, p[l1], p[l2], p[l3]
+
+    def spoke(angle, rate, length):
+        return length * np.array([np.cos(angle), np.sin(angle)]), length * rate * np.array(
+            [-np.sin(angle), np.cos(angle)]
+        )
+
+    (r1, v1), (r2, v2), (r3, v3) = spoke(a, da_, L1), spoke(b, db, L2), spoke(c, dc, L3)
+    states = [
+        (*(r1 / 2), a, *(v1 / 2), da_),
+        (*(r1 + r2 / 2), b, *(v1 + v2 / 2), db),
+        (p[d] + r3[0] / 2, r3[1] / 2, c, *(v3 / 2), dc),
+    ]
+    ends = [np.array([length / 2, 0.0]) for length in (L1, L2, L3)]
+    pins = [
+        (2, ends[2], 1, ends[1]),
+        (0, -ends[0], None, None),
+        (1, -ends[1], 0, ends[0]),
+        (2, -ends[2], None, None),
+    ]
+    return pin_forces([p[m1], p[m2], p[m3]], [p[J1], p[J2], p[J3]], states, pins)[0]
+
+
+def slider_crank():
+    """A crank, a rod on it, and a slider without mass of its own rotation, which the closing pin drives."""
+    a, b, s = coordinates = dynamicsymbols("a b s")
+    A, B = turned("A", a), turned("B", b)
+    P = O.locatenew("P", l1 * A.x)
+    Q = P.locatenew("Q", l2 * B.x)
+    S = O.locatenew("S", s * N.x)
+    gap = Q.pos_from(O) - S.pos_from(O)
+    scene = da.Scene("slider_crank", frame=N, origin=O, coordinates=coordinates)
+    scene.add_bodies(rod("crank", A, O, l1, m1, J1), rod("rod", B, P, l2, m2, J2), Particle("slider", S, m3))
+    scene.add_joints(da.Joint("wrist", body="slider", other="rod", at=Q, force=PIN))
+    scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-G * N.y)
+    return scene
+
+
+def slider_crank_forces(q, qdot, p):
+    a, b, s = q
+    (da_, db, ds), L1, L2 = qdot, p[l1], p[l2]
+    r1, v1 = L1 * np.array([np.cos(a), np.sin(a)]), L1 * da_ * np.array([-np.sin(a), np.cos(a)])
+    r2, v2 = L2 * np.array([np.cos(b), np.sin(b)]), L2 * db * np.array([-np.sin(b), np.cos(b)])
+    states = [
+        (*(r1 / 2), a, *(v1 / 2), da_),
+        (*(r1 + r2 / 2), b, *(v1 + v2 / 2), db),
+        (s, 0.0, 0.0, ds, 0.0, 0.0),
+    ]
+    e1, e2 = np.array([L1 / 2, 0.0]), np.array([L2 / 2, 0.0])
+    pins = [(2, np.zeros(2), 1, e2), (0, -e1, None, None), (1, -e2, 0, e1)]
+    return pin_forces([p[m1], p[m2], p[m3]], [p[J1], p[J2], 1.0], states, pins, fixed=[(2, 1), (2, 2)])[0]
+
+
+def double_pendulum():
+    """Two rods in their angles; two released coordinates make the force of the pin between them known."""
+    a, b, u, w = dynamicsymbols("a b u w")
+    A, B = turned("A", a), turned("B", b)
+    P = O.locatenew("P", l1 * A.x)
+    Q = P.locatenew("Q", 0 * N.x)
+    scene = da.Scene("double_pendulum", frame=N, origin=O, coordinates=[a, b])
+    scene.add_bodies(rod("upper", A, O, l1, m1, J1), rod("lower", B, Q, l2, m2, J2))
+    scene.add_joints(da.Joint("pin", body="lower", other="upper", at=P, force=PIN))
+    scene.apply_uniform_gravity(-G * N.y)
+    return scene, lambda: scene.release(u, Q, N.x).release(w, Q, N.y)
+
+
+def double_pendulum_forces(q, qdot, p):
+    (a, b), (da_, db), L1, L2 = q[:2], qdot[:2], p[l1], p[l2]
+    r1, v1 = L1 * np.array([np.cos(a), np.sin(a)]), L1 * da_ * np.array([-np.sin(a), np.cos(a)])
+    r2, v2 = L2 * np.array([np.cos(b), np.sin(b)]), L2 * db * np.array([-np.sin(b), np.cos(b)])
+    states = [(*(r1 / 2), a, *(v1 / 2), da_), (*(r1 + r2 / 2), b, *(v1 + v2 / 2), db)]
+    e1, e2 = np.array([L1 / 2, 0.0]), np.array([L2 / 2, 0.0])
+    pins = [(1, -e2, 0, e1), (0, -e1, None, None)]
+    return pin_forces([p[m1], p[m2]], [p[J1], p[J2]], states, pins)[0]
+
+
+def closed(scene, guess, fixed):
+    """Return a start of a mechanism with its loop closed and its parameters; the crank turns at 3 rad/s."""
+    model = da.compile_model(scene, backend="numpy")
+    used = {s: v for s, v in VALUES.items() if s.name in model.layout.parameters}
+    found = model.assemble(guess, used, fixed=fixed)
+    rates = {"a_dot": 3.0, "b_dot": -2.0} if scene.name == "double_pendulum" else {"a_dot": 3.0}
+    return {**{name: found[name] for name in guess}, **rates}, used
+
+
+MECHANISMS = {
+    "four_bar": (four_bar, four_bar_forces, {"a": 0.9, "b": 0.2, "c": 1.2}),
+    "slider_crank": (slider_crank, slider_crank_forces, {"a": 0.8, "b": -0.3, "s": 1.4}),
+    "double_pendulum": (lambda: double_pendulum()[1](), double_pendulum_forces, {"a": 0.3, "b": -0.4, "u": 0, "w": 0}),
+}
+
+
+@functools.cache
+def mechanism(name):
+    """Return a mechanism, its reference, a consistent start, and its parameters."""
+    build, forces, guess = MECHANISMS[name]
+    scene = build()
+    start, p = closed(scene, guess, ["a", "b"] if name == "double_pendulum" else ["a"])
+    return scene, forces, start, p
+
+
+def check_forces(model, forces, start, p, worst=1e-12):
+    run = model.simulate((0, 0.4), start, p, t_eval=np.linspace(0, 0.4, 9), rtol=1e-10, atol=1e-12)
+    assert run.success, run.message
+    wanted = np.array([forces(q, rate, VALUES) for q, rate in zip(run.q, run.qdot, strict=True)])
+    found = np.column_stack([run["R_x"], run["R_y"]])
+    np.testing.assert_allclose(found[0], wanted[0], rtol=0, atol=1e-12 * np.abs(wanted).max())
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=worst * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "backend"), [*product(MECHANISMS, ["llvm", "numpy"]), ("four_bar", "numba"), ("double_pendulum", "jax")]
+)
+def test_force_of_the_pin(name, backend):
+    scene, forces, start, p = mechanism(name)
+    model = da.compile_model(scene, backend=backend, outputs=["R_x", "R_y"])
+    check_forces(model, forces, start, p, 1e-10 if backend == "jax" else 1e-12)
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected", "baumgarte", "ggl", "augmented"])
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_force_of_the_pin_in_every_formulation(name, formulation):
+    """What drifts off the constraints has forces that are wrong by the drift."""
+    scene, forces, start, p = mechanism(name)
+    if formulation == "minimal" and name != "double_pendulum":
+        with pytest.raises(FormulationError, match="no coordinate in closed form"):
+            da.compile_model(scene, formulation=formulation, outputs=["R_x"])
+        return
+    model = da.compile_model(scene, backend="numpy", formulation=formulation, outputs=["R_x", "R_y"])
+    check_forces(model, forces, start, p, 1e-12 if formulation in ("minimal", "projected") else 1e-9)
+
+
+def test_sweep_has_the_force():
+    scene, forces, start, p = mechanism("four_bar")
+    model = da.compile_model(scene, outputs=["R_x", "R_y"])
+    masses = np.array([0.7, 1.1, 1.7])
+    sweep = model.sweep((0, 0.4), start, {**p, m2: masses}, rtol=1e-10)
+    for i, mass in enumerate(masses):
+        q, rate = (np.array([sweep.final[name + end][i] for name in "abc"]) for end in ("", "_dot"))
+        wanted = forces(q, rate, {**VALUES, m2: mass})
+        found = np.array([sweep.final["R_x"][i], sweep.final["R_y"][i]])
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_textbook_view_agrees(name):
+    """Its route derives T and knows nothing of poses; the joint has no power where the loop is closed."""
+    scene, *_ = mechanism(name)
+    view = da.lagrange(scene)
+    joint = scene.joints[0]
+    assert view.ideal_conditions(joint) == []
+    assert view.undetermined == ()
+    own, opposite = view.action_screw(joint), view.action_screw(joint, joint.other)
+    assert own.resultant == -opposite.resultant == PIN
+    accelerations, reactions = agreement(scene, "projected")
+    assert accelerations < 1e-9 and reactions < 1e-9
+
+
+def test_report_has_both_screws():
+    section = _actions(da.lagrange(double_pendulum()[0]))
+    assert [name for name, _ in section.lines if name] == [
+        "action screw of the joint pin on lower",
+        "action screw of the joint pin on upper",
+    ]
+
+
+# -- what is determined -----------------------------------------------------------------------------
+
+
+def test_force_that_has_no_power_is_undetermined_until_released():
+    scene, released = double_pendulum()
+    assert da.lagrange(scene).undetermined == (R_x, R_y)
+    assert da.compile_model(scene, backend="numpy").layout.undetermined == ("R_x", "R_y")
+    with pytest.raises(ConstraintError, match=r"R_x appear in no equation.*scene\.release"):
+        da.compile_model(scene, backend="numpy", outputs=["R_x"])
+    back = released()
+    for q in back.coordinates[2:]:
+        back = back.impose(q)
+    assert da.lagrange(back).undetermined == (R_x, R_y)
+
+
+def test_forces_that_only_open_loops_tell_apart():
+    """Two pins at the same place of a closed loop: their x components differ only where the loop is open."""
+    scene = four_bar()
+    C = scene.bodies[2].frame
+    end = point(scene, "D").locatenew("E", l3 * C.x)
+    S_x = da.unknowns("S_x")
+    scene.add_joints(da.Joint("twice", body="rocker", other="coupler", at=end, force=S_x * N.x))
+    model = da.compile_model(scene, backend="numpy", outputs=["R_x", "R_y", "S_x"])
+    _, forces, start, p = mechanism("four_bar")
+    run = model.simulate((0, 0.1), start, p)
+    assert "the reactions R_x, S_x are not determined here, and the least ones are given" in run.message
+    wanted = forces(run.q[-1], run.qdot[-1], VALUES)
+    assert run["R_y"][-1] == pytest.approx(wanted[1], rel=1e-9)
+    assert run["R_x"][-1] + run["S_x"][-1] == pytest.approx(wanted[0], rel=1e-7)
+
+
+def test_pin_that_cannot_hold_the_loop():
+    scene = four_bar()
+    scene.joints = (da.Joint("closing", body="rocker", other="coupler", at=scene.joints[0].at, force=R_x * N.x),)
+    with pytest.raises(ConstraintError, match="cannot exert the reactions of its constraints"):
+        da.compile_model(scene, backend="numpy", outputs=["R_x"])
+
+
+# -- friction -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numba", "numpy"])
+def test_discs_that_rub_until_they_turn_together(backend):
+    """A torque of friction between two bodies; it opposes their relative spin, and each has the other's opposite."""
+    a, b, z = dynamicsymbols("a b z")
+    mu, g = sp.symbols("mu g", positive=True)
+    A, B = turned("A", a), turned("B", b)
+    low, high = O.locatenew("L", 0 * N.z), O.locatenew("H", z * N.z)
+    F_n, T_z = da.unknowns("F_n T_z")
+    scene = da.Scene("discs", frame=N, origin=O, coordinates=[a, b, z])
+    scene.add_bodies(
+        RigidBody("lower", low, A, m1, (inertia(A, J1, J1, J1), low)),
+        RigidBody("upper", high, B, m2, (inertia(B, J2, J2, J2), high)),
+    )
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_holonomic_constraints(z)
+    scene.add_joints(da.Joint("pad", body="upper", other="lower", at=high, force=F_n * N.z, torque=T_z * N.z))
+    scene.add_friction(da.CoulombFriction(F_n, T_z, mu=mu))
+    law = da.lagrange(scene).friction_laws[T_z]
+    assert law == -mu * F_n * sp.sign(b.diff() - a.diff())
+    model = da.compile_model(scene, backend=backend, outputs=["T_z", "F_n"])
+    p = {m1: 1, m2: 1.5, mu: 0.1, g: 10, J1: 0.5, J2: 0.25}
+    run = model.simulate((0, 1), {"a": 0, "b": 0, "z": 0, "a_dot": 0, "b_dot": 5}, p)
+    stuck = 5 / (1.5 * (1 / 0.25 + 1 / 0.5))
+    assert [phase.modes["F_n"] for phase in run.phases] == ["slip", "stick"]
+    assert run.phases[1].t0 == pytest.approx(stuck, rel=1e-9)
+    assert run["T_z"][0] == pytest.approx(-1.5, rel=1e-12)
+    np.testing.assert_allclose([run["a_dot"][-1], run["b_dot"][-1]], 5 - stuck * 1.5 / 0.25, rtol=1e-9)
+
+
+# -- faults -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("joint", "wanted"),
+    [
+        ({"other": "crank", "body": "crank"}, r"'crank' and itself.*known: coupler, rocker"),
+        ({"other": "crunk"}, r"reacts on 'crunk', which is no body; known: crank, coupler, rocker"),
+        ({"other": "crank"}, r"acts between 'crank' and 'rocker' at 'Q', which is a point of neither"),
+    ],
+)
+def test_faults(joint, wanted):
+    scene = four_bar()
+    given = {"body": "rocker", "at": scene.joints[0].at, "force": PIN, **joint}
+    scene.joints = (da.Joint("closing", **given),)
+    with pytest.raises(SceneError, match=wanted):
+        da.compile_model(scene, backend="numpy")
+
+
+def test_no_torque_on_a_particle():
+    scene = slider_crank()
+    old = scene.joints[0]
+    scene.joints = (da.Joint("wrist", body="slider", other="rod", at=old.at, torque=R_x * N.z),)
+    with pytest.raises(SceneError, match="'slider' is a particle, which has no orientation"):
+        da.compile_model(scene, backend="numpy")
