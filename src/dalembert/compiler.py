@@ -87,9 +87,9 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridMod
     if options.orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
-    speeds = [u.func.__name__ for u in scene.speeds]
+    further = [u.func.__name__ for u in (*scene.speeds, *scene.inputs) if hasattr(u, "func")]
     named = dict.fromkeys((*angles, *map(rate_name, angles), *wanted))
-    named |= dict.fromkeys(name for name in speeds if name not in output_names(wanted))
+    named |= dict.fromkeys(name for name in further if name not in output_names(wanted))
     options = replace(options, outputs=tuple(named))
     compiled = compile_stages(scene, options)
     if isinstance(compiled, SeveralModes):

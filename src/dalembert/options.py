@@ -96,6 +96,8 @@ class RunOptions:
         Tolerances of the local error of every component of the state.
     max_steps : int
         Attempted steps after which a run ends with a status.
+    inputs : GivenInputs or None
+        Values of the inputs of the scene; None where it has none.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class RunOptions:
     rtol: float = DEFAULT_TOLERANCES[0]
     atol: float = DEFAULT_TOLERANCES[1]
     max_steps: int = 1_000_000
+    inputs: Any = None
 
     def __post_init__(self) -> None:
         rtol, atol = tolerances(self.rtol, self.atol)
@@ -342,23 +345,23 @@ def _simulate_options(
     )
 
 
-def simulate_options(*plain: Any, t_eval: Any, events: Any) -> SimulateOptions:
+def simulate_options(*plain: Any, t_eval: Any, events: Any, inputs: Any = None) -> SimulateOptions:
     """Return options of one trajectory, checked once for each list of values.
 
     Parameters
     ----------
     *plain
         method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate and project_invariants.
-    t_eval, events
+    t_eval, events, inputs
         As for `SimulateOptions`; nothing is kept of them.
     """
     try:
         options = _simulate_options(*plain)
     except TypeError:  # a value without a hash
         options = _simulate_options.__wrapped__(*plain)
-    if t_eval is None and isinstance(events, tuple) and not events:
+    if t_eval is None and inputs is None and isinstance(events, tuple) and not events:
         return options
-    return replace(options, t_eval=t_eval, events=events)
+    return replace(options, t_eval=t_eval, events=events, inputs=inputs)
 
 
 def _set(options: RunOptions, **values: Any) -> None:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, final
 
 from .codegen import backend_named
 from .codegen.base import Engine, RenderedModule
-from .errors import EnergyWarning, warn_caller
+from .errors import EnergyWarning, SceneError, warn_caller
 from .hybrid.automaton import HybridAutomaton
 from .hybrid.modes import Mode, always, mode_equations
 from .ir.program import Program
@@ -158,6 +158,15 @@ def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
     watch = Stopwatch()
     watch("backend", lambda: backend_named(options.backend))
     model = watch("read", lambda: read(scene, options.outputs))
+    unused = [each.name for each in model.symbols.inputs if not each.used]
+    if unused:
+        raise SceneError(
+            scene.name,
+            [
+                f"nothing in the scene depends on the input {name!r}; use it, or leave it out of add_inputs"
+                for name in unused
+            ],
+        )
     equations = watch("derive", lambda: derive(model))
     return Derivation(scene, model, equations, watch.seconds)
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import final
 
-from .conditions import Conditions
+from .conditions import CONDITION_TIME, Conditions
+from .input_parameters import hidden_parameters
 from .kernel import Kernel
 from .notation import Reader, word
 from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields
@@ -44,6 +45,8 @@ class Layout:
         Names of other values that a start may be given in.
     assumptions : mapping of str to tuple of str
         Name -> what its symbol was declared to be, such as "positive".
+    inputs : tuple of str
+        Names of the inputs; each has parameters of its own (`dalembert.ir.input_parameters`).
     """
 
     coordinates: tuple[str, ...]
@@ -60,6 +63,13 @@ class Layout:
     defaults: dict[str, float] = field(default_factory=dict, hash=False)
     entries: tuple[str, ...] = ()
     assumptions: dict[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the parameters that users give: all but those that runs set themselves."""
+        own = {name for u in self.inputs for name in hidden_parameters(u)} | {CONDITION_TIME}
+        return tuple(name for name in self.parameters if name not in own)
 
     @property
     def initial(self) -> tuple[str, ...]:

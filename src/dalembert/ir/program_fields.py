@@ -105,6 +105,7 @@ LAYOUT_FIELDS: dict[str, _Field] = {
     "defaults": _NUMBERS,
     "entries": _NAMES,
     "assumptions": _ASSUMPTIONS,
+    "inputs": _NAMES,
     "aliases": _ALIASES,
 }
 

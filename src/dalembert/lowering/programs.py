@@ -99,6 +99,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         },
         entries=tuple(name for entry in symbols.entries for name in entry.names),
         assumptions=dict(symbols.assumptions),
+        inputs=symbols.input_names,
     )
     unprepared = Program(
         equations.name,

@@ -98,6 +98,7 @@ class _Variational:
             holonomic=0,
             constants=0,
             aliases={},
+            inputs=self.symbols.input_names,
         )
         equations = system.equations
         name = f"{equations.name}, varied"

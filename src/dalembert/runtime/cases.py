@@ -67,13 +67,14 @@ class Cases:
         layout = program.layout
         self.program = program
         self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
+        inputs.refuse_inputs(layout, parameters)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
         for name, value in layout.defaults.items():
             self.parameters.setdefault(name, np.array([value]))
         missing = [name for name in layout.parameters if name not in self.parameters]
         if missing:
             raise UnknownNameError(
-                f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
+                f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.given)}."
             )
         first, last = spans_of(t_span)
         self.span = {"start": first, "end": last}
@@ -336,7 +337,7 @@ def with_grid(
     for name, column in grid.columns().items():
         home = parameters if name in layout.parameters else initial
         if name not in (*layout.parameters, *layout.initial):
-            raise UnknownNameError(unknown_name("axis", name, (*layout.parameters, *layout.initial)))
+            raise UnknownNameError(unknown_name("axis", name, (*layout.given, *layout.initial)))
         if any(layout.aliases.get(str(key), str(key)) == name for key in home):
             raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
         home[name] = column

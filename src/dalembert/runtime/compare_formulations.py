@@ -22,12 +22,14 @@ __all__ = ["compare_formulations"]
 
 def compare_formulations(
     model: CompiledModel,
-    run: tuple[Any, Mapping[Any, Any], Mapping[Any, Any]],
+    run: tuple[Any, Mapping[Any, Any], Mapping[Any, Any], Mapping[Any, Any] | None],
     tolerances: tuple[float, float],
     chosen: Sequence[str] | None,
     methods: str | Mapping[str, str],
 ) -> Comparison:
-    """Return the comparison of a run (span, initial values, parameters); see `CompiledModel.compare_formulations`.
+    """Return the comparison of a run (span, initial values, parameters, inputs).
+
+    See `CompiledModel.compare_formulations`.
 
     Parameters
     ----------
@@ -76,13 +78,14 @@ def compare_formulations(
 
 
 def _row(
-    name: str, model: CompiledModel, run: tuple[Any, Any, Any], tolerances: tuple[float, float], method: str
+    name: str, model: CompiledModel, run: tuple[Any, Any, Any, Any], tolerances: tuple[float, float], method: str
 ) -> Any:
     rtol, atol = tolerances
-    options: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
-    found = model.simulate(*run, **options, error_estimate=True)
+    *given, inputs = run
+    options: dict[str, Any] = {"inputs": inputs, "method": method, "rtol": rtol, "atol": atol}
+    found = model.simulate(*given, **options, error_estimate=True)
     begin = time.perf_counter()
-    model.simulate(*run, **options)
+    model.simulate(*given, **options)
     seconds = time.perf_counter() - begin
     holonomic = model.layout.holonomic
     energy = found["energy"]

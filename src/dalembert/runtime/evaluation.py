@@ -10,10 +10,13 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
+from ..ir.input_parameters import coefficient_places, hidden_parameters
 from ..ir.program import Layout
 from ..once import once_property
+from ..scene.model import InputSymbol
 from ..values import array_of, times_of
-from . import inputs
+from . import inputs as run_input
+from .input_values import read_inputs
 from .symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
 from .value_reader import ValueReader
 
@@ -28,17 +31,37 @@ class Evaluated(ABC):
 
     layout: Layout
 
+    @property
+    @abstractmethod
+    def _inputs(self) -> tuple[InputSymbol, ...]:
+        """The inputs of the scene."""
+
     @abstractmethod
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
-        """Return outputs (k, n_out) at times (k,), coordinates and rates (k, 2 n_q) and parameters (n_p,).
+        """Return outputs (k, n_out) at times (k,), coordinates and rates (k, 2 n_q) and parameters (n_p,) or (k, n_p).
 
         None stands for zeros.
         """
 
     @nesting_named
-    def parameter_vector(self, parameters: Mapping[Any, Any]) -> FloatArray:
-        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers."""
-        return inputs.in_order(self.layout, self._read_parameters(parameters))
+    def parameter_vector(
+        self, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None, t: float = 0.0
+    ) -> FloatArray:
+        """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers.
+
+        It ends with what stands for the inputs, with the values `inputs` at time t [s]; without these it is NaN, for a
+        prepared run that is given inputs with each call.
+        """
+        given = read_inputs(self.layout, self._inputs, inputs) if inputs is not None else None
+        if given is not None:
+            return run_input.in_order(self.layout, self._read_parameters(given.parameters(parameters, t)))
+        if not self.layout.inputs or hidden_parameters(self.layout.inputs[0])[0] in parameters:
+            return run_input.in_order(self.layout, self._read_parameters(parameters))
+        free = dict.fromkeys((hidden for u in self.layout.inputs for hidden in hidden_parameters(u)), 0.0)
+        p = run_input.in_order(self.layout, self._read_parameters({**parameters, **free}))
+        for place in coefficient_places(self.layout.parameters, self.layout.inputs):
+            p[place + 1] = np.nan
+        return p
 
     def initial_values(self, initial: Mapping[Any, Any]) -> dict[str, float]:
         """Return initial values by name from a mapping of names or symbols to numbers.
@@ -53,17 +76,17 @@ class Evaluated(ABC):
     @once_property
     def _read_parameters(self) -> ValueReader:
         layout = self.layout
-        return ValueReader(lambda given: inputs.parameter_values(layout, given), layout.aliases, layout.assumptions)
+        return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
 
     @once_property
     def _read_initial(self) -> ValueReader:
         layout = self.layout
         return ValueReader(
-            lambda given: inputs.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+            lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
         )
 
     @nesting_named
-    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0) -> FloatArray:
+    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the mass matrix.
 
         Parameters
@@ -74,30 +97,43 @@ class Evaluated(ABC):
             Parameters, by name or in the order of ``layout.parameters``.
         t : float or array_like (k,)
             Time [s], where the geometry depends on it.
+        inputs : mapping, optional
+            Values of the inputs, as for `simulate`; not needed where an array p has them.
 
         Returns
         -------
         ndarray (n_q, n_q) or (k, n_q, n_q)
         """
-        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2)
+        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2, inputs)
 
     @nesting_named
-    def forcing(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+    def forcing(self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
-        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),))
+        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),), inputs)
 
     @nesting_named
-    def constraint_jacobian(self, t: Any, q: Any, p: Any) -> FloatArray:
+    def constraint_jacobian(self, t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
         shape = (len(self.layout.constraints), len(self.layout.coordinates))
-        return self._evaluate("constraint_jacobian", t, q, None, p, shape)
+        return self._evaluate("constraint_jacobian", t, q, None, p, shape, inputs)
 
     @nesting_named
-    def accelerations(self, t: Any, q: Any, qdot: Any, p: Any) -> FloatArray:
+    def accelerations(
+        self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
         """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
-        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),))
+        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),), inputs)
 
-    def _evaluate(self, kernel: str, t: Any, q: Any, qdot: Any, p: Any, shape: tuple[int, ...]) -> FloatArray:
+    def _evaluate(
+        self,
+        kernel: str,
+        t: Any,
+        q: Any,
+        qdot: Any,
+        p: Any,
+        shape: tuple[int, ...],
+        inputs: Mapping[Any, Any] | None,
+    ) -> FloatArray:
         size, at = len(self.layout.coordinates), times_of("t", t)
         q = rows_of("q", q, size)
         qdot = np.zeros_like(q) if qdot is None else rows_of("qdot", qdot, size)
@@ -120,9 +156,22 @@ class Evaluated(ABC):
                 f"p must have shape ({len(self.layout.parameters)},), not {p.shape}: one for all states"
             )
         self._refuse_contradictions(q, p)
+        p = self._with_inputs(p, times, inputs)
         found = self._outputs(kernel, times, y, p)
         out = np.zeros((count, *shape)) if found is None else found.reshape(count, *shape)
         return out[0] if single else out
+
+    def _with_inputs(self, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
+        """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
+        places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
+        if inputs is None and not np.any(np.isnan(p[places])):
+            return p
+        given = read_inputs(self.layout, self._inputs, inputs)
+        if given is None:
+            return p
+        rows = np.tile(p, (len(t), 1))
+        given.write(self.layout, rows, t)
+        return rows if given.sampled else rows[0]
 
     def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:
         """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""

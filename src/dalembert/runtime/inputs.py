@@ -38,6 +38,7 @@ __all__ = [
     "parameter_vector",
     "pivots_vanish",
     "prepare_rows",
+    "refuse_inputs",
     "resolve",
     "resolve_names",
     "span_of",
@@ -71,8 +72,14 @@ def span_of(t_span: Sequence[float]) -> tuple[float, float]:
     return t0, t1
 
 
-def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: Mapping[str, str]) -> dict[str, float]:
-    """Return a mapping of names to floats from one of names or symbols to numbers.
+def resolve(
+    kind: str,
+    given: Mapping[Any, Any],
+    known: Iterable[str],
+    aliases: Mapping[str, str],
+    shown: Iterable[str] | None = None,
+) -> dict[str, float]:
+    """Return a mapping of names to floats from one of names or symbols to numbers; messages list the names `shown`.
 
     Raises
     ------
@@ -89,7 +96,7 @@ def resolve(kind: str, given: Mapping[Any, Any], known: Iterable[str], aliases: 
     for key, value in given.items():
         name = aliases.get(str(key), str(key))
         if name not in known:
-            unknown.append(unknown_name(kind, str(key), known))
+            unknown.append(unknown_name(kind, str(key), known if shown is None else shown))
         elif name in values:
             unknown.append(f"{kind} {name!r} is given twice")
         try:
@@ -153,7 +160,8 @@ def parameter_values(layout: Layout, parameters: Mapping[Any, Any]) -> dict[str,
     """
     complaint, values = None, dict[str, float]()
     try:
-        values = resolve("parameter", parameters, layout.parameters, layout.aliases)
+        refuse_inputs(layout, parameters)
+        values = resolve("parameter", parameters, layout.parameters, layout.aliases, layout.given)
         refuse_contradictions(layout.assumptions, values)
         given = set(values)
     except UnknownNameError as unknown:
@@ -161,11 +169,25 @@ def parameter_values(layout: Layout, parameters: Mapping[Any, Any]) -> dict[str,
         given = {layout.aliases.get(str(key), str(key)) for key in parameters}
     missing = [name for name in layout.parameters if name not in given and name not in layout.defaults]
     if missing:
-        need = f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.parameters)}."
+        need = f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.given)}."
         complaint = need if complaint is None else f"{complaint}\n{need}"
     if complaint is not None:
         raise UnknownNameError(complaint)
     return values
+
+
+def refuse_inputs(layout: Layout, parameters: Mapping[Any, Any], why: str = "not a parameter") -> None:
+    """Refuse inputs among parameters or initial values.
+
+    Raises
+    ------
+    UnknownNameError
+    """
+    if not layout.inputs or not isinstance(parameters, Mapping):
+        return
+    wrong = [str(key) for key in parameters if layout.aliases.get(str(key), str(key)) in layout.inputs]
+    if wrong:
+        raise UnknownNameError(f"{list_names(map(repr, wrong))} is an input, {why}: give its values as inputs={{...}}")
 
 
 def parameter_vector(layout: Layout, parameters: Mapping[Any, Any]) -> FloatArray:
@@ -209,7 +231,8 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
 
 def _told(program: Program, p: FloatArray) -> str:
     """Return what parameters are at the beginning of p, as text."""
-    return ", ".join(f"{name} = {value:g}" for name, value in zip(program.layout.parameters, p, strict=False))
+    rows, given = zip(program.layout.parameters, p, strict=False), program.layout.given
+    return ", ".join(f"{name} = {value:g}" for name, value in rows if name in given)
 
 
 def vanishing_pivots(start: Start, t: float, values: Mapping[str, float], p: FloatArray) -> list[str]:
@@ -324,6 +347,7 @@ def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = Fa
         For unknown names, and values that are not finite numbers or that their symbols exclude.
     """
     known = (*layout.coordinates, *layout.rates) if plain else layout.initial
+    refuse_inputs(layout, initial, "which has no initial value")
     values = resolve("initial value", initial, known, layout.aliases)
     refuse_contradictions(layout.assumptions, values, ROUNDING)
     return values

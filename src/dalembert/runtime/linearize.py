@@ -15,7 +15,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names, unknown_name
-from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -82,7 +81,7 @@ def _linearized(
     whole = np.linalg.pinv(np.vstack([g_x, pick]))
     tangent, shift = whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p
     rates = interpret_rows(program.kernel("rhs"), np.array([t]), y[np.newaxis], c)[0]
-    given = [i for i, name in enumerate(layout.parameters) if name != CONDITION_TIME]
+    given = [i for i, name in enumerate(layout.parameters) if name in layout.given]
     return Linearization(
         t=t,
         A=pick @ f_x @ tangent,

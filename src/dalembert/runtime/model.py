@@ -32,8 +32,9 @@ from ..results.sensitivity import Sensitivity
 from ..results.sweep import Sweep
 from ..results.trajectory import Trajectory
 from ..scene import Scene
+from ..scene.model import InputSymbol
 from ..values import option, tolerances
-from . import inputs
+from . import inputs as run_input
 from .assembly import assembled
 from .capabilities import require
 from .compare_formulations import compare_formulations
@@ -41,6 +42,7 @@ from .derived import Derived
 from .evaluation import Evaluated, rows_of
 from .explain import explain
 from .impulses import landing_of
+from .input_values import read_inputs, with_inputs
 from .linearize import linearize
 from .monitors import conserved
 from .prepare import prepare
@@ -115,6 +117,11 @@ class CompiledModel(Evaluated):
     def name(self) -> str:
         """Name of the scene."""
         return self.stages.program.name
+
+    @property
+    def _inputs(self) -> tuple[InputSymbol, ...]:
+        """The inputs of the scene."""
+        return self.stages.equations.symbols.inputs
 
     @property
     def backend(self) -> str:
@@ -225,6 +232,7 @@ class CompiledModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         t_eval: Any = None,
         method: str = "auto",
         rtol: float = 1e-8,
@@ -251,6 +259,8 @@ class CompiledModel(Evaluated):
             be left out.
         parameters : mapping of symbols or names to numbers
             Every parameter of the scene.
+        inputs : mapping of symbols or names to numbers or samples, optional
+            Every input of the scene: a number is constant in time, a record is made by `dalembert.samples`.
         t_eval : array_like (n_t,), optional
             Times to record; without it, the accepted steps.
         method : str
@@ -295,6 +305,7 @@ class CompiledModel(Evaluated):
             project_invariants,
             t_eval=t_eval,
             events=events,
+            inputs=read_inputs(self.layout, self._inputs, inputs),
         )
         return simulate(self, t_span, initial, parameters, options)
 
@@ -305,6 +316,7 @@ class CompiledModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         grid: Grid | None = None,
         t_eval: Any = None,
         method: str = "auto",
@@ -328,6 +340,8 @@ class CompiledModel(Evaluated):
         initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
             Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
             status of its case, not an error.
+        inputs : mapping of symbols or names to numbers, array_like (n_case,) or samples, optional
+            Every input of the scene, as for `simulate`; records may have one row a case.
         grid : Grid, optional
             From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
         t_eval : array_like (n_t,), optional
@@ -375,6 +389,7 @@ class CompiledModel(Evaluated):
             events=events,
             reduce=reduce,
             project_invariants=project_invariants,
+            inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
         )
         return sweep(self, t_span, initial, parameters, options)
 
@@ -383,6 +398,7 @@ class CompiledModel(Evaluated):
         self,
         t_span: tuple[float, float],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         method: str = "auto",
         rtol: float = 1e-8,
         atol: float = 1e-10,
@@ -396,6 +412,10 @@ class CompiledModel(Evaluated):
         ----------
         t_span, method, rtol, atol, max_step, max_steps
             As for `simulate`.
+        inputs : mapping of symbols or names to numbers or samples, optional
+            Every input of the scene, the same for all runs. Without it each run is given its own,
+            ``run(state, p, inputs)`` with an array of numbers in the order of ``layout.inputs``, held over the run: so
+            the loop around a controller of your own is closed.
         project_invariants : bool, str or sequence of str
             First integrals to keep, as for `simulate`: those that are conserved from the first state that the function
             is called with, which also compiles it. Their initial values are computed before each run, which takes some
@@ -413,6 +433,7 @@ class CompiledModel(Evaluated):
             max_step=max_step,
             max_steps=max_steps,
             project_invariants=project_invariants,
+            inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
         )
         return prepare(self, t_span, options)
 
@@ -424,6 +445,7 @@ class CompiledModel(Evaluated):
         parameters: Mapping[Any, Any],
         *,
         wrt: Iterable[Any],
+        inputs: Mapping[Any, Any] | None = None,
         of: Iterable[Any] | None = None,
         t_eval: Any = None,
         method: str = "auto",
@@ -438,7 +460,7 @@ class CompiledModel(Evaluated):
 
         Parameters
         ----------
-        t_span, initial, parameters, t_eval, method, rtol, atol, max_steps
+        t_span, initial, parameters, inputs, t_eval, method, rtol, atol, max_steps
             As for `simulate`.
         wrt : iterable of symbols or names
             Parameters, and values given in `initial`. What the constraints fix varies with them where it is left out.
@@ -456,7 +478,14 @@ class CompiledModel(Evaluated):
             For input that is wrong.
         """
         options = SensitivityOptions(
-            method=method, rtol=rtol, atol=atol, max_steps=max_steps, wrt=wrt, of=of, t_eval=t_eval
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_steps=max_steps,
+            wrt=wrt,
+            of=of,
+            t_eval=t_eval,
+            inputs=read_inputs(self.layout, self._inputs, inputs),
         )
         return sensitivity(self, t_span, initial, parameters, options)
 
@@ -467,6 +496,7 @@ class CompiledModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         states: Sequence[str] | None = None,
     ) -> Linearization:
         """Linearise the motion about a state, in independent coordinates and speeds.
@@ -477,6 +507,8 @@ class CompiledModel(Evaluated):
             Time [s].
         initial, parameters : mapping of symbols or names to numbers
             The state and the parameters, as for `simulate`: what the constraints fix may be left out.
+        inputs : mapping of symbols or names to numbers, optional
+            Every input of the scene.
         states : sequence of str, optional
             Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
             that the constraints fix least.
@@ -491,7 +523,8 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong.
         """
-        return linearize(self, t, initial, parameters, states)
+        given = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
+        return linearize(self, t, initial, given, states)
 
     @nesting_named
     def trim(
@@ -561,6 +594,7 @@ class CompiledModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         formulations: Sequence[str] | None = None,
         method: str | Mapping[str, str] = "auto",
         rtol: float = 1e-8,
@@ -570,7 +604,7 @@ class CompiledModel(Evaluated):
 
         Parameters
         ----------
-        t_span, initial, parameters, rtol, atol
+        t_span, initial, parameters, inputs, rtol, atol
             As for `simulate`.
         formulations : sequence of str, optional
             Which to compare; all by default.
@@ -587,30 +621,47 @@ class CompiledModel(Evaluated):
         OptionError
             For unknown formulations and methods, and as `simulate`.
         """
-        run = t_span, initial, parameters
+        run = t_span, initial, parameters, inputs
         return compare_formulations(self, run, tolerances(rtol, atol), formulations, method)
 
     # -- states ----------------------------------------------------------------------------
 
     @nesting_named
-    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+    def state(
+        self,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t: float = 0.0,
+        inputs: Mapping[Any, Any] | None = None,
+    ) -> FloatArray:
         """Return the state y (n_y,) of the formulation at consistent initial values, as `simulate` starts from it."""
         program, time = self.stages.program, option("t", t)
-        c = inputs.constants(program, self.parameter_vector(parameters))
+        given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
+        c = run_input.constants(program, self.parameter_vector(given))
         values = self.initial_values(initial)
-        return inputs.initial_state(self.derived.start(values), time, values, at_time(program, c, time), program)
+        return run_input.initial_state(self.derived.start(values), time, values, at_time(program, c, time), program)
 
-    def expand(self, t: float, y: FloatArray, parameters: Mapping[Any, Any]) -> FloatArray:
+    def expand(
+        self, t: float, y: FloatArray, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
         """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
         program, time = self.stages.program, option("t", t)
-        c = inputs.constants(program, self.parameter_vector(parameters))
+        given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
+        c = run_input.constants(program, self.parameter_vector(given))
         state = rows_of("y", y, len(self.layout.state))
         c = at_time(program, c, time)
         return interpret_rows(program.kernel("expand"), np.array([time]), state[np.newaxis], c)[0]
 
     @nesting_named
     def assemble(
-        self, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0, fixed: Iterable[Any] = ()
+        self,
+        guess: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t: float = 0.0,
+        inputs: Mapping[Any, Any] | None = None,
+        fixed: Iterable[Any] = (),
     ) -> dict[str, float]:
         """Return the consistent initial values nearest to a rough guess, for `simulate`.
 
@@ -622,6 +673,8 @@ class CompiledModel(Evaluated):
             Every parameter of the scene.
         t : float
             Time [s], where constraints depend on it.
+        inputs : mapping of symbols or names to numbers or samples, optional
+            Every input of the scene.
         fixed : iterable of symbols or names
             What keeps exactly the value of the guess, such as the angle of a crank.
 
@@ -638,9 +691,10 @@ class CompiledModel(Evaluated):
             For input that is wrong.
         """
         program, time = self.stages.program, option("t", t)
-        c = inputs.constants(program, self.parameter_vector(parameters))
-        values = inputs.given_values(self.layout, guess, plain=True)
-        held = inputs.resolve_names("fixed name", fixed, values, self.layout.aliases)
+        given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
+        c = run_input.constants(program, self.parameter_vector(given))
+        values = run_input.given_values(self.layout, guess, plain=True)
+        held = run_input.resolve_names("fixed name", fixed, values, self.layout.aliases)
         return assembled(program, at_time(program, c, time), time, values, held)
 
     def monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
@@ -656,8 +710,14 @@ class CompiledModel(Evaluated):
         return conserved(self.stages.program, self.derived.invariants, c, t, q, qdot)
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
-        c = inputs.constants(self.stages.program, p)
-        return self.engine.evaluate(kernel, t, x, c) if kernel in self.stages.program else None
+        program = self.stages.program
+        if kernel not in program:
+            return None
+        if p.ndim == 1:
+            return self.engine.evaluate(kernel, t, x, run_input.constants(program, p))
+        if program.conditions is not None:
+            program.conditions.decide_at(p, t)
+        return self.engine.rows(program.kernel(kernel), t, x, run_input.prepare_rows(program, p))
 
     # -- programs in JAX -------------------------------------------------------------------
 
@@ -721,7 +781,7 @@ class CompiledModel(Evaluated):
         start = None
         if given is not None:
             names = [self.layout.aliases.get(str(name), str(name)) for name in given]
-            start = self.derived.start(inputs.given_values(self.layout, dict.fromkeys(names, 0.0)))
+            start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
         options = {"mode": mode, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
         method = self.choose_method(method, rtol, atol)
         return cast("TracedEngine", self.engine).solve_fn(start, method, options)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError
+from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..reduction.invariants import Candidates
@@ -25,7 +26,7 @@ def conserved(
     """Return the first integrals along a motion t (n_t,), q and qdot (n_t, n_q), as arrays (n_t,) by name.
 
     A candidate that is not certain counts as conserved when its rate vanishes in random states around the motion that
-    satisfy the constraints; the random numbers are the same in every run.
+    satisfy the constraints, with random inputs; the random numbers are the same in every run.
     """
     kept = np.array(found.certain)
     if not np.all(kept) and len(t):
@@ -46,8 +47,10 @@ def _still(
         start = np.concatenate([q[place], np.zeros(size)])
         start += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
         guess = dict(zip((*layout.coordinates, *layout.rates), start.tolist(), strict=True))
+        own = (c if c.ndim == 1 else c[place]).copy()
+        for first in coefficient_places(layout.parameters, layout.inputs):  # conserved whatever the inputs are
+            own[first + 1 : first + WIDTH] += random.standard_normal(WIDTH - 1)
         try:
-            own = c if c.ndim == 1 else c[place]
             state = assembled(program, own, float(t[place]), guess, ())
         except (InitialStateError, np.linalg.LinAlgError):
             continue

@@ -32,6 +32,8 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     """Return a function from a state and parameters to the final state; see `CompiledModel.prepare`."""
     t0, t1 = span_of(t_span)
     again = partial(prepare, model, (t0, t1), options)
+    if options.inputs is not None:
+        options.inputs.refuse_span(t0, t1)
     if begins_elsewhere(t0, t1):
         other, _, _ = in_elapsed_time(model, t0, t1)
         if other is not None:
@@ -40,7 +42,7 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     if options.project_invariants is not False:
         refuse_formulation(model.stages.reduced)
         refuse_unknown(options.project_invariants, model.derived.invariants)
-        return PreparedRun(_prepared_keeping(model, (t0, t1), options), method, model.layout, again)
+        return PreparedRun(_prepared_keeping(model, (t0, t1), options), method, model.layout, again, options.inputs, t0)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
     problem = IntegrationProblem(
         t0=t0,
@@ -54,9 +56,9 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     )
     if not model.layout.state:  # the constraints prescribe the motion
         still = PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
-        return PreparedRun(still, method, model.layout, again)
+        return PreparedRun(still, method, model.layout, again, options.inputs, t0)
     run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
-    return PreparedRun(run, method, model.layout, again)
+    return PreparedRun(run, method, model.layout, again, options.inputs, t0)
 
 
 def _prepared_in_elapsed_time(
@@ -64,7 +66,8 @@ def _prepared_in_elapsed_time(
 ) -> PreparedRun:
     """Return a prepared run in the time since its start, by this model or another one of the scene."""
     t0, t1 = t_span
-    kept = prepare(other, (0.0, t1 - t0), options)
+    elapsed = options if options.inputs is None else replace(options, inputs=options.inputs.counted_from(t0))
+    kept = prepare(other, (0.0, t1 - t0), elapsed)
     offsets = other.stages.equations.symbols.offsets
     if not offsets:
         return kept
@@ -74,7 +77,8 @@ def _prepared_in_elapsed_time(
         final = kept(state, extended(p))
         return final, kept.status
 
-    return PreparedRun(PreparedStates(run), kept.method, model.layout, partial(prepare, model, t_span, options))
+    again = partial(prepare, model, t_span, options)
+    return PreparedRun(PreparedStates(run), kept.method, model.layout, again, options.inputs, t0)
 
 
 def _prepared_keeping(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:

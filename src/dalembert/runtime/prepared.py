@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
+import numpy as np
+
 from ..arrays import FloatArray
 from ..codegen.base import Prepared
 from ..errors import ValueInputError, list_names, nesting_named
+from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.program import Layout
 from ..methods.status import Status
 from ..values import array_of
+from .input_values import GivenInputs
 
 __all__ = ["PreparedRun"]
 
 
 @final
 class PreparedRun:
-    """A run of fixed span, method and tolerances: ``run(state, p)`` is the final state.
+    """A run of fixed span, method and tolerances: ``run(state, p)`` or ``run(state, p, inputs)`` is the final state.
 
     The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``, which check
     what is in them; here only their shapes are checked. Threads may share a prepared run. `again` makes one more.
@@ -33,19 +37,26 @@ class PreparedRun:
         method: str,
         layout: Layout,
         again: Callable[[], PreparedRun],
+        given: GivenInputs | None = None,
+        start: float = 0.0,
     ) -> None:
         self._run, self._again = run, again
         self._state, self._parameters = layout.state, layout.parameters
         self._shapes = ((len(layout.state),), (len(layout.parameters),))
         self.method = method
+        self._inputs, self._given = layout.inputs, None if given is None else (given.rows(start), given.sampled)
+        self._places = coefficient_places(layout.parameters, layout.inputs)
 
-    def __call__(self, state: FloatArray, p: FloatArray) -> FloatArray:
-        """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,).
+    def __call__(self, state: FloatArray, p: FloatArray, inputs: FloatArray | None = None) -> FloatArray:
+        """Return the final state (n_y,) from a state (n_y,), parameters (n_p,) and inputs (n_u,), held over the run.
+
+        Inputs have the order of ``layout.inputs``. Without them, they are those that `prepare` was given, or else those
+        of ``parameter_vector(parameters, inputs=...)``.
 
         Raises
         ------
         ValueInputError
-            For arrays of other shapes.
+            For arrays of other shapes, and for inputs without values.
         """
         try:
             fits = (state.shape, p.shape) == self._shapes
@@ -53,7 +64,34 @@ class PreparedRun:
             fits = False
         if not fits:
             state, p = self._arrays(state, p)
+        if self._places or inputs is not None:
+            p = self._with_inputs(p, inputs)
         return self._run(state, p)
+
+    @nesting_named
+    def _with_inputs(self, p: FloatArray, inputs: object) -> FloatArray:
+        """Return parameters (n_p,) with the values of inputs."""
+        if inputs is not None and not self._inputs:
+            raise ValueInputError("the scene has no inputs, and the run is given some; declare them with add_inputs")
+        if inputs is not None and self._given is not None:
+            raise ValueInputError("the inputs of this run were given to prepare; leave them out there or here")
+        p = p.copy()
+        if inputs is not None:
+            rows = np.zeros((len(self._inputs), WIDTH))
+            rows[:, 1] = self._array("inputs", inputs, self._inputs)
+        elif self._given is not None:
+            rows = self._given[0]
+        else:
+            rows = np.array([p[place : place + WIDTH] for place in self._places])
+        for place, row in zip(self._places, rows, strict=True):
+            p[place : place + WIDTH] = row
+        lost = [name for name, row in zip(self._inputs, rows, strict=True) if not np.all(np.isfinite(row))]
+        if lost:
+            raise ValueInputError(
+                f"missing inputs: {list_names(lost)}. Call run(state, p, inputs) with finite numbers in the order"
+                f" {list_names(self._inputs)}, or give them to prepare(t_span, inputs=...)"
+            )
+        return p
 
     @property
     def status(self) -> Status:
@@ -73,9 +111,10 @@ class PreparedRun:
         except ValueError as reason:
             raise ValueInputError(f"{kind} = {given!r} {reason}") from None
         if array.shape != (len(names),):
+            made = {"state": "state", "p": "parameter_vector"}.get(kind)
+            remedy = "" if made is None else f"; make it with model.{made}(...)"
             raise ValueInputError(
-                f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}; make it with"
-                f" model.{'state' if kind == 'state' else 'parameter_vector'}(...)"
+                f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}{remedy}"
             )
         return array
 

@@ -34,6 +34,9 @@ def sensitivity(
 ) -> Sensitivity:
     """Return one trajectory with derivatives; see `CompiledModel.sensitivity`."""
     t0, t1 = span_of(t_span)
+    if options.inputs is not None:
+        options.inputs.refuse_span(t0, t1)
+        parameters = options.inputs.parameters(parameters, t0)
     other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
     if other is None:
         return _in_own_time(model, (t0, t1), initial, parameters, options)
@@ -41,6 +44,9 @@ def sensitivity(
     given = with_offsets(model, other, t0, parameters)
     wanted = [options.wrt] if isinstance(options.wrt, str) else list(options.wrt)
     offsets = _offsets(model, other, wanted)
+    if options.inputs is not None:
+        options = replace(options, inputs=options.inputs.counted_from(t0))
+        given = options.inputs.parameters(given, 0.0)
     more = replace(options, t_eval=elapsed_times(t0, t1, times), wrt=[*wanted, *(offset.name for offset in offsets)])
     try:
         found = _in_own_time(other, (0.0, t1 - t0), initial, given, more)

@@ -37,6 +37,9 @@ def simulate(
 ) -> Trajectory:
     """Return one trajectory; see `CompiledModel.simulate`."""
     t0, t1 = span_of(t_span)
+    if options.inputs is not None:
+        options.inputs.refuse_span(t0, t1)
+        parameters = options.inputs.parameters(parameters, t0)
     if not begins_elsewhere(t0, t1):
         return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
     other, events, _ = in_elapsed_time(model, t0, t1, options.events)
@@ -46,6 +49,9 @@ def simulate(
     times = options.t_eval
     options = replace(options, t_eval=elapsed_times(t0, t1, times))
     given = with_offsets(model, other, t0, parameters)
+    if options.inputs is not None:
+        options = replace(options, inputs=options.inputs.counted_from(t0))
+        given = options.inputs.parameters(given, 0.0)
     run = simulate_in_own_time(other, (0.0, t1 - t0), initial, given, options)
     return run.counted_from(t0, times, noted_from(run.stats.note, t0))
 

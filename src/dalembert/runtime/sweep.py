@@ -43,6 +43,9 @@ def sweep(
 ) -> Sweep:
     """Return the results of many cases; see `CompiledModel.sweep`."""
     starts, lasts = spans_of(t_span)
+    if options.inputs is not None:
+        options.inputs.refuse_span(starts, lasts)
+        parameters = options.inputs.case_parameters(parameters, starts)
     together = len(starts) == len(lasts) == 1
     if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
         return _in_own_time(model, t_span, initial, parameters, options)
@@ -55,6 +58,9 @@ def sweep(
     near = ~far(starts, lasts) if other is not model else np.zeros(1, bool)
     begins = np.where(near, np.nan, starts) - starts  # NaN is not run
     own = replace(options, t_eval=since, events=events, reduce=reduce)
+    if options.inputs is not None:
+        own = replace(own, inputs=options.inputs.counted_from(starts))
+        given = own.inputs.case_parameters(given, begins)
     run = _in_own_time(other, (begins, lasts - starts), initial, given, own)
     table = reduction_table(options.reduce, model.layout.aliases)
     crossings = [name for name, each in table.items() if each.kind == "first crossing"]

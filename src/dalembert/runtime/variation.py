@@ -14,7 +14,6 @@ from ..codegen.base import Engine
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.segments import Constants, constants_at
-from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -141,7 +140,7 @@ def chosen_names(
     """
     layout = program.layout
     known_of = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)
-    known_wrt = (*(name for name in layout.parameters if name != CONDITION_TIME), *given)
+    known_wrt = (*layout.given, *given)
 
     def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
         found, wrong = [], []

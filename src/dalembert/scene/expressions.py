@@ -71,7 +71,7 @@ class ExpressionReader:
     """Reads SymPy expressions onto a graph, each distinct subexpression once.
 
     Faults are collected in `faults`, with the place where they were met, and read as zero, so
-    that one reading finds them all.
+    that one reading finds them all. `met` holds the coordinates, rates and inputs that were read.
 
     Parameters
     ----------
@@ -101,6 +101,7 @@ class ExpressionReader:
         self.parameters: dict[str, sp.Symbol] = {}
         self.unknowns: dict[str, sp.Symbol] = {}
         self.faults: list[str] = []
+        self.met: set[Any] = set()
         self._known: dict[Any, Node] = {}
         self._place = ""
         self._allow_unknowns = False
@@ -163,6 +164,7 @@ class ExpressionReader:
     def _new(self, e: Any) -> Node:
         g = self.graph
         if e in self.leaves:
+            self.met.add(e)
             self.timed |= e == dynamicsymbols._t
             return self.leaves[e]
         if e.is_Rational:
@@ -185,7 +187,8 @@ class ExpressionReader:
             if str(e) in map(str, self.leaves):
                 return self.fault(f"{e} {_OTHER}")
             return self.fault(
-                f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene"
+                f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene, or declare"
+                " it as a given function of time with add_inputs"
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
             )
         return self._function(e)

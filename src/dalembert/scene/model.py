@@ -25,6 +25,7 @@ __all__ = [
     "GivenBody",
     "GivenLoad",
     "GivenMotion",
+    "InputSymbol",
     "Piece",
     "Pieces",
     "PointModel",
@@ -231,6 +232,28 @@ class ContactModel:
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class InputSymbol:
+    """An input: a given function of time.
+
+    Attributes
+    ----------
+    name : str
+    used : bool
+        Whether anything that was read depends on it.
+    smoothness : int
+        How often its values must have a continuous derivative: -1 where they may jump.
+    where : str
+        What requires that.
+    """
+
+    name: str
+    used: bool
+    smoothness: int
+    where: str
+
+
+@final
 @dataclass(frozen=True)
 class SymbolTable:
     """The names of a scene and the inputs they stand for.
@@ -251,6 +274,8 @@ class SymbolTable:
         Whether time itself occurs in the scene or its outputs.
     offsets : tuple of Offset
         Parameters that stand for what expressions of time are at the start of a run, where time is counted from there.
+    inputs : tuple of InputSymbol
+        Given functions of time; their parameters (`dalembert.ir.input_parameters`) are among the `parameters`.
     """
 
     time: str
@@ -263,6 +288,12 @@ class SymbolTable:
     assumptions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     timed: bool = False
     offsets: tuple[Offset, ...] = ()
+    inputs: tuple[InputSymbol, ...] = ()
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(each.name for each in self.inputs)
 
 
 @final

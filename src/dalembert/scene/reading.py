@@ -21,6 +21,7 @@ from .joint_checks import foreign_points
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
 from .prescribed_velocities import located, read_given
 from .scene import Joint, Place, Scene
+from .symbols import Requirement
 from .velocity_checks import velocity_faults
 
 __all__ = ["read"]
@@ -90,7 +91,7 @@ class _SceneReader(GeometryReader):
         }
         contacts, closing = self._contacts()
         extra |= self._named_outputs(outputs)
-        symbols = self._symbols()
+        symbols = self._symbols(self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian))
         if not self.faults:
             self.faults += foreign_points(
                 self.graph,
@@ -138,6 +139,40 @@ class _SceneReader(GeometryReader):
         given = read_given(scene, self._vector, self.expressions.read, self._rows, self._frame)
         lagrangian = scene.lagrangian
         return given, None if lagrangian is None else self._scalar(lagrangian, "Lagrangian")
+
+    def _smoothness(
+        self,
+        holonomic: Sequence[ConstraintModel],
+        nonholonomic: Sequence[ConstraintModel],
+        given: GivenMotion | None,
+        lagrangian: Node | None,
+    ) -> list[Requirement]:
+        """Return how often inputs must have a continuous derivative: velocities may not jump."""
+        found: list[Requirement] = []
+        if self.inputs:
+            found += [(1, f"the {row.label}", [row.expression]) for row in holonomic]
+            found += [
+                (1, f"the position of point {point.name!r}", [x for piece in point.position for x in piece.components])
+                for point in self.point_models.values()
+            ]
+            found += [
+                (1, f"the orientation of frame {frame.name!r}", [x for row in frame.rotation or () for x in row])
+                for frame in self.frame_models.values()
+            ]
+            leaves = self.expressions.leaves
+            found += [(1, f"the imposed coordinate {q.func.__name__!r}", [leaves[q]]) for q, _ in self.scene.imposed]
+            found += [(0, f"the {row.label}", [row.expression]) for row in nonholonomic]
+            found += [
+                (0, f"the kinematic equation of {u.func.__name__!r}", [leaves[u]])
+                for u in self.scene.speeds
+                if u in leaves
+            ]
+            for body in () if given is None else given.bodies:
+                pieces = (*body.velocity, *body.spin)
+                found.append((0, f"the velocity of body {body.name!r}", [x for p in pieces for x in p.components]))
+            if lagrangian is not None:
+                found.append((1, "the Lagrangian", [lagrangian]))
+        return found
 
     def _rows(self, matrix: Any, place: str) -> tuple[Components, Components, Components]:
         rows = [self._components(matrix[i, :], place) for i in range(3)]

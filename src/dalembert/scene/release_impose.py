@@ -212,7 +212,9 @@ def _value_faults(scene: Scene, coordinate: Any, value: Any) -> list[str]:
         faults.append(
             f"{_name(coordinate)} is imposed as {value}, which contains rates; only coordinates and time may occur"
         )
-    strange = sorted(str(f) for f in value.atoms(AppliedUndef) if f not in others and f != coordinate)
+    strange = sorted(
+        str(f) for f in value.atoms(AppliedUndef) if f not in others and f not in scene.inputs and f != coordinate
+    )
     if strange:
         faults.append(f"{_name(coordinate)} is imposed as {value}: {list_names(strange)} is no coordinate of the scene")
     return faults

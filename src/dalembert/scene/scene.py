@@ -81,7 +81,7 @@ class Scene:
 
     The velocities of points and frames follow from positions and orientations and need not be
     set; where they were, they must not contradict them. Every plain symbol that the scene uses is a
-    parameter; every function of time must be one of the coordinates.
+    parameter; every function of time must be one of the coordinates or of the inputs.
 
     Parameters
     ----------
@@ -131,6 +131,7 @@ class Scene:
         self.orientations: tuple[FreeOrientation, ...] = ()
         self.speeds: tuple[Expr, ...] = ()
         self.kinematic_equations: tuple[Expr, ...] = ()
+        self.inputs: tuple[Expr, ...] = ()
         self.elapsed: tuple[Expr, ...] | None = None
         self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
         self.lagrangian: Expr | None = None
@@ -210,6 +211,20 @@ class Scene:
     def add_nonholonomic_constraints(self, *constraints: Expr) -> None:
         """Add expressions, affine in the rates, that vanish."""
         self.nonholonomic_constraints += constraints
+
+    def add_inputs(self, *inputs: Expr) -> None:
+        """Add given functions of time, such as forces, motor torques or the height of a road.
+
+        They may stand wherever time may, with their first rates: in loads, positions, orientations, constraints and
+        outputs. Each run is given their values as ``inputs=``: numbers, which are constant in time, or records made by
+        `dalembert.samples`.
+
+        Parameters
+        ----------
+        *inputs : dynamicsymbols
+            ``u, road = dynamicsymbols("u road")``. None of them is a coordinate.
+        """
+        self.inputs += inputs
 
     def add_friction(self, *laws: CoulombFriction) -> None:
         """Add Coulomb friction between reaction components of joints."""

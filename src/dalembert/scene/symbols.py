@@ -11,17 +11,21 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
+from ..ir.input_parameters import DEGREE, hidden_parameters
 from ..naming import rate_name
 from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
 from .entries import entries_of
 from .expressions import ExpressionReader
-from .model import SymbolTable
+from .model import InputSymbol, SymbolTable
 from .scene import Scene
 from .speeds import read_speeds
 
-__all__ = ["RESERVED_OUTPUTS", "SymbolReader", "reader_of"]
+__all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of"]
+
+Requirement = tuple[int, str, Sequence[Node]]
+"""How often inputs must have a continuous derivative, what requires it, and the nodes there."""
 
 TIME = "t"
 _SIGNS = ("zero", "positive", "negative", "nonnegative", "nonpositive")
@@ -49,6 +53,7 @@ class SymbolReader:
         self.graph = Graph()
         self.faults: list[str] = []
         self.coordinates = self._coordinates()
+        self.inputs = self._functions_of_time()
         clock = None if scene.elapsed is None else ElapsedTime()
         self.expressions = ExpressionReader(self.graph, self._leaves(), clock, time=self.graph.input(TIME))
         self._impose()
@@ -72,10 +77,35 @@ class SymbolReader:
             self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
         return tuple(good)
 
+    def _functions_of_time(self) -> tuple[Any, ...]:
+        """Return the inputs of the scene that can be told apart from everything else."""
+        good: list[Any] = []
+        for u in self.scene.inputs:
+            if not (isinstance(u, AppliedUndef) and u.args == (dynamicsymbols._t,)):
+                self.faults.append(f"input {u!r} is not a function of time; make it with dynamicsymbols")
+            elif u in self.coordinates or u in self.scene.speeds:
+                self.faults.append(
+                    f"{u.func.__name__!r} is a coordinate or a speed and an input too: the motion determines the former"
+                    " and the user the latter; make it one of them"
+                )
+            elif u.func.__name__ in {g.func.__name__ for g in good}:
+                self.faults.append(f"input {u.func.__name__!r} is added twice")
+            else:
+                good.append(u)
+        return tuple(good)
+
+    def _input(self, u: Any) -> Node:
+        """Return an input: the polynomial in the time since its knot."""
+        knot, *coefficients = (self.graph.input(name) for name in hidden_parameters(u.func.__name__))
+        elapsed, value = self.graph.input(TIME) - knot, coefficients[DEGREE]
+        for coefficient in reversed(coefficients[:DEGREE]):
+            value = value * elapsed + coefficient
+        return value
+
     def _named_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
         """Return angles that quaternions stand for, their rates, and speeds, by name, where they are asked for."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
-        found: dict[str, Node] = {u.func.__name__: leaves[u] for u in self.scene.speeds}
+        found: dict[str, Node] = {u.func.__name__: leaves[u] for u in (*self.scene.speeds, *self.inputs)}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
@@ -88,6 +118,9 @@ class SymbolReader:
             leaves[q] = self.graph.input(q.func.__name__)
         for q in self.coordinates:
             leaves[sp.Derivative(q, time)] = self.graph.input(rate_name(q.func.__name__))
+        for u in self.inputs:
+            leaves[u] = self._input(u)
+            leaves[sp.Derivative(u, time)] = tangents(self.graph, [leaves[u]], {leaves[time]: self.graph.one})[0]
         return leaves
 
     def _impose(self) -> None:
@@ -99,7 +132,8 @@ class SymbolReader:
             leaves[q] = node
             leaves[sp.Derivative(q, time)] = tangents(self.graph, [node], flow)[0]
 
-    def _symbols(self) -> SymbolTable:
+    def _symbols(self, requirements: Sequence[Requirement]) -> SymbolTable:
+        """Return the names of the scene; `requirements` are those on inputs."""
         coordinates = tuple(q.func.__name__ for q in self.coordinates)
         rates = tuple(rate_name(name) for name in coordinates)
         parameters = tuple(sorted(self.expressions.parameters))
@@ -108,10 +142,18 @@ class SymbolReader:
         taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
         speeds = [u.func.__name__ for u in self.scene.speeds]
         taken.update(dict.fromkeys(speeds, "a speed"))
-        kinds = (("parameter", parameters), ("unknown", unknowns), ("coordinate", coordinates), ("speed", speeds))
+        inputs = [u.func.__name__ for u in self.inputs]
+        taken.update(dict.fromkeys((name for name in inputs if name not in taken), "an input"))
+        kinds: tuple[tuple[str, Sequence[str]], ...] = (
+            ("parameter", parameters),
+            ("unknown", unknowns),
+            ("coordinate", coordinates),
+            ("speed", speeds),
+            ("input", inputs),
+        )
         for kind, names in kinds:
             for name in names:
-                if name in taken and taken[name] != f"a {kind}":
+                if name in taken and taken[name] not in (f"a {kind}", f"an {kind}"):
                     meant = " (where time is meant, use dynamicsymbols._t itself)" if name == TIME else ""
                     self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
         time = dynamicsymbols._t
@@ -128,8 +170,10 @@ class SymbolReader:
         for u in self.scene.speeds:
             name = u.func.__name__
             aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
+        aliases |= {name: name for name in inputs} | {str(u): u.func.__name__ for u in self.inputs}
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
         assumptions = self._assumptions(parameters)
+        parameters = (*parameters, *(hidden for name in inputs for hidden in hidden_parameters(name)))
         if decide(self.expressions.conditions):
             parameters = (*parameters, CONDITION_TIME)
         return SymbolTable(
@@ -143,7 +187,18 @@ class SymbolReader:
             assumptions,
             self.expressions.timed,
             () if self.expressions.clock is None else tuple(self.expressions.clock.offsets.values()),
+            tuple(self._input_symbol(u, requirements) for u in self.inputs),
         )
+
+    def _input_symbol(self, u: Any, requirements: Sequence[Requirement]) -> InputSymbol:
+        """Return an input with what its values must be for what was read."""
+        rate, met, name = sp.Derivative(u, dynamicsymbols._t), self.expressions.met, u.func.__name__
+        smoothness, where = (0, f"the rate of {name!r}") if rate in met else (-1, "")
+        mask = self.graph.mask(hidden_parameters(name))
+        for required, place, nodes in requirements:
+            if required > smoothness and any(node.deps & mask for node in nodes):
+                smoothness, where = required, place
+        return InputSymbol(name, u in met or rate in met, smoothness, where)
 
     def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:
         """Return the declared assumptions of parameters, coordinates, angles and speeds, by name."""

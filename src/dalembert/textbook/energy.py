@@ -104,7 +104,8 @@ def check_kinetic_energy(
     SceneError
         With the reason: it was simplified with a constraint, or it is the energy of something else.
     """
-    strange = sorted(str(f) for f in sp.sympify(given).atoms(sp.core.function.AppliedUndef) if f not in coordinates)
+    functions = {*coordinates, *derived.atoms(sp.core.function.AppliedUndef)}
+    strange = sorted(str(f) for f in sp.sympify(given).atoms(sp.core.function.AppliedUndef) if f not in functions)
     difference = given - derived
     if strange:
         raise SceneError(

@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
+from sympy.core.function import AppliedUndef
 
 from ..arrays import FloatArray
 from ..scene.identity import leaves_of
@@ -19,6 +20,9 @@ __all__ = ["PlainSystem", "State", "States", "rank"]
 
 TOLERANCE = 1e-9
 """Relative size below which a number that was computed from random states counts as zero."""
+
+_INPUT_RATES = 4
+"""Highest order of the rates of inputs: positions are differentiated twice, and equations once or twice more."""
 
 
 @final
@@ -42,7 +46,7 @@ class PlainSystem:
     Attributes
     ----------
     t, q, v, p : Symbol, or tuple of Symbol
-        Time, coordinates, rates, parameters.
+        Time, coordinates, rates, parameters and, behind these, inputs with their rates.
     mass, bias, given, power, jacobian, gamma, residual, velocity : Matrix
         `power` holds the coefficients of the unknowns X; `residual` and `velocity` vanish with the constraints.
     """
@@ -82,7 +86,14 @@ class PlainSystem:
         self.residual = sp.Matrix(len(holonomic), 1, [self.plain(e) for e in holonomic])
         everything = [T, *self.given, *self.power, *self.jacobian, *self.velocity, *self.residual]
         state = {self.t, *self.q, *self.v}
-        self.p = tuple(s for s in leaves_of(everything) if s not in state)
+        inputs = sorted({u for e in everything for u in e.atoms(AppliedUndef)}, key=str)
+        self._inputs = {
+            u.diff(self.t, order) if order else u: sp.Symbol(f"rate {order} of {u.func}")
+            for u in inputs
+            for order in range(_INPUT_RATES + 1)
+        }
+        parameters = (s for s in leaves_of(everything) if isinstance(s, sp.Symbol) and s not in state)
+        self.p = (*parameters, *self._inputs.values())
 
     def plain(self, expression: Any) -> Any:
         """Return an expression of the scene in plain symbols."""
@@ -102,7 +113,7 @@ class PlainSystem:
     def function(self, expressions: Sequence[Any]) -> Any:
         """Return a function of (t, q, v, p) that gives the values of expressions in plain symbols."""
         arguments = (self.t, self.q, self.v, self.p)
-        return function_of(arguments, expressions)
+        return function_of(arguments, [e.xreplace(self._inputs) for e in map(sp.sympify, expressions)])
 
     @cached_property
     def _equations(self) -> Any:

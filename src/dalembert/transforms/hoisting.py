@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
+from ..ir.input_parameters import hidden_parameters
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.program import Program
 from ..naming import Namer
@@ -20,7 +21,8 @@ class HoistParameters:
     """Replace values that depend on parameters p alone by constants c, which a kernel ``prepare`` computes from p.
 
     The first entries of c are the parameters themselves; equal expressions of different kernels share an entry.
-    Kernels take c in place of p; ``prepare`` becomes the first kernel of the program.
+    Kernels take c in place of p; ``prepare`` becomes the first kernel of the program. Parameters of inputs, which
+    change along a run, are entries of c, and what depends on them stays where it is.
     """
 
     name: ClassVar[str] = "hoist parameters"
@@ -28,7 +30,9 @@ class HoistParameters:
     def __call__(self, program: Program) -> Program:
         """Return the program after the pass."""
         constants = _Constants(program.layout.parameters)
-        kernels = tuple(_without_parameters(kernel, constants) for kernel in program.kernels)
+        changing = {name for u in program.layout.inputs for name in hidden_parameters(u)}
+        places = frozenset(i for i, name in enumerate(program.layout.parameters) if name in changing)
+        kernels = tuple(_without_parameters(kernel, constants, places) for kernel in program.kernels)
         prepare = EliminateDeadCode()(constants.kernel())
         layout = replace(program.layout, constants=len(prepare.outputs))
         return replace(program, kernels=(prepare, *kernels), layout=layout)
@@ -68,9 +72,9 @@ class _Constants:
         return Kernel("prepare", ("p",), loads, tuple(self._body), tuple(self._outputs))
 
 
-def _without_parameters(kernel: Kernel, constants: _Constants) -> Kernel:
-    """Return a kernel that takes constants in place of parameters."""
-    fixed = values_of(kernel, "p")
+def _without_parameters(kernel: Kernel, constants: _Constants, changing: frozenset[int]) -> Kernel:
+    """Return a kernel that takes constants in place of parameters, of which some change along a run."""
+    fixed = values_of(kernel, "p", changing)
     meaning = {load.target: constants.parameters[load.index or 0] for load in kernel.loads if load.array == "p"}
     for line in kernel.body:
         if line.target in fixed:

@@ -31,9 +31,9 @@ def _uses(kernel: Kernel) -> Counter[Operand]:
     return counts
 
 
-def values_of(kernel: Kernel, array: str) -> set[str]:
-    """Return the values that depend on the entries of an argument alone, or on nothing."""
-    fixed = {load.target for load in kernel.loads if load.array == array}
+def values_of(kernel: Kernel, array: str, without: frozenset[int] = frozenset()) -> set[str]:
+    """Return the values that depend on the entries of an argument alone, or on nothing; some entries do not count."""
+    fixed = {load.target for load in kernel.loads if load.array == array and load.index not in without}
     for line in kernel.body:
         if all(not isinstance(arg, str) or arg in fixed for arg in line.args):
             fixed.add(line.target)

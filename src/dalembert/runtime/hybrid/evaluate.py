@@ -27,7 +27,7 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
         several.
     """
     equations, data = decisions.automaton.equations, decisions.automaton.contact_data
-    c = np.broadcast_to(p, (len(t), len(p)))
+    c = np.broadcast_to(p, (len(t), p.shape[-1]))
     if CONDITION_TIME in equations.symbols.parameters:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t

@@ -25,12 +25,14 @@ from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
 from ...scene import Scene
+from ...scene.model import InputSymbol
 from ...values import option
-from .. import inputs
+from .. import inputs as run_input
 from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
 from ..events import compiled_events
+from ..input_values import read_inputs, with_inputs
 from ..inputs import span_of
 from ..model import CompiledModel
 from ..reductions import reduction_table
@@ -139,6 +141,11 @@ class HybridModel(Evaluated):
         return self._equations.name
 
     @property
+    def _inputs(self) -> tuple[InputSymbol, ...]:
+        """The inputs of the scene."""
+        return self._equations.symbols.inputs
+
+    @property
     def backend(self) -> str:
         """Name of the backend."""
         return self._options.backend
@@ -199,10 +206,18 @@ class HybridModel(Evaluated):
 
     # -- motions ---------------------------------------------------------------------------
 
-    def state(self, initial: Mapping[Any, Any], parameters: Mapping[Any, Any], *, t: float = 0.0) -> FloatArray:
+    def state(
+        self,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        *,
+        t: float = 0.0,
+        inputs: Mapping[Any, Any] | None = None,
+    ) -> FloatArray:
         """Return consistent coordinates and rates (2 n_q,), as `simulate` starts from them."""
+        parameters = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
         given = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
-        return self._start(option("t", t), inputs.given_values(self.layout, initial), given)
+        return self._start(option("t", t), run_input.given_values(self.layout, initial), given)
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
         return evaluate(self._modes.decisions, kernel, t, x, p)
@@ -213,13 +228,14 @@ class HybridModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         states: Sequence[str] | None = None,
     ) -> Linearization:
         """Linearise the motion about a state, in the mode that its contacts have there.
 
         Parameters
         ----------
-        t, initial, parameters, states
+        t, initial, parameters, inputs, states
             As for `dalembert.runtime.model.CompiledModel.linearize`.
 
         Returns
@@ -233,9 +249,9 @@ class HybridModel(Evaluated):
             For input that is wrong, and for states that the contacts forbid or do not let go on.
         """
         time = option("t", t)
-        p = self.parameter_vector(parameters)
+        p = self.parameter_vector(with_inputs(self.layout, self._inputs, inputs, parameters, time))
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
-        x = self._start(time, inputs.given_values(self.layout, initial), given)
+        x = self._start(time, run_input.given_values(self.layout, initial), given)
         if CONDITION_TIME in given:
             given[CONDITION_TIME] = time
         c = np.array([[given[name] for name in self.layout.parameters]])
@@ -281,6 +297,7 @@ class HybridModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         t_eval: Any = None,
         method: str = "auto",
         rtol: float = 1e-8,
@@ -297,7 +314,7 @@ class HybridModel(Evaluated):
 
         Parameters
         ----------
-        t_span, initial, parameters, t_eval, method, rtol, atol, first_step, max_step, max_steps, dense, events
+        t_span, initial, parameters, inputs, t_eval, method, rtol, atol, first_step, max_step, max_steps, dense, events
             As for `dalembert.runtime.model.CompiledModel.simulate`. What `initial` leaves out is fixed by the
             constraints with all contacts closed.
 
@@ -315,7 +332,11 @@ class HybridModel(Evaluated):
         self._refuse(project_invariants, error_estimate)
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, False, False)
-        options = simulate_options(*plain, t_eval=t_eval, events=events)
+        given_inputs = read_inputs(self.layout, self._inputs, inputs)
+        if given_inputs is not None:
+            given_inputs.refuse_span(t0, t1)
+            parameters = given_inputs.parameters(parameters, t0)
+        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=given_inputs)
         other, own, _ = self._counting(t0, t1, events) if begins_elsewhere(t0, t1) else (None, events, None)
         if other is None:
             return self._simulate((t0, t1), initial, parameters, options)
@@ -325,7 +346,10 @@ class HybridModel(Evaluated):
         if other is not self:
             values = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
             given = {**parameters, **offset_values(other._equations.symbols.offsets, t0, values)}
-        options = replace(options, t_eval=wanted, events=own)
+        if given_inputs is not None:
+            given_inputs = given_inputs.counted_from(t0)
+            given = given_inputs.parameters(given, 0.0)
+        options = replace(options, t_eval=wanted, events=own, inputs=given_inputs)
         run = other._simulate((0.0, t1 - t0), initial, given, options)
         if times is not None and wanted is not None:
             times = times[(wanted - run.t_end) * (1.0 if t1 >= t0 else -1.0) <= 0.0]
@@ -356,14 +380,14 @@ class HybridModel(Evaluated):
         t0, t1 = t_span
         p = self.parameter_vector(parameters)
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
-        inputs.warn_below_floor(options.rtol, options.atol)
+        run_input.warn_below_floor(options.rtol, options.atol)
         listed, times = self._events(options.events), options.t_eval
         if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
             raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
         request = Request(
             t0=t0,
             t1=t1,
-            x=self._start(t0, inputs.given_values(self.layout, initial), given),
+            x=self._start(t0, run_input.given_values(self.layout, initial), given),
             parameters=given,
             c=p,
             options=options,
@@ -379,6 +403,7 @@ class HybridModel(Evaluated):
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         grid: Grid | None = None,
         t_eval: Any = None,
         method: str = "auto",
@@ -399,7 +424,7 @@ class HybridModel(Evaluated):
 
         Parameters
         ----------
-        t_span, initial, parameters, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
+        t_span, initial, parameters, inputs, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
             As for `dalembert.runtime.model.CompiledModel.sweep`; every time of `t_eval` ends a step.
         max_steps : int
             Steps of all phases together after which a case ends with a status.
@@ -428,8 +453,12 @@ class HybridModel(Evaluated):
             progress=progress,
             events=events,
             reduce=reduce,
+            inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
         )
         starts, lasts = spans_of(t_span)
+        if options.inputs is not None:
+            options.inputs.refuse_span(starts, lasts)
+            parameters = options.inputs.case_parameters(parameters, starts)
         together = len(starts) == len(lasts) == 1
         other, own, table = None, events, reduce
         if begins_elsewhere(starts, lasts) and (together or t_eval is None):
@@ -446,6 +475,9 @@ class HybridModel(Evaluated):
             given = {**parameters, **offset_columns(other._equations.symbols.offsets, starts, cases.parameters)}
         spans = (starts - starts, lasts - starts)
         options = replace(options, t_eval=wanted, events=own, reduce=table)
+        if options.inputs is not None:
+            options = replace(options, inputs=options.inputs.counted_from(starts))
+            given = options.inputs.case_parameters(given, starts - starts)
         run = other._sweep(spans, initial, given, options)
         reductions = reduction_table(reduce, self.layout.aliases)
         crossings = [name for name, each in reductions.items() if each.kind == "first crossing"]
@@ -459,7 +491,7 @@ class HybridModel(Evaluated):
         options: SweepOptions,
     ) -> HybridSweep:
         """Simulate many cases, as `sweep` does, in the time of this model."""
-        inputs.warn_below_floor(options.rtol, options.atol)
+        run_input.warn_below_floor(options.rtol, options.atol)
         listed = self._events(options.events)
         for event in listed:
             if event.apply is not None or int(event.terminal) > 1:
@@ -522,7 +554,7 @@ class HybridModel(Evaluated):
         """Return the map of an event, from time and (q, q_dot) to (q, q_dot); None where the constraints forbid it."""
         model = self._model(self._plain(OPEN))
         program = model.stages.program
-        c = inputs.constants(program, inputs.parameter_vector(model.layout, parameters))
+        c = run_input.constants(program, run_input.parameter_vector(model.layout, parameters))
         code = compiled_events(model.stages, (replace(event, terminal=False),), model.derived.start)
 
         def apply(t: float, x: FloatArray) -> FloatArray | None:

@@ -1,0 +1,182 @@
+"""Records of inputs: values at knots, and the polynomials between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..errors import OptionError, ValueInputError, unknown_name
+from ..ir.input_parameters import WIDTH
+from ..methods.step_constants import SMALLEST_OF_TIME
+from ..values import array_of
+
+__all__ = ["EXTRAPOLATE", "KINDS", "Samples", "samples"]
+
+KINDS = ("hold", "linear", "cubic")
+"""How values follow from those at the knots."""
+
+EXTRAPOLATE = ("error", "hold", "linear")
+"""What values are outside of the knots."""
+
+_SMOOTHNESS = {"hold": -1, "linear": 0, "cubic": 2}
+"""How often the values of each kind have a continuous derivative; -1 where they jump."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A record of an input, made by `samples`.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        The knots [s].
+    values : ndarray (n_t,) or (n_case, n_t)
+    kind : str
+        One of `KINDS`.
+    extrapolate : str
+        One of `EXTRAPOLATE`.
+    slopes : ndarray or None
+        Derivatives at the knots of the kind "cubic", of the shape of the values.
+    """
+
+    t: FloatArray
+    values: FloatArray
+    kind: str
+    extrapolate: str
+    slopes: FloatArray | None
+
+    @property
+    def cases(self) -> int | None:
+        """For how many cases there are values, None for one row that serves all."""
+        return None if self.values.ndim == 1 else len(self.values)
+
+    @property
+    def first(self) -> int:
+        """Number of the first piece; piece k begins at knot k."""
+        return 0 if self.extrapolate == "error" else -1
+
+    @property
+    def last(self) -> int:
+        """Number of the last piece."""
+        return len(self.t) - (2 if self.extrapolate == "error" and self.kind != "hold" and len(self.t) > 1 else 1)
+
+    def reaches(self, low: float, high: float) -> bool:
+        """Whether there are values between two times, up to rounding."""
+        near = SMALLEST_OF_TIME * max(abs(low), abs(high))
+        return self.extrapolate != "error" or bool(self.t[0] - near <= low and high <= self.t[-1] + near)
+
+    def smoothness(self, low: float, high: float) -> int:
+        """Return how often the values between two times have a continuous derivative."""
+        kind = _SMOOTHNESS[self.kind]
+        if self.reaches(low, high) and self.extrapolate != "error" and (low < self.t[0] or high > self.t[-1]):
+            return min(kind, 1 if self.extrapolate == "linear" else 0)
+        return kind
+
+    def pieces(self, t: FloatArray, *, after: bool | NDArray[np.bool_] = True) -> NDArray[np.intp]:
+        """Return the numbers of the pieces (k,) at times (k,): at a knot, that which follows, or that before it."""
+        follows = np.searchsorted(self.t, t, side="right") - 1
+        if not np.all(after):
+            follows = np.where(after, follows, np.searchsorted(self.t, t, side="left") - 1)
+        return np.asarray(np.clip(follows, self.first, self.last), dtype=np.intp)
+
+    def coefficients(self, piece: NDArray[np.intp], case: NDArray[np.intp] | int = 0) -> FloatArray:
+        """Return knot and coefficients (k, WIDTH) of pieces (k,) for cases (k,)."""
+        n, v = len(self.t), self.values if self.values.ndim == 2 else self.values[np.newaxis]
+        row = np.broadcast_to(np.asarray(case if self.values.ndim == 2 else 0), piece.shape)
+        at = np.clip(piece, 0, n - 1)
+        out = np.zeros((len(piece), WIDTH))
+        out[:, 0], out[:, 1] = self.t[at], v[row, at]
+        if self.kind == "hold" or n == 1:
+            return out
+        inside = (piece >= 0) & (piece < n - 1)
+        left = np.clip(piece, 0, n - 2)
+        width = self.t[left + 1] - self.t[left]
+        slope = (v[row, left + 1] - v[row, left]) / width
+        if self.slopes is None:
+            out[:, 2] = slope if self.extrapolate == "linear" else np.where(inside, slope, 0.0)
+            return out
+        d = self.slopes if self.slopes.ndim == 2 else self.slopes[np.newaxis]
+        bend = (d[row, left] + d[row, left + 1] - 2.0 * slope) / width
+        out[:, 2] = d[row, at] if self.extrapolate == "linear" else np.where(inside, d[row, at], 0.0)
+        out[:, 3] = np.where(inside, (slope - d[row, left]) / width - bend, 0.0)
+        out[:, 4] = np.where(inside, bend / width, 0.0)
+        return out
+
+    def __repr__(self) -> str:
+        of = "" if self.cases is None else f" for {self.cases} cases"
+        return f"<samples at {len(self.t)} knots{of}, {self.kind}>"
+
+
+def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error") -> Samples:
+    """Return a record of an input, for ``inputs={u: samples(t, values)}`` of a run.
+
+    Steps end at its knots, so that they cost no accuracy. The arrays are copied once; runs read the copy in place.
+
+    Parameters
+    ----------
+    t : array_like (n_t,)
+        Knots [s], increasing, in the time of the run.
+    values : array_like (n_t,) or (n_case, n_t)
+        Values at the knots: for all cases, or in sweeps one row a case.
+    kind : str
+        "hold" keeps the value of the last knot, that of a knot included; "linear" interpolates; "cubic" is SciPy's
+        ``CubicSpline`` (not-a-knot), twice differentiable as a prescribed position and a holonomic constraint need it.
+    extrapolate : str
+        What values are outside of the knots: "error" refuses runs that need some, "hold" keeps the first and the last,
+        "linear" goes on with the slopes at the ends.
+
+    Raises
+    ------
+    ValueInputError
+        For knots that do not increase, numbers that are not finite, and arrays of the wrong shape.
+    OptionError
+        For a kind or an extrapolation that does not exist.
+    """
+    choices: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
+        ("kind", kind, KINDS),
+        ("extrapolate", extrapolate, EXTRAPOLATE),
+    )
+    for what, name, known in choices:
+        if not isinstance(name, str) or name not in known:
+            raise OptionError(unknown_name(what, str(name), known))
+    knots, table = _array("t", t), _array("values", values)
+    if knots.ndim != 1 or not len(knots):
+        raise ValueInputError(f"samples: t must have shape (n_t,) with one knot at least, not {knots.shape}")
+    if table.ndim not in (1, 2) or table.shape[-1] != len(knots) or not len(table):
+        raise ValueInputError(
+            f"samples: values must have shape ({len(knots)},), one value a knot, or (n_case, {len(knots)}), one row a"
+            f" case, not {table.shape}"
+        )
+    if len(knots) > 1 and not np.all(knots[1:] > knots[:-1]):
+        i = int(np.flatnonzero(~(knots[1:] > knots[:-1]))[0])
+        raise ValueInputError(
+            f"samples: t must increase from knot to knot; t[{i}] = {knots[i]:g} is followed by {knots[i + 1]:g}. Sort"
+            " the knots, and keep one value for each time"
+        )
+    if len(knots) == 1 and kind != "hold":
+        raise ValueInputError(f"samples: one knot gives no values of kind {kind!r}; give two at least, or kind='hold'")
+    return Samples(knots, table, kind, extrapolate, _spline_slopes(knots, table) if kind == "cubic" else None)
+
+
+def _array(name: str, given: Any) -> FloatArray:
+    """Return a copy of an array of finite numbers."""
+    try:
+        array = np.array(array_of(given), dtype=float, order="C")
+    except ValueError as reason:
+        raise ValueInputError(f"samples: {name} {reason}") from None
+    if not np.all(np.isfinite(array)):
+        where = ", ".join(map(str, np.argwhere(~np.isfinite(array))[0]))
+        raise ValueInputError(f"samples: every number of {name} must be finite; {name}[{where}] is not")
+    return array
+
+
+def _spline_slopes(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the derivatives at the knots of the spline with a continuous third derivative at the outermost knots."""
+    from scipy.interpolate import CubicSpline
+
+    return np.ascontiguousarray(CubicSpline(t, values, axis=-1)(t, 1))

@@ -1,0 +1,250 @@
+"""Values of the inputs of a run: numbers, or records with knots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..errors import UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.samples import KINDS, Samples
+from ..ir.input_parameters import WIDTH, hidden_parameters
+from ..ir.program import Layout
+from ..scene.model import InputSymbol
+from ..values import array_of
+
+__all__ = ["GivenInputs", "read_inputs", "with_inputs"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GivenInputs:
+    """Values of all inputs of a scene.
+
+    Attributes
+    ----------
+    symbols : tuple of InputSymbol
+        The inputs.
+    values : mapping of str to float, ndarray (n_case,) or Samples
+        In the order of the scene.
+    shift : ndarray (k,) or (1,)
+        Time [s] at which the time of the run, or of each case, is zero.
+    """
+
+    symbols: tuple[InputSymbol, ...]
+    values: Mapping[str, float | FloatArray | Samples]
+    shift: FloatArray
+
+    @property
+    def sampled(self) -> bool:
+        """Whether any input has knots."""
+        return any(isinstance(value, Samples) for value in self.values.values())
+
+    def counted_from(self, start: Any) -> GivenInputs:
+        """Return the same values for runs in the time since a start, or that of each case."""
+        return replace(self, shift=self.shift + np.atleast_1d(np.asarray(start, dtype=float)))
+
+    @property
+    def records(self) -> dict[str, Samples]:
+        """The values that have knots, by name."""
+        return {name: value for name, value in self.values.items() if isinstance(value, Samples)}
+
+    def refuse_span(self, t0: Any, t1: Any) -> None:
+        """Refuse records that are too short for runs from t0 to t1 (k,), or not smooth enough for where they stand.
+
+        Raises
+        ------
+        ValueInputError
+        """
+        first, last = np.atleast_1d(np.asarray(t0, dtype=float)), np.atleast_1d(np.asarray(t1, dtype=float))
+        fine = np.isfinite(first) & np.isfinite(last)
+        if not np.any(fine):
+            return
+        low = float(np.min(np.where(fine, np.minimum(first, last), np.inf)))
+        high = float(np.max(np.where(fine, np.maximum(first, last), -np.inf)))
+        for symbol in self.symbols:
+            value = self.values[symbol.name]
+            if isinstance(value, Samples):
+                _refuse(symbol, value, low, high)
+
+    def parameters(self, parameters: Mapping[Any, Any], t: float) -> dict[Any, Any]:
+        """Return the parameters of one run with those of the inputs at a time of the run."""
+        found = dict(parameters)
+        for name in self.values:
+            row = self._rows(name, np.array([t]))[0]
+            found |= dict(zip(hidden_parameters(name), row.tolist(), strict=True))
+        return found
+
+    def case_parameters(self, parameters: Mapping[Any, Any], starts: FloatArray) -> dict[Any, Any]:
+        """Return the parameters of many cases with those of the inputs at the starts (k,) or (1,) of the cases."""
+        found = dict(parameters)
+        for name, value in self.values.items():
+            names = hidden_parameters(name)
+            if not isinstance(value, Samples):
+                found |= dict.fromkeys(names, 0.0) | {names[1]: value}
+                continue
+            count = max(len(starts), len(self.shift), value.cases or 1)
+            rows = self._rows(name, np.broadcast_to(starts, count), np.arange(count))
+            found |= {hidden: rows[:, i].copy() for i, hidden in enumerate(names)}
+        return found
+
+    def rows(self, t: float) -> FloatArray:
+        """Return knot and coefficients (n_u, WIDTH) of all inputs at a time of one run."""
+        return np.concatenate([self._rows(name, np.array([t])) for name in self.values])
+
+    def write(self, layout: Layout, p: FloatArray, t: FloatArray) -> None:
+        """Write the parameters of the inputs at times (k,) of one run into parameters or constants (k, n)."""
+        for name in self.values:
+            place = layout.parameters.index(hidden_parameters(name)[0])
+            p[:, place : place + WIDTH] = self._rows(name, t)
+
+    def _rows(self, name: str, t: FloatArray, case: NDArray[np.intp] | int = 0) -> FloatArray:
+        """Return knot and coefficients (k, WIDTH) of an input at times (k,) of one run, or of as many cases."""
+        value = self.values[name]
+        if isinstance(value, Samples):
+            start = self.shift if len(self.shift) == 1 else self.shift[case]
+            rows = value.coefficients(value.pieces(t + start), case)
+            rows[:, 0] -= start
+            return rows
+        rows = np.zeros((len(t), WIDTH))
+        rows[:, 1] = value
+        return rows
+
+
+def read_inputs(
+    layout: Layout, symbols: Sequence[InputSymbol], given: Mapping[Any, Any] | None, *, many: bool = False
+) -> GivenInputs | None:
+    """Return the values that a user gave to the inputs of a scene, None for a scene without inputs.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the scene.
+    symbols : sequence of InputSymbol
+        Its inputs.
+    given : mapping or None
+        Names or symbols -> numbers or `Samples`.
+    many : bool
+        Whether arrays of numbers, and records, one a case, are allowed.
+
+    Raises
+    ------
+    UnknownNameError
+        For missing and unknown names, all of them at once.
+    ValueInputError
+        For values that are neither finite numbers nor samples.
+    """
+    if not symbols and not given:
+        return None
+    table: Any = {} if given is None else given
+    if not isinstance(table, Mapping):
+        raise ValueInputError(f"inputs must be a mapping of names or symbols to numbers or samples, not {given!r}")
+    names = [each.name for each in symbols]
+    values: dict[str, Any] = {}
+    unknown, wrong = [], []
+    for key, value in table.items():
+        name = layout.aliases.get(str(key), str(key))
+        if name not in names:
+            unknown.append(_unknown(layout, name, str(key), names))
+        elif name in values:
+            unknown.append(f"input {name!r} is given twice")
+        try:
+            values[name] = _value(name, value, many)
+        except ValueInputError as reason:
+            wrong.append(str(reason))
+    missing = [name for name in names if name not in {layout.aliases.get(str(key), str(key)) for key in table}]
+    if missing:
+        unknown.append(
+            f"missing inputs: {list_names(missing)}. Give each a number, which is constant in time, or a record:"
+            f" inputs={{{missing[0]!r}: dalembert.samples(times, values)}}"
+        )
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    if wrong:
+        raise ValueInputError("; ".join(wrong))
+    return GivenInputs(tuple(symbols), {name: values[name] for name in names}, np.zeros(1))
+
+
+def with_inputs(
+    layout: Layout,
+    symbols: Sequence[InputSymbol],
+    given: Mapping[Any, Any] | None,
+    parameters: Mapping[Any, Any],
+    t: float,
+) -> Mapping[Any, Any]:
+    """Return parameters with those of inputs that have the values given, at one instant; errors as `read_inputs`.
+
+    Parameters that have those of inputs already are returned as they are, where no values are given.
+    """
+    if given is None and any(hidden_parameters(each.name)[0] in parameters for each in symbols):
+        return parameters
+    found = read_inputs(layout, symbols, given)
+    return parameters if found is None else found.parameters(parameters, t)
+
+
+def _refuse(symbol: InputSymbol, record: Samples, low: float, high: float) -> None:
+    name, knots = symbol.name, f"t = {record.t[0]:g} to {record.t[-1]:g}"
+    if not record.reaches(low, high):
+        raise ValueInputError(
+            f"the samples of input {name!r} are too short: their knots go from {knots}, and the run from t = {low:g} to"
+            f" {high:g}. Give samples of the whole span, or say how to go on: extrapolate='hold' or 'linear'"
+        )
+    if record.smoothness(low, high) >= symbol.smoothness:
+        return
+    if record.smoothness(record.t[0], record.t[-1]) >= symbol.smoothness:
+        raise ValueInputError(
+            f"the samples of input {name!r} go on beyond their knots ({knots}) by extrapolate={record.extrapolate!r},"
+            f" where their rate jumps, and {symbol.where} depends on them: velocities would jump. Give samples of the"
+            " whole span, or extrapolate='linear'"
+        )
+    enough = "'cubic'" if symbol.smoothness > 0 else "'linear' or 'cubic'"
+    what = "jump" if record.kind == "hold" else "have kinks"
+    raise ValueInputError(
+        f"the samples of input {name!r} are of kind {record.kind!r}, which {what}, and {symbol.where} depends on them:"
+        f" velocities would jump at every knot. Give them with kind={enough}"
+    )
+
+
+def _unknown(layout: Layout, name: str, key: str, names: Sequence[str]) -> str:
+    if name in layout.parameters:
+        return f"{key!r} is a parameter, which is constant: give its value among the parameters, not the inputs"
+    if name in layout.initial:
+        return (
+            f"{key!r} is determined by the motion, and no input: give its value at the start among the initial values"
+        )
+    if not names:
+        return f"unknown input {key!r}: the scene has no inputs; declare given functions of time with scene.add_inputs"
+    return unknown_name("input", key, names)
+
+
+def _value(name: str, value: Any, many: bool) -> float | FloatArray | Samples:
+    if isinstance(value, Samples):
+        if value.cases is not None and not many:
+            raise ValueInputError(
+                f"input {name!r} has values for {value.cases} cases and this is one run; give values of shape"
+                f" ({len(value.t)},), those of a case, or use model.sweep"
+            )
+        return value
+    try:
+        found = np.array(array_of(value))
+    except ValueError as reason:
+        raise ValueInputError(
+            f"input {name!r} = {value!r} {reason}; give a number, or dalembert.samples(times, values, kind) with a kind"
+            f" of {list_names(map(repr, KINDS))}"
+        ) from None
+    if found.ndim == 0:
+        if not math.isfinite(float(found)):
+            raise ValueInputError(f"input {name!r} = {float(found)!r} is not finite")
+        return float(found)
+    if not many or found.ndim > 1:
+        allowed = "a number, an array with one number a case" if many else "a number"
+        raise ValueInputError(
+            f"input {name!r} has shape {found.shape}; give {allowed}, or dalembert.samples(times, values) for a"
+            " function of time"
+        )
+    return found
