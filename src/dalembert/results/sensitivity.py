@@ -58,6 +58,10 @@ class Sensitivity:
         """Return the values (n_t,) of one of `of`, by name or symbol."""
         return self.values[:, self._place(name, self.of)]
 
+    def __getitem__(self, name: Any) -> FloatArray:
+        """Return the values (n_t,) of one of `of`, as `value` does."""
+        return self.value(name)
+
     def jacobian(self, of: Any, wrt: Any) -> FloatArray:
         """Return the derivatives (n_t,) of one of `of` with respect to one of `wrt`, by name or symbol."""
         return self.jacobians[:, self._place(of, self.of), self._place(wrt, self.wrt)]
