@@ -353,7 +353,7 @@ def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypa
         return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_sweep.PhaseExecutor, "run", lambda self, some: False)
+        patched.setattr(hybrid_sweep, "compiled_phases", lambda modes: False)
         expected, sampled = swept(), swept(**many)
     monkeypatch.setattr(hybrid_sweep._Sweep, "_round", None)
     found = [swept(threads=threads) for threads in (1, 2)]
@@ -475,9 +475,3 @@ def test_a_motion_in_phases_survives_pickling():
     again = pickle.loads(pickle.dumps(run))
     np.testing.assert_array_equal(again.constraint_violation, run.constraint_violation)
     assert again.phases == run.phases and again(1.0)["x"] == run(1.0)["x"]
-
-
-def test_twins_are_refused_where_modes_change():
-    for call in (plate_model().simulate, plate_model().sweep):
-        with pytest.raises(da.errors.OptionError, match=r"error_estimate: a twin .* compare runs at rtol"):
-            call((0, 1), at_angle(0.6), PLATE | {"mu": 0.8, "F_A": 0}, error_estimate=True)

@@ -24,6 +24,7 @@ from ..methods.status import Status
 from ..once import once_property
 
 if TYPE_CHECKING:
+    from ..integrators.workspace import LoopProgress
     from ..reduction.starting import Start
 
 __all__ = [
@@ -151,12 +152,15 @@ class LoopCall:
         Of a function of the address of packed arguments.
     packed_args : ndarray (n,) of int
         Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
+    progress : LoopProgress
+        Where the loop is, and whether it returns before its end.
     held : object
         What must stay alive.
     """
 
     entry: int
     packed_args: NDArray[np.int64]
+    progress: LoopProgress
     held: object
 
 

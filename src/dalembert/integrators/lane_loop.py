@@ -34,8 +34,11 @@ def _pauses(arguments: SweepArguments) -> bool:
     return progress.returns != 0 or arguments.turn[0] >= STOPPED
 
 
-def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]:
-    """Return the loop, with or without events and reductions, and with or without projections."""
+def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], int]:
+    """Return the loop, with or without events and reductions, and with or without projections.
+
+    It returns 1 where it has paused.
+    """
 
     @compiled_subset
     def load(arguments: SweepArguments) -> bool:
@@ -52,7 +55,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                     watch_case(arguments, lane)
         return arguments.state.progress.active != 0
 
-    def loop(arguments: SweepArguments) -> None:
+    def loop(arguments: SweepArguments) -> int:
         progress, every = arguments.state.progress, (1 << arguments.state.clock.shape[1]) - 1
         if progress.paused == 0:
             begin_lanes(arguments)
@@ -78,6 +81,7 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], None]
                 if watched:
                     test_steps(arguments)
                     handle_events(arguments)
+        return progress.paused
 
     return compiled_subset(loop)
 

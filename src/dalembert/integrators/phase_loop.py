@@ -17,10 +17,10 @@ from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
 from .contact_decisions import SOON, SOON_IN_A_ROW
 from .lane_loop import SweepArguments
-from .phase_tables import CaseTable, PhasePlan, ThreadWorkspace
+from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, ThreadWorkspace
 from .workspace import RUNNING
 
-__all__ = ["LOOP", "PhaseArguments"]
+__all__ = ["LOOP", "PhaseArguments", "next_history"]
 
 
 class PhaseArguments(NamedTuple):
@@ -34,9 +34,10 @@ class PhaseArguments(NamedTuple):
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
 _MAX_STEPS = int(Status.MAX_STEPS)
-_NOBODY = -1
 _COUNT = place_of(SweepArguments, "shape.cases")
 _STATES = len(STATES)
+_HISTORY, _HISTORIES = 31, 2_147_483_629
+"""By which a history is multiplied for each phase, and how many there are."""
 
 
 # -- running -----------------------------------------------------------------------------------
@@ -64,17 +65,23 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
             gathered[first + 3 * k + m, place] = cases.rest[i, m]
         for m in range(n):
             gathered[first + 4 * k + m, place] = cases.x[i, m]
+        for m in range(table.totals.shape[1]):
+            space.totals[place, m] = table.totals[i, m]
 
 
 @compiled_subset
-def _run(plan: PhasePlan, space: ThreadWorkspace, runner: int, size: int) -> None:
-    """Run the gathered cases up to what ends the mode of each."""
-    for e in range(size * plan.runners.events[runner]):
-        space.happened[3 * e] = 0.0
-        space.happened[3 * e + 1] = space.happened[3 * e + 2] = math.nan
+def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, size: int) -> None:
+    """Begin a run of the gathered cases: events of users continue to be counted, and no guard has fired."""
+    asked, events = 3 * plan.terminal.size, 3 * plan.runners.events[runner]
+    for place in range(size):
+        first, i = place * events, space.chosen[place]
+        for m in range(asked):
+            space.happened[first + m] = table.occurred[i, m]
+        for m in range(asked, events, 3):
+            space.happened[first + m] = 0.0
+            space.happened[first + m + 1] = space.happened[first + m + 2] = math.nan
     space.turns[runner] = 0
     space.packed_args[runner, _COUNT] = size
-    call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
 
 
 @compiled_subset
@@ -98,17 +105,27 @@ def _expand(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: i
 
 
 @compiled_subset
+def next_history(history: int, mode: int) -> int:
+    """Return the history of phases with one more, in a mode of a number."""
+    return (_HISTORY * history + mode + 1) % _HISTORIES
+
+
+@compiled_subset
 def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int, t: float) -> bool:
-    """Join the events of users to those before; return whether one of them ends the case at a time."""
-    over = False
+    """Take down the events of users in a phase; return whether one of them ends the case, or maps its state."""
+    over, jumps = False, False
     for e in range(plan.terminal.size):
-        count, last = space.happened[first + 3 * e], space.happened[first + 3 * e + 2]
-        table.occurred[i, 3 * e] += count
-        if count > 0.0:
-            if math.isnan(table.occurred[i, 3 * e + 1]):
-                table.occurred[i, 3 * e + 1] = space.happened[first + 3 * e + 1]
-            table.occurred[i, 3 * e + 2] = last
-            over = over or (plan.terminal[e] != 0 and last == t)
+        count, before = space.happened[first + 3 * e], table.occurred[i, 3 * e]
+        for m in range(3 * e, 3 * e + 3):
+            table.occurred[i, m] = space.happened[first + m]
+        if count == before:
+            continue
+        ends = plan.terminal[e] > 0 and count >= plan.terminal[e]
+        if ends or plan.jumps[e] != 0:  # what stops a phase together happens at one time
+            table.occurred[i, 3 * e + 2] = t
+        over, jumps = over or (ends and plan.jumps[e] == 0), jumps or plan.jumps[e] != 0
+    if jumps and not over:
+        table.numbers.runner[i] = JUMPS
     return over
 
 
@@ -137,6 +154,8 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
     numbers.steps[i] += int(space.ends[place, 2])
     for m in range(cases.x.shape[1]):
         cases.x[i, m] = space.posed[m, lane]
+    for m in range(table.totals.shape[1]):
+        table.totals[i, m] = space.totals[place, m]
     cases.passed[i], table.t[i] = t - table.t[i], t
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first, t)
@@ -150,7 +169,8 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
     if numbers.steps[i] >= plan.most_steps:
         numbers.state[i] = _MAX_STEPS
         return False
-    if _fire(plan, table, space, runner, i, first, t):
+    jumps = numbers.runner[i] == JUMPS
+    if not jumps and _fire(plan, table, space, runner, i, first, t):
         numbers.state[i] = _IMPOSSIBLE
         return False
     numbers.soon[i] = numbers.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
@@ -159,7 +179,8 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
         return False
     if cases.passed[i] != 0.0:
         numbers.phases[i] += 1
-    return True
+        numbers.history[i] = next_history(numbers.history[i], _mode_number(table, i))
+    return not jumps
 
 
 # -- decisions ---------------------------------------------------------------------------------
@@ -185,7 +206,7 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
         pending = False
         for lane in range(lanes):
             if space.after_impact[lane] == 0:
-                space.wanted[lane] = _NOBODY
+                space.wanted[lane] = NOBODY
             else:
                 pending = True
 
@@ -207,7 +228,7 @@ def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
     for runner in range(plan.runners.mode.size):
         if plan.runners.mode[runner] == number:
             return runner
-    return _NOBODY
+    return NOBODY
 
 
 @compiled_subset
@@ -247,7 +268,7 @@ def _log(table: CaseTable, i: int) -> None:
     for m in range(n):
         log[line, 2 + 5 * k + m] = cases.x[i, m]
     if line + 1 == log.shape[0]:
-        numbers.runner[i] = _NOBODY
+        numbers.runner[i] = NOBODY
 
 
 @compiled_subset
@@ -258,6 +279,7 @@ def _sample(table: CaseTable, i: int) -> None:
     while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - table.t[i]) * forward <= 0.0:
         place = i * wanted + numbers.next[i]
         table.sampled_t[place], table.sampled_mode[place] = table.t[i], number
+        table.sampled_history[place] = numbers.history[i]
         for m in range(cases.x.shape[1]):
             table.sampled_x[place, m] = cases.x[i, m]
         for m in range(cases.sides.shape[1]):
@@ -268,9 +290,34 @@ def _sample(table: CaseTable, i: int) -> None:
 
 
 @compiled_subset
+def _begin(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, first: int, last: int) -> None:
+    """Select the mode in which those of some cases begin that have not begun."""
+    lanes, numbers, place = space.clock.shape[1], table.numbers, first
+    while place < last:
+        deciding = False
+        for lane in range(lanes):
+            i = table.order[min(place + lane, last - 1)]
+            space.clock[0, lane], space.wanted[lane] = table.t[i], NOBODY
+            for m in range(table.p.shape[1]):
+                space.scene[m, lane] = table.p[i, m]
+            for m in range(table.cases.x.shape[1]):
+                space.posed[m, lane] = table.cases.x[i, m]
+            if place + lane < last and numbers.runner[i] == NOT_BEGUN:
+                space.wanted[lane], deciding = i, True
+        if deciding:
+            _decide(plan, table, space)
+        for lane in range(min(lanes, last - place)):
+            i = table.order[place + lane]
+            if numbers.runner[i] == NOT_BEGUN:
+                _go_on(plan, table, i)
+                _sample(table, i)
+        place += lanes
+
+
+@compiled_subset
 def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> int:
     """Choose those of some cases that go on in one mode, the first that there is; return their number."""
-    size, runner, numbers = 0, _NOBODY, table.numbers
+    size, runner, numbers = 0, NOBODY, table.numbers
     for place in range(begin, end):
         i = table.order[place]
         if numbers.state[i] == RUNNING and numbers.runner[i] >= 0 and (size == 0 or numbers.runner[i] == runner):
@@ -287,7 +334,7 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
     here = min(lanes, size - first)
     _expand(plan, table, space, runner, first, size)
     for lane in range(lanes):
-        space.wanted[lane] = _NOBODY
+        space.wanted[lane] = NOBODY
         if lane < here and _ended(plan, table, space, runner, first + lane, lane):
             space.wanted[lane] = space.chosen[first + lane]
             deciding = True
@@ -301,30 +348,48 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
         if i < 0:
             i = -1 - i
             _go_on(plan, table, i)
-        if table.numbers.state[i] == RUNNING or table.numbers.state[i] == _SUCCESS:
+        running = table.numbers.state[i] == RUNNING and table.numbers.runner[i] != JUMPS
+        if running or table.numbers.state[i] == _SUCCESS:
             _sample(table, i)
 
 
 @compiled_subset
-def LOOP(arguments: PhaseArguments) -> None:
-    """Carry cases on until all have ended, or have no runner."""
+def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
+    """Run a phase of the chosen cases; return 1 where that has paused, and is to be continued."""
+    progress, runner = space.progress, table.numbers.runner[space.chosen[0]]
+    if progress.paused == 0:
+        _gather(table, space, progress.size)
+        _reset(plan, table, space, runner, progress.size)
+    paused = call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
+    if space.turns[runner] >= STOPPED or paused != 0:  # what a run leaves that was stopped is nothing to go by
+        return 1
+    first = 0
+    while first < progress.size:
+        _conclude(plan, table, space, runner, first, progress.size)
+        first += space.clock.shape[1]
+    return 0
+
+
+@compiled_subset
+def LOOP(arguments: PhaseArguments) -> int:
+    """Carry cases on until all have ended, or have no runner; return 1 where a phase has paused."""
     plan, table, space = arguments.plan, arguments.table, arguments.space
-    share, count, lanes = space.gathered.shape[1], table.order.size, space.clock.shape[1]
+    share, count, progress = space.gathered.shape[1], table.order.size, space.progress
     while True:
-        begin = take(table.turn, share)
-        if begin >= count:
-            break
-        end = min(begin + share, count)
+        if progress.paused == 0:
+            progress.first = take(table.turn, share)
+            if progress.first >= count:
+                break
+            progress.last = min(progress.first + share, count)
+            _begin(plan, table, space, progress.first, progress.last)
         while True:
-            size = _choose(table, space, begin, end)
-            if size == 0:
+            if progress.paused == 0:
+                progress.size = _choose(table, space, progress.first, progress.last)
+            if progress.size == 0:
                 break
-            runner = table.numbers.runner[space.chosen[0]]
-            _gather(table, space, size)
-            _run(plan, space, runner, size)
-            if space.turns[runner] >= STOPPED:  # what the run left is nothing to go by
+            progress.paused = _run(plan, table, space)
+            if progress.paused != 0:
                 break
-            first = 0
-            while first < size:
-                _conclude(plan, table, space, runner, first, size)
-                first += lanes
+        if progress.paused != 0:
+            break
+    return progress.paused

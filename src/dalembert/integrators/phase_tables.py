@@ -6,10 +6,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import Address, IntMatrix, IntVector, Matrix, Vector
+from .arguments import Address, IntMatrix, IntVector, Matrix, Record, Vector
 from .contact_cases import ContactCases
 
-__all__ = ["CaseNumbers", "CaseTable", "PhasePlan", "RunnerTable", "ThreadWorkspace", "case_numbers"]
+__all__ = [
+    "JUMPS",
+    "NOBODY",
+    "NOT_BEGUN",
+    "CaseNumbers",
+    "CaseTable",
+    "PhasePlan",
+    "PhaseProgress",
+    "RunnerTable",
+    "ThreadWorkspace",
+    "case_numbers",
+]
+
+NOBODY, NOT_BEGUN, JUMPS = -1, -2, -3
+"""In place of the number of a runner: none serves the mode; the case is to begin, in a mode that is to be selected;
+an event of a user has occurred that maps its state, and its mode is to be selected after that."""
 
 
 class CaseNumbers(NamedTuple):
@@ -20,9 +35,11 @@ class CaseNumbers(NamedTuple):
     state : (k,)
         Status, or RUNNING.
     runner : (k,)
-        Number of the runner of its mode; -1: none.
+        Number of the runner of its mode, or `NOBODY`, `NOT_BEGUN` or `JUMPS`.
     phases, steps : (k,)
         How many phases that took time others have followed; steps.
+    history : (k,)
+        A number that tells apart the modes of the phases that took time, in their order.
     soon : (k,)
         Phases in a row that ended too soon.
     next : (k,)
@@ -35,6 +52,7 @@ class CaseNumbers(NamedTuple):
     runner: IntVector
     phases: IntVector
     steps: IntVector
+    history: IntVector
     soon: IntVector
     next: IntVector
     logged: IntVector
@@ -84,8 +102,8 @@ class PhasePlan(NamedTuple):
         Rows of ``ThreadWorkspace.gathered`` that hold the parameters of each runner.
     guards : (n_guards, 2)
         Contact of each guard, and the bit that it sets; -1 and 0 for a paradox.
-    terminal : (n_asked,)
-        1 for events of users that end a case.
+    terminal, jumps : (n_asked,)
+        Of events of users: the occurrence that ends a case (0: none does), and 1 for those that map the state.
     most_steps : int
         Steps of all phases together after which a case ends.
     """
@@ -96,6 +114,7 @@ class PhasePlan(NamedTuple):
     columns: IntMatrix
     guards: IntMatrix
     terminal: IntVector
+    jumps: IntVector
     most_steps: int
 
 
@@ -112,11 +131,13 @@ class CaseTable(NamedTuple):
     numbers : CaseNumbers
     occurred : (k, 3 n_asked)
         Number, first and last time of each event that users watch.
+    totals : (k, n_running)
+        Minima, maxima and integrals so far.
     order, turn : (n,), (1,)
         Cases that go on, and how many of them threads have taken.
     t_eval : (m,)
         Times of samples [s].
-    sampled_t, sampled_x, sampled_mode, sampled_directions, sampled_sides, sampled_rest
+    sampled_t, sampled_x, sampled_mode, sampled_history, sampled_directions, sampled_sides, sampled_rest
         Samples, case by case.
     log : (n_lines, n)
         For a case that is alone, a line for each phase that begins: its time, whether it is too soon, modes,
@@ -129,16 +150,30 @@ class CaseTable(NamedTuple):
     cases: ContactCases
     numbers: CaseNumbers
     occurred: Matrix
+    totals: Matrix
     order: IntVector
     turn: IntVector
     t_eval: Vector
     sampled_t: Vector
     sampled_x: Matrix
     sampled_mode: IntVector
+    sampled_history: IntVector
     sampled_directions: Matrix
     sampled_sides: Matrix
     sampled_rest: Matrix
     log: Matrix
+
+
+class PhaseProgress(Record):
+    """Where the loop over phases is: which cases it has taken, of how many it runs a phase, and whether that paused.
+
+    ``paused`` is 1 where the loop over lanes returned before its end, and is to be called again.
+    """
+
+    paused: int
+    first: int
+    last: int
+    size: int
 
 
 class ThreadWorkspace(NamedTuple):
@@ -150,7 +185,7 @@ class ThreadWorkspace(NamedTuple):
         Start, end, parameters, directions, sides, rest speeds, coordinates and rates of the cases.
     entries, packed_args, turns
         Loops over lanes of the runners, their arguments, and their turns.
-    y, ends, happened
+    y, ends, happened, totals
         Results of these loops.
     chosen
         The cases at hand.
@@ -158,6 +193,8 @@ class ThreadWorkspace(NamedTuple):
         Arguments and results of kernels, one column a lane.
     wanted, values, after_impact, decision
         Arguments of the decisions: cases or -1, one row a lane; packed.
+    progress
+        See `PhaseProgress`.
     """
 
     gathered: Matrix
@@ -167,6 +204,7 @@ class ThreadWorkspace(NamedTuple):
     y: Vector
     ends: Matrix
     happened: Vector
+    totals: Matrix
     chosen: IntVector
     clock: Matrix
     states: Matrix
@@ -178,3 +216,4 @@ class ThreadWorkspace(NamedTuple):
     values: Matrix
     after_impact: IntVector
     decision: IntMatrix
+    progress: PhaseProgress

@@ -14,6 +14,7 @@ from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
 from ..values import times_of
+from .estimate import ErrorEstimate
 from .events import EventRecord, EventRecords
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
 from .trajectory import Trajectory
@@ -87,6 +88,7 @@ class HybridTrajectory(Motion):
         self._name, self._layout = name, layout
         self.phases = self._own_phases = tuple(phases)
         self._begin: float | None = None
+        self._twin: HybridTrajectory | None = None
         self.status, self.stats = status, stats
         self.events = EventRecords()
         self.t = self.elapsed = self._joined(lambda part: part.motion.elapsed)
@@ -120,6 +122,27 @@ class HybridTrajectory(Motion):
         """Return this motion with the events that occurred on it."""
         self.events = events
         return self
+
+    def with_twin(self, twin: HybridTrajectory) -> HybridTrajectory:
+        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
+        self._twin = twin
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
+
+        It is NaN where the two runs are not in the same phase after phases in the same modes, as between the times at
+        which their contacts change.
+
+        Raises
+        ------
+        OptionError
+            Where the run was not told to estimate its error.
+        """
+        if self._twin is None:
+            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
+        return ErrorEstimate(self, _SamePhases(self, self._twin))
 
     @property
     def t_end(self) -> float:
@@ -253,6 +276,36 @@ class HybridTrajectory(Motion):
         times = {"time": ("time", self.t, {"units": "s"})}
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
         return dataset
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _SamePhases:
+    """The values of a twin by name at the times of a run, NaN where it is not in the same phase."""
+
+    run: HybridTrajectory
+    twin: HybridTrajectory
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        mine, theirs = self.run._lasting, self.twin._lasting
+        alike = 0
+        while alike < min(len(mine), len(theirs)) and mine[alike].phase.modes == theirs[alike].phase.modes:
+            alike += 1
+        numbers = {id(part.phase): number for number, part in enumerate(mine[:alike])}
+
+        def values(part: Part) -> FloatArray:
+            t, found = part.motion.elapsed, np.full(len(part.motion.elapsed), np.nan)
+            number = numbers.get(id(part.phase))
+            if number is None:
+                return found
+            other = theirs[number]
+            first, last = sorted((other.phase.t0, other.phase.t1))
+            there = (first <= t) & (t <= last)
+            found[there] = other.motion(t[there])[key]
+            return found
+
+        joined: FloatArray = self.run._joined(values)
+        return joined
 
 
 def joined_records(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
+from .estimate import ErrorEstimate
 from .motion import reaction_hint
 from .sweep import CaseResults, SweepStatistics
 
@@ -24,13 +25,15 @@ class States:
     """States of cases: times (k,), (q, q_dot) (k, 2 n_q), the numbers of their cases and modes (-1: none).
 
     What they slip with: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
-    numbered as `dalembert.hybrid.HybridAutomaton` does.
+    numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes of the
+    phases before.
     """
 
     t: FloatArray
     x: FloatArray
     case: NDArray[np.intp]
     mode: NDArray[np.intp]
+    history: NDArray[np.int64]
     directions: FloatArray
     sides: FloatArray
     rest: FloatArray
@@ -38,14 +41,14 @@ class States:
     @classmethod
     def nothing_yet(cls, count: int, size: int, contacts: int) -> States:
         """Return states to write to."""
-        case, mode = np.arange(count), np.full(count, -1)
+        case, mode, history = np.arange(count), np.full(count, -1), np.zeros(count, np.int64)
         directions, sides, rest = np.zeros((count, contacts, 2)), *np.ones((2, count, contacts))
-        return cls(np.full(count, np.nan), np.full((count, 2 * size), np.nan), case, mode, directions, sides, rest)
+        t, x = np.full(count, np.nan), np.full((count, 2 * size), np.nan)
+        return cls(t, x, case, mode, history, directions, sides, rest)
 
     def part(self, some: NDArray[np.intp]) -> States:
         """Return some of them."""
-        fields: Any = (self.t, self.x, self.case, self.mode, self.directions, self.sides, self.rest)
-        return States(*(values[some] for values in fields))
+        return States(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
 
 @final
@@ -79,17 +82,44 @@ class HybridSweep(CaseResults):
         super().__init__(name, "by mode", layout, varied, ends, t_eval, axes, stats)
         self._last, self._samples = states
         self.phases, self._modes, self._value = phases, dict(modes), value
+        self._twin: HybridSweep | None = None
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return the state of a contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
         known = next(iter(self._modes.values()), {})
         if self._modes and contact not in known:
             raise OptionError(unknown_name("contact", contact, known))
-        states = self._last if self._samples is None else self._samples
+        states = self._states
         numbers, places = np.unique(states.mode, return_inverse=True)
         words = np.array([self._modes[int(number)][contact] if number >= 0 else "none" for number in numbers])
         found = words[places]
         return found if self.t_eval is None else found.reshape(len(self), -1)
+
+    def with_twin(self, twin: HybridSweep) -> HybridSweep:
+        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
+        self._twin = twin
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
+
+        It is NaN where the two runs are not in the same mode after phases in the same modes, as between the times at
+        which their contacts change.
+
+        Raises
+        ------
+        OptionError
+            Where the sweep was not told to estimate its errors.
+        """
+        if self._twin is None:
+            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
+        return ErrorEstimate(self, _SamePhases(self, self._twin))
+
+    @property
+    def _states(self) -> States:
+        """What `self[...]` is of: the samples, or the ends of the cases."""
+        return self._last if self._samples is None else self._samples
 
     def _known(self, key: Any) -> str:
         """Return the text of a name that can be asked for."""
@@ -105,3 +135,18 @@ class HybridSweep(CaseResults):
     def _sampled(self, key: Any) -> FloatArray:
         assert self._samples is not None
         return self._value(self._known(key), self._samples).reshape(len(self), -1)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _SamePhases:
+    """The values of a twin by name, NaN where it is not in the same phase as the run."""
+
+    run: HybridSweep
+    twin: HybridSweep
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        mine, theirs = self.run._states, self.twin._states
+        same = (mine.mode >= 0) & (mine.mode == theirs.mode) & (mine.history == theirs.history)
+        values = self.twin[key]
+        return np.where(same.reshape(values.shape), values, np.nan)

@@ -104,7 +104,7 @@ def case_run(
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
         made = arguments(turn)
-        return LoopCall(loop.address, pack(made), (held, made))
+        return LoopCall(loop.address, pack(made), made.state.progress, (held, made))
 
     def work() -> None:
         made, code = arguments(turn), loop.call

@@ -16,14 +16,14 @@ from ...hybrid.modes import direction_names, rest_name, side_name
 from ...integrators.arguments import pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
-from ...integrators.phase_tables import CaseTable, ThreadWorkspace
+from ...integrators.phase_tables import CaseTable, PhaseProgress, ThreadWorkspace
 from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
 from ...options import StepOptions
-from .. import inputs
 from ..case_blocks import fitted
 from ..cases import Cases, Settings
+from ..reductions import Reduction
 from ..sweep import runs_unchecked
 from .decisions import Decisions
 
@@ -58,11 +58,12 @@ class GatheredRows:
 @final
 @dataclass(frozen=True, eq=False)
 class ModeRunner:
-    """A mode, what is watched in it, and the method that fits it."""
+    """A mode, events and reductions along it, and a method that fits it."""
 
     mode: Mode
     model: CompiledModel
     events: tuple[Event, ...]
+    along: Mapping[str, Reduction]
     method: str
     options: StepOptions
 
@@ -85,7 +86,7 @@ class ModeRunner:
             given=tuple(gathered[rows.states[name]] for name in start.given),
             start=start,
             t_eval=np.empty(0),
-            watch=model.derived.events(self.events),
+            watch=model.derived.events(self.events, self.along or None),
             rtol=self.options.rtol,
             atol=self.options.atol,
             max_step=self.options.max_step,
@@ -93,18 +94,20 @@ class ModeRunner:
         )
         happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = memory.y[: k * self.size].reshape(k, self.size)
-        result = BlockResult(y, memory.ends, np.empty((k, 0, self.size)), happened, np.empty((k, 0)))
+        result = BlockResult(y, memory.ends, np.empty((k, 0, self.size)), happened, memory.totals)
         run = model.engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         return None if run is None or run.call is None else run.call(turn)
 
 
-def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions) -> str | None:
-    """Return the method for cases of a mode, None where they take more than runs of the engine."""
+def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions, *, fits: bool) -> str | None:
+    """Return the method for cases of a mode, None where they take more than runs of the engine.
+
+    With ``fits`` the method that is chosen automatically is the one that fits some of the cases.
+    """
     if not runs_unchecked(model) or any(name not in cases.parameters for name in model.layout.parameters):
         return None
     chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
-    inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, chosen)
-    if options.automatic:
+    if fits:
         limits = options.rtol, options.atol, options.max_step, options.max_steps
         common = Settings(None, chosen, *limits, threads=1, progress=False)
         chosen = fitted(model.engine, cases, common).method
@@ -120,6 +123,7 @@ class _Memory:
     y: FloatArray
     ends: FloatArray
     happened: FloatArray
+    totals: FloatArray
 
 
 def thread_workspace(
@@ -130,6 +134,7 @@ def thread_workspace(
     decisions: Decisions,
     table: CaseTable,
     rtol: float,
+    patience: int = 0,
 ) -> tuple[ThreadWorkspace, object] | None:
     """Return memory for one thread, and what must stay alive.
 
@@ -148,20 +153,25 @@ def thread_workspace(
         The cases that are decided.
     rtol : float
         Relative tolerance.
+    patience : int
+        Rounds of a loop over lanes after which it returns to Python; 0: it does not.
     """
-    size = max(runner.size for runner in runners)
-    events = max(len(runner.events) for runner in runners)
+    size = max((runner.size for runner in runners), default=0)
+    events = max((len(runner.events) for runner in runners), default=0)
     memory = _Memory(
         aligned(rows.count, together),
         np.zeros(together * size),
         np.zeros((together, 3)),
         np.zeros(together * 3 * events),
+        np.zeros((together, table.totals.shape[1])),
     )
     turns, calls = np.zeros(len(runners), np.int64), []
     for i, runner in enumerate(runners):
         call = runner.call(rows, memory, turns[i : i + 1])
         if call is None:
             return None
+        if patience:
+            call.progress.returns, call.progress.patience = 1, patience
         calls.append(call)
     numbers = len(decisions.automaton.contact_data.kernel.outputs)
     arguments = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), rtol)
@@ -169,11 +179,12 @@ def thread_workspace(
     made = ThreadWorkspace(
         gathered=memory.gathered,
         entries=np.array([call.entry for call in calls], np.int64),
-        packed_args=np.array([call.packed_args for call in calls]),
+        packed_args=np.array([call.packed_args for call in calls], np.int64).reshape(len(calls), -1 if calls else 0),
         turns=turns,
         y=memory.y,
         ends=memory.ends,
         happened=memory.happened,
+        totals=memory.totals,
         chosen=np.zeros(together, np.int64),
         clock=aligned(1, lanes),
         states=aligned(max(size, 1), lanes),
@@ -185,5 +196,6 @@ def thread_workspace(
         values=arguments.values,
         after_impact=arguments.after_impact,
         decision=pack(arguments).reshape(1, -1),
+        progress=PhaseProgress(),
     )
     return made, (calls, arguments)

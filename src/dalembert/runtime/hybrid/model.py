@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, final
+from functools import partial
+from typing import Any, TypeVar, final
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from ...ir.interpret import interpret_rows
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...once import derived_once
-from ...options import CompileOptions, SimulateOptions, SweepOptions, simulate_options
+from ...options import CompileOptions, PrepareOptions, SimulateOptions, SweepOptions, simulate_options
 from ...pipeline import SeveralModes, compile_mode, compile_stages
+from ...results.estimate import TIGHTER
 from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -29,17 +31,20 @@ from ...scene.model import InputSymbol
 from ...values import option
 from .. import inputs as run_input
 from ..cases import Cases, agreed, spans_of, with_grid
-from ..elapsed import asked, begins_elsewhere, elapsed_times, noted_from, offset_columns, offset_values
+from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
-from ..events import compiled_events
 from ..input_values import read_inputs, with_inputs
 from ..inputs import span_of
 from ..model import CompiledModel
+from ..prepared import PreparedRun
 from ..reductions import reduction_table
-from ..segments import at_time
+from ..simulate import NO_ESTIMATE
 from .decisions import Decisions
 from .evaluate import decided_state, evaluate
+from .event_jumps import EventJumps
 from .mode_models import ModeModels
+from .prepare import prepared, with_extension
+from .reductions import PhaseReductions
 from .request import SweepRequest
 from .simulate import Request, simulate
 from .sweep import sweep
@@ -264,13 +269,7 @@ class HybridModel(Evaluated):
         start = dict(zip((*self.layout.coordinates, *self.layout.rates), state.x[0].tolist(), strict=True))
         return self._model(mode).linearize(time, start, values, states=states)
 
-    def _refuse(self, project_invariants: Any, error_estimate: bool) -> None:
-        if error_estimate:
-            raise OptionError(
-                f"error_estimate: a twin at a tighter tolerance changes the modes of {self.name!r} at other times, and"
-                " next to a change the two differ by more than their errors. Leave it out, and compare runs at rtol"
-                " and rtol / 10"
-            )
+    def _refuse(self, project_invariants: Any) -> None:
         if project_invariants is not False:
             raise OptionError(
                 f"project_invariants: friction takes energy, and impacts and changes of contact change what else may be"
@@ -317,6 +316,8 @@ class HybridModel(Evaluated):
         t_span, initial, parameters, inputs, t_eval, method, rtol, atol, first_step, max_step, max_steps, dense, events
             As for `dalembert.runtime.model.CompiledModel.simulate`. What `initial` leaves out is fixed by the
             constraints with all contacts closed.
+        error_estimate : bool
+            As there; the estimate is NaN where the contacts of the run and of its twin do not do the same.
 
         Returns
         -------
@@ -327,11 +328,11 @@ class HybridModel(Evaluated):
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
             For input that is wrong, each naming what, what is allowed and what to do; with contacts
-            `error_estimate` and `project_invariants` are.
+            `project_invariants` is.
         """
-        self._refuse(project_invariants, error_estimate)
+        self._refuse(project_invariants)
         t0, t1 = span_of(t_span)
-        plain = (method, rtol, atol, max_step, max_steps, first_step, dense, False, False)
+        plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
         given_inputs = read_inputs(self.layout, self._inputs, inputs)
         if given_inputs is not None:
             given_inputs.refuse_span(t0, t1)
@@ -382,6 +383,8 @@ class HybridModel(Evaluated):
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
         run_input.warn_below_floor(options.rtol, options.atol)
         listed, times = self._events(options.events), options.t_eval
+        if listed and options.error_estimate:
+            raise OptionError(NO_ESTIMATE)
         if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
             raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
         request = Request(
@@ -393,9 +396,13 @@ class HybridModel(Evaluated):
             options=options,
             events=listed,
             layout=self.layout,
-            jumps={event.label: self._jump(event, given) for event in listed if event.apply is not None},
+            jumps=EventJumps(self._model(self._plain(OPEN)), listed),
         )
-        return simulate(self._modes, request)
+        run = simulate(self._modes, request)
+        if not options.error_estimate:
+            return run
+        finer = replace(_tighter(options), dense=True, t_eval=None)
+        return run.with_twin(simulate(self._modes, replace(request, options=finer)))
 
     def sweep(
         self,
@@ -424,12 +431,13 @@ class HybridModel(Evaluated):
 
         Parameters
         ----------
-        t_span, initial, parameters, inputs, grid, t_eval, method, rtol, atol, max_step, threads, progress, reduce
-            As for `dalembert.runtime.model.CompiledModel.sweep`; every time of `t_eval` ends a step.
+        t_span, initial, parameters, inputs, grid, t_eval, method, rtol, atol, max_step, threads, progress
+            As for `dalembert.runtime.model.CompiledModel.sweep`, as are `events` and `reduce`; every time of `t_eval`
+            ends a step.
         max_steps : int
             Steps of all phases together after which a case ends with a status.
-        events : sequence of Event, SymPy expressions or names
-            As for `simulate`, without ``apply``, and terminal at the first occurrence or not at all.
+        error_estimate : bool
+            As there; the estimate is NaN where the contacts of a case and of its twin do not do the same.
 
         Returns
         -------
@@ -438,9 +446,9 @@ class HybridModel(Evaluated):
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError
-            For input that is wrong for all cases; with contacts `error_estimate` and `project_invariants` are.
+            For input that is wrong for all cases; with contacts `project_invariants` is.
         """
-        self._refuse(project_invariants, error_estimate)
+        self._refuse(project_invariants)
         options = SweepOptions(
             grid=grid,
             t_eval=t_eval,
@@ -453,6 +461,7 @@ class HybridModel(Evaluated):
             progress=progress,
             events=events,
             reduce=reduce,
+            error_estimate=error_estimate,
             inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
         )
         starts, lasts = spans_of(t_span)
@@ -492,13 +501,9 @@ class HybridModel(Evaluated):
     ) -> HybridSweep:
         """Simulate many cases, as `sweep` does, in the time of this model."""
         run_input.warn_below_floor(options.rtol, options.atol)
-        listed = self._events(options.events)
-        for event in listed:
-            if event.apply is not None or int(event.terminal) > 1:
-                raise OptionError(
-                    f"event {event.label!r}: a sweep of a scene with contacts counts events, and may end at the first;"
-                    " simulate its cases one by one for those that map the state, or end it later"
-                )
+        listed, table = self._events(options.events), reduction_table(options.reduce, self.layout.aliases)
+        if (listed or table) and options.error_estimate:
+            raise OptionError(NO_ESTIMATE)
         if options.grid is not None:
             initial, parameters = with_grid(self.layout, options.grid, initial, parameters)
         known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
@@ -526,15 +531,84 @@ class HybridModel(Evaluated):
             p=np.zeros((cases.count, 0)) if p is None else p,
             status=status.astype(np.int64),
             t_eval=settings.t_eval,
-            events=listed,
-            reductions=reduction_table(options.reduce, self.layout.aliases),
+            reductions=PhaseReductions(table, listed),
+            jumps=EventJumps(self._model(self._plain(OPEN)), listed),
             options=options,
             threads=settings.threads,
             layout=self.layout,
             varied=(cases.initial, columns),
             axes={} if options.grid is None else options.grid.axes,
         )
-        return sweep(self._modes, request)
+        run = sweep(self._modes, request)
+        if not options.error_estimate:
+            return run
+        return run.with_twin(sweep(self._modes, replace(request, options=_tighter(options))))
+
+    def prepare(
+        self,
+        t_span: tuple[float, float],
+        *,
+        inputs: Mapping[Any, Any] | None = None,
+        method: str = "auto",
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float = np.inf,
+        max_steps: int = 1_000_000,
+        project_invariants: Any = False,
+    ) -> PreparedRun:
+        """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
+
+        States are coordinates and rates (2 n_q,), as `state` makes them, and as the run returns them. Contacts that
+        touch are taken to be at rest, or struck, as where any motion starts: what they did before is not known.
+
+        Parameters
+        ----------
+        t_span, inputs, method, rtol, atol, max_step
+            As for `dalembert.runtime.model.CompiledModel.prepare`.
+        max_steps : int
+            Steps of all phases together after which a run ends with a status.
+
+        Returns
+        -------
+        PreparedRun
+            A state that the contacts forbid is its ``status`` INITIAL_STATE.
+
+        Raises
+        ------
+        OptionError, ValueInputError
+            For options that do not exist, and for `project_invariants`.
+        """
+        self._refuse(project_invariants)
+        options = PrepareOptions(
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            max_step=max_step,
+            max_steps=max_steps,
+            inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
+        )
+        if options.inputs is not None:
+            options.inputs.refuse_span(*span_of(t_span))
+        return self._prepare(span_of(t_span), options)
+
+    def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+        """Return a prepared run, in the time since its start where that is what motions are computed in."""
+        t0, t1 = t_span
+        model = self._model(self._plain(OPEN))
+        chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
+        run_input.warn_below_floor(options.rtol, options.atol)
+        other, _, _ = self._counting(t0, t1) if begins_elsewhere(t0, t1) else (None, (), None)
+        span = t_span if other is None else (0.0, t1 - t0)
+        own = other or self
+        offsets = own._equations.symbols.offsets
+        run = prepared(own._modes, own.layout, span, options)
+        if offsets:
+            run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
+        layout = replace(self.layout, state=(*self.layout.coordinates, *self.layout.rates))
+        start, given = t_span[0] if other is None else 0.0, options.inputs
+        if given is not None and other is not None:
+            given = given.counted_from(t0)
+        return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, start)
 
     def _complete(self, given: Iterable[str]) -> bool:
         """Return whether values give all coordinates and rates, by themselves or by what stands for them."""
@@ -550,22 +624,13 @@ class HybridModel(Evaluated):
         y = model.state(values, parameters, t=t)
         return model.expand(t, y, parameters)
 
-    def _jump(self, event: Event, parameters: Mapping[str, float]) -> Any:
-        """Return the map of an event, from time and (q, q_dot) to (q, q_dot); None where the constraints forbid it."""
-        model = self._model(self._plain(OPEN))
-        program = model.stages.program
-        c = run_input.constants(program, run_input.parameter_vector(model.layout, parameters))
-        code = compiled_events(model.stages, (replace(event, terminal=False),), model.derived.start)
 
-        def apply(t: float, x: FloatArray) -> FloatArray | None:
-            time, own = np.array([t]), at_time(program, c, t)
-            jump = code.watched(own).rules[0].jump
-            assert jump is not None
-            y = interpret_rows(program.kernel("initial"), time, x[np.newaxis], own)[0]
-            after = jump(t, y)
-            return None if after is None else interpret_rows(program.kernel("expand"), time, after[np.newaxis], own)[0]
+_O = TypeVar("_O", SimulateOptions, SweepOptions)
 
-        return apply
+
+def _tighter(options: _O) -> _O:
+    """Return the options of a twin."""
+    return replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER, error_estimate=False)
 
 
 def _compiled(scene: Scene, options: CompileOptions) -> HybridModel:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -14,10 +14,10 @@ from ...codegen.base import CaseRun
 from ...codegen.llvm.loops import loop_named
 from ...errors import ValueInputError
 from ...hybrid import Mode
-from ...integrators.event_code import Event
+from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
-from ...integrators.phase_tables import CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
-from ...interrupts import STOPPED
+from ...integrators.phase_tables import NOBODY, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
+from ...interrupts import STOPPED, check
 from ...ir.program import Layout
 from ...options import StepOptions
 from ..case_blocks import begin_whole
@@ -25,13 +25,37 @@ from ..cases import Cases
 from .decisions import LOOP, flag
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows, ModeRunner, fitting_method, thread_workspace
+from .reductions import PhaseReductions
 from .state import HybridState
 
-__all__ = ["PhaseExecutor"]
+__all__ = ["PhaseExecutor", "compiled_phases"]
 
 _MOST_TOGETHER = 256
 """Cases that a thread runs together: enough to fill lanes, and few enough for the nearest cache."""
 _BATCHES_PER_THREAD = 4
+_PATIENCE = 4096
+"""Rounds of a loop over lanes after which a case alone returns to Python, where Ctrl-C is raised."""
+
+
+def compiled_phases(modes: ModeModels) -> bool:
+    """Whether the engine of a scene has the loop over phases."""
+    return modes.engine().phases is not None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Threads:
+    """Runners as the loop sees them, and the memory of threads, with what must stay alive."""
+
+    plan: PhasePlan
+    spaces: list[ThreadWorkspace]
+    turn: NDArray[np.int64]
+    held: object
+
+    def packed(self, table: CaseTable, order: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """Return the packed arguments of the loop of each thread, for cases in an order."""
+        table = table._replace(order=order, turn=self.turn)
+        return [pack(PhaseArguments(self.plan, table, space)) for space in self.spaces]
 
 
 @final
@@ -41,17 +65,21 @@ class PhaseExecutor:
     Parameters
     ----------
     modes : ModeModels
+        Of an engine that has the loop (`compiled_phases`).
     layout : Layout
         Of the scene.
     options : StepOptions
         Method, tolerances, largest step and number of steps.
     threads : int
-    events : sequence of Event
+        0 for a case that is always alone and runs in the thread that calls.
+    reductions : PhaseReductions
         What users watch.
     state : HybridState
         The cases.
     table : CaseTable
         The same arrays, and what is recorded, with nothing in ``order``.
+    fits : bool
+        Whether "auto" looks at the motions to find a method that fits.
     """
 
     def __init__(
@@ -60,18 +88,34 @@ class PhaseExecutor:
         layout: Layout,
         options: StepOptions,
         threads: int,
-        events: Sequence[Event],
+        reductions: PhaseReductions,
         state: HybridState,
         table: CaseTable,
+        *,
+        fits: bool = True,
     ) -> None:
         self.modes, self.options, self.threads, self.state, self.table = modes, options, threads, state, table
         self.parameters, self.rows = layout.parameters, GatheredRows.of(layout, modes.equations.contacts)
-        self.asked = [replace(event, name=event.label) for event in events]
+        self.reductions = reductions
+        self.asked = [
+            replace(event, name=event.label, terminal=1 if event.apply else int(event.terminal), apply=None)
+            for event in reductions.events
+        ]
         self.methods: dict[Mode, str | None] = {}
-        self.numbers: dict[Mode, int] = {}
+        self.numbers: dict[tuple[Mode, str], int] = {}
         self.runners: list[ModeRunner] = []
+        self._fits = fits and options.automatic
+        self._made: tuple[tuple[int, int, int], _Threads] | None = None
+        self._packed: list[NDArray[np.int64]] = []
+        self._alone = np.zeros(1, np.int64)
 
     # -- runners ---------------------------------------------------------------------------
+
+    def forget_methods(self) -> None:
+        """Find out anew which methods fit, because other motions follow."""
+        if self._fits:
+            self.methods.clear()
+            self._activate()
 
     def _place(self, some: NDArray[np.intp]) -> None:
         """Give running cases without a runner the one of their mode, where there is any."""
@@ -85,15 +129,26 @@ class PhaseExecutor:
             numbers.runner[here] = self._runner(mode)
 
     def _runner(self, mode: Mode) -> int:
-        """Return the number of the runner of a mode; -1 where compiled code does not serve it."""
+        """Return the number of the runner of a mode; `NOBODY` where compiled code does not serve it."""
         method = self.methods.get(mode)
         if method is None or method == "radau":
-            return -1
-        if mode not in self.numbers:
-            self.numbers[mode] = len(self.runners)
-            events = (*self.asked, *self.modes.events(mode))
-            self.runners.append(ModeRunner(mode, self.modes.model(mode), events, method, self.options))
-        return self.numbers[mode]
+            return NOBODY
+        key = mode, method
+        if key not in self.numbers:
+            self.numbers[key] = len(self.runners)
+            events, along = (*self.asked, *self.modes.events(mode)), self.reductions.along
+            self.runners.append(ModeRunner(mode, self.modes.model(mode), events, along, method, self.options))
+        self._activate()
+        return self.numbers[key]
+
+    def _activate(self) -> None:
+        """Let modes be served by the runners of their methods, and by no others."""
+        if self._made is None:
+            return
+        served = self._made[1].plan.runners.mode
+        for i, runner in enumerate(self.runners[: len(served)]):
+            active = self.methods.get(runner.mode) == runner.method
+            served[i] = self.modes.automaton.number(runner.mode) if active else NOBODY
 
     def _method(self, mode: Mode, some: NDArray[np.intp]) -> str | None:
         """Return the method that fits the first, the middle and the last of some cases."""
@@ -110,7 +165,7 @@ class PhaseExecutor:
             ready = Cases(model.stages.program, model.derived.start, spans, initial, given)
         except ValueInputError:  # a value that its symbol excludes; the run of the phase says so
             return None
-        return fitting_method(model, ready, self.options)
+        return fitting_method(model, ready, self.options, fits=self._fits)
 
     # -- running ---------------------------------------------------------------------------
 
@@ -119,62 +174,99 @@ class PhaseExecutor:
 
         Raises KeyboardInterrupt where Ctrl-C stopped it.
         """
-        numbers, loop = self.table.numbers, self.modes.engine().phases
-        if loop is None:
-            return False
-        self._place(some[numbers.runner[some] < 0])
-        order = np.ascontiguousarray(some[numbers.runner[some] >= 0], np.int64)
+        numbers = self.table.numbers
+        self._place(some[numbers.runner[some] == NOBODY])
+        return self._run(np.ascontiguousarray(some[numbers.runner[some] != NOBODY], np.int64))
+
+    def run_alone(self) -> bool:
+        """Run the only case as far as it goes; return whether its mode has a runner."""
+        if self.table.numbers.runner[0] == NOBODY:
+            return self.run(self._alone)
+        return self._run(self._alone)
+
+    def _run(self, order: NDArray[np.int64]) -> bool:
+        """Run cases that have runners, or are to begin."""
         if not len(order):
             return False
-        plan, lanes = self._plan()
-        threads = self.threads
-        together = min(_MOST_TOGETHER, max(lanes, len(order) // (threads * _BATCHES_PER_THREAD)))
-        threads = min(threads, -(-len(order) // together))
-        spaces: list[tuple[ThreadWorkspace, object]] = []
-        for _ in range(threads):
-            about = lanes, self.modes.decisions, self.table, self.options.rtol
-            made = thread_workspace(self.runners, self.rows, together, *about)
-            if made is None:
-                self.methods = dict.fromkeys(self.methods)
-                numbers.runner[:] = -1
-                return False
-            spaces.append(made)
-        turn = np.zeros(1, np.int64)
-        table, threads_begun = self.table._replace(order=order, turn=turn), itertools.count()
-
-        def work() -> None:
-            loop(PhaseArguments(plan, table, spaces[next(threads_begun)][0]))
-
-        def stop() -> None:
-            for space, _ in spaces:
-                space.turns[:] = STOPPED
-
-        run = CaseRun(work, turn, lambda: None, stop=stop)
-        if not begin_whole(run, len(order), threads, False)(False):
-            raise KeyboardInterrupt
+        threads = self._thread_memory(len(order))
+        if threads is None:
+            self.methods = dict.fromkeys(self.methods)
+            self.table.numbers.runner[order] = NOBODY
+            return False
+        try:
+            self._work(threads, order)
+        except KeyboardInterrupt:
+            self._made = None  # its loops are in the middle of something
+            raise
         return True
 
-    def _plan(self) -> tuple[PhasePlan, int]:
-        """Return what is the same for all cases, and the lanes of kernels."""
+    def _work(self, threads: _Threads, order: NDArray[np.int64]) -> None:
+        """Call the loop, in threads unless a case is alone."""
+        loop, threads.turn[0] = loop_named("phase_loop").call, 0
+        if not self.threads:
+            if not self._packed:
+                self._packed = threads.packed(self.table, self._alone)
+            pointer = ctypes.c_void_p(address_of(self._packed[0]))
+            while loop(pointer):
+                check()
+            return
+        packed, begun = threads.packed(self.table, order), itertools.count()
+
+        def work() -> None:
+            loop(ctypes.c_void_p(address_of(packed[next(begun)])))
+
+        def stop() -> None:
+            for space in threads.spaces:
+                space.turns[:] = STOPPED
+
+        run = CaseRun(work, threads.turn, lambda: None, stop=stop)
+        if not begin_whole(run, len(order), len(threads.spaces), False)(False):
+            raise KeyboardInterrupt
+
+    def _thread_memory(self, count: int) -> _Threads | None:
+        """Return the memory of threads for a number of cases, that of the last time where it fits.
+
+        None where a runner has no call.
+        """
+        if not self.threads and self._made is not None and self._made[0][0] == len(self.runners):
+            return self._made[1]
+        lanes = self.modes.engine().code(self.modes.automaton.contact_data.kernel)[1]
+        threads = max(self.threads, 1)
+        together = min(_MOST_TOGETHER, max(lanes, count // (threads * _BATCHES_PER_THREAD)))
+        key = len(self.runners), together, min(threads, -(-count // together))
+        if self._made is not None and self._made[0] == key:
+            return self._made[1]
+        patience = 0 if self.threads else _PATIENCE
+        about = lanes, self.modes.decisions, self.table, self.options.rtol, patience
+        made = [thread_workspace(self.runners, self.rows, together, *about) for _ in range(key[2])]
+        spaces = [each[0] for each in made if each is not None]
+        if len(spaces) < len(made):
+            return None
+        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), made)), []
+        self._activate()
+        return self._made[1]
+
+    def _plan(self) -> PhasePlan:
+        """Return what is the same for all cases."""
         engine, automaton = self.modes.engine(), self.modes.automaton
-        data, lanes = engine.code(automaton.contact_data.kernel)
-        width = max(len(runner.model.layout.parameters) for runner in self.runners)
+        data, _ = engine.code(automaton.contact_data.kernel)
+        width = max((len(runner.model.layout.parameters) for runner in self.runners), default=0)
         columns = np.zeros((len(self.runners), max(width, 1)), np.int64)
-        lines, guards = [], list[tuple[int, int]]()
-        for row, runner in zip(columns, self.runners, strict=True):
+        lines, guards = np.zeros((len(self.runners), len(RunnerTable._fields)), np.int64), list[tuple[int, int]]()
+        for line, row, runner in zip(lines, columns, self.runners, strict=True):
             names = runner.model.layout.parameters
             row[: len(names)] = [self.rows.parameters[name] for name in names]
             expand, _ = runner.model.engine.code(self.modes.expansion(runner.mode))
             number = automaton.number(runner.mode)
-            lines.append([number, runner.size, len(names), len(runner.events), len(guards), expand])
+            line[:] = number, runner.size, len(names), len(runner.events), len(guards), expand
             guards += [(guard.contact, flag(guard)) for guard in self.modes.guards(runner.mode)]
-        table = np.ascontiguousarray(np.array(lines, np.int64).T)
         return PhasePlan(
             contact_data=data,
             decide=loop_named(LOOP).address,
-            runners=RunnerTable(*table),
+            runners=RunnerTable(*np.ascontiguousarray(lines.T)),
             columns=columns,
             guards=np.array(guards, np.int64).reshape(len(guards), 2),
-            terminal=np.array([int(bool(event.terminal)) for event in self.asked], np.int64),
+            terminal=np.array([int(event.terminal) for event in self.reductions.events], np.int64),
+            jumps=np.array([int(event.apply is not None) for event in self.reductions.events], np.int64),
             most_steps=self.options.max_steps,
-        ), lanes
+        )

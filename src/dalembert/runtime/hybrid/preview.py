@@ -10,13 +10,14 @@ import numpy as np
 from ...arrays import FloatArray
 from ...hybrid import Mode
 from ...hybrid.modes import STATES
-from ...integrators.phase_tables import CaseTable, case_numbers
+from ...integrators.phase_tables import NOBODY, CaseTable, case_numbers
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import StepOptions
 from .mode_models import ModeModels
 from .phases import PhaseExecutor
+from .reductions import PhaseReductions
 from .state import HybridState
 
 __all__ = ["PhasePreview", "PhaseStart", "Previewed", "case_table"]
@@ -77,9 +78,9 @@ class Previewed:
 def case_table(
     state: HybridState,
     t1: FloatArray,
-    asked: int,
+    reductions: PhaseReductions,
     t_eval: FloatArray,
-    samples: tuple[Any, Any, Any, Any, Any, Any],
+    samples: tuple[Any, Any, Any, Any, Any, Any, Any],
     lines: FloatArray,
 ) -> CaseTable:
     """Return cases as the loop over phases sees them.
@@ -89,11 +90,11 @@ def case_table(
     state : HybridState
     t1 : ndarray (k,)
         Ends [s].
-    asked : int
-        Number of events that users watch.
+    reductions : PhaseReductions
+        What users watch.
     t_eval : ndarray (m,)
     samples : tuple of ndarray
-        Times, states, modes, directions, sides and rest speeds of samples.
+        Times, states, modes, histories, directions, sides and rest speeds of samples.
     lines : ndarray (n_lines, n)
         The log.
     """
@@ -104,13 +105,19 @@ def case_table(
         state.c,
         state.cases,
         case_numbers(count),
-        np.tile(np.array([0.0, np.nan, np.nan]), (count, asked)),
+        *reductions.begun(count),
         nothing,
         nothing,
         np.ascontiguousarray(t_eval, np.float64),
         *samples,
         lines,
     )
+
+
+def no_samples() -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+    """Return what `case_table` takes where no samples are recorded."""
+    none, rows = np.zeros(0, np.int64), np.empty((0, 0))
+    return np.zeros(0), rows, none, none, rows, rows, rows
 
 
 @final
@@ -133,10 +140,9 @@ class PhasePreview:
     def __init__(self, modes: ModeModels, layout: Layout, options: StepOptions, t1: float, start: HybridState) -> None:
         self.modes, self.state, k = modes, start.copy(), len(modes.equations.contacts)
         self.log = np.empty((_MOST_PHASES, 2 + 5 * k + start.x.shape[1]))
-        none, samples = np.zeros(0), np.empty((0, 0))
-        table = (none, samples, np.zeros(0, np.int64), samples, samples, samples)
-        self.table = case_table(self.state, np.array([t1]), 0, none, table, self.log)
-        self.executor = PhaseExecutor(modes, layout, options, 1, (), self.state, self.table)
+        nothing = PhaseReductions({}, ())
+        self.table = case_table(self.state, np.array([t1]), nothing, np.zeros(0), no_samples(), self.log)
+        self.executor = PhaseExecutor(modes, layout, options, 0, nothing, self.state, self.table)
 
     def preview(self, state: HybridState, soon: int) -> Previewed | None:
         """Return what comes of a motion from an instant on; None where compiled code does not serve its mode."""
@@ -144,8 +150,8 @@ class PhasePreview:
         numbers = self.table.numbers
         for values in numbers:
             values[:] = 0
-        numbers.state[:], numbers.runner[:], numbers.soon[:], self.log[:, 0] = RUNNING, -1, soon, np.nan
-        if not self.executor.run(np.zeros(1, np.intp)):
+        numbers.state[:], numbers.runner[:], numbers.soon[:], self.log[:, 0] = RUNNING, NOBODY, soon, np.nan
+        if not self.executor.run_alone():
             return None
         starts = [self._start(line) for line in self.log[~np.isnan(self.log[:, 0])]]
         status = None if numbers.state[0] == RUNNING else Status(int(numbers.state[0]))

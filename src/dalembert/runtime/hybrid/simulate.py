@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -28,14 +28,14 @@ from ...results.trajectory import Trajectory
 from .. import inputs
 from ..simulate import simulate_from_state, simulate_in_own_time
 from .decisions import flag
+from .event_jumps import EventJumps
 from .mode_models import ModeModels
+from .output_values import BROKEN, JAMMED
+from .phases import compiled_phases
 from .preview import PhasePreview, PhaseStart
 from .state import HybridState
 
-__all__ = ["JAMMED", "Request", "simulate"]
-
-JAMMED = 0.05
-"""Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
+__all__ = ["Request", "simulate"]
 
 
 @final
@@ -56,8 +56,8 @@ class Request:
     options : SimulateOptions
         As `simulate` was given them.
     events : tuple of Event
-    jumps : mapping of str to callable
-        For each event that maps the state: from time and state (2 n_q,) to the state after it, or None.
+    jumps : EventJumps
+        Of the events that map the state.
     layout : Layout
         Of the scene, with the outputs that were asked for.
     """
@@ -69,7 +69,7 @@ class Request:
     c: FloatArray
     options: SimulateOptions
     events: tuple[Event, ...]
-    jumps: Mapping[str, Callable[[float, FloatArray], FloatArray | None]]
+    jumps: EventJumps
     layout: Layout
 
 
@@ -108,7 +108,7 @@ class _Run:
         self.method = request.options.method
         self.note = ""
         # events of users may happen just where a phase ends, and are located together with its guards
-        alone = bool(request.events) or self.breaks is not None
+        alone = bool(request.events) or self.breaks is not None or not compiled_phases(modes)
         about = modes, request.layout, request.options, request.t1, self.now
         self.preview = None if alone else PhasePreview(*about)
 
@@ -329,8 +329,9 @@ class _Run:
                 return Status.EVENT
         applied = [event for event in self.request.events if event.label in happened and event.apply is not None]
         for event in applied:
-            after = self.request.jumps[event.label](self.t, self.now.x[0])
-            if after is None:
+            about = np.array([self.t]), self.now.x, self.now.c, self.request.layout.parameters
+            after, allowed = self.request.jumps(event.label, *about)
+            if not allowed[0]:
                 return Status.EVENT_STATE
             self.now.x[:] = after
         if any(0 < int(event.terminal) <= self.counts[event.label] for event in applied):
@@ -347,7 +348,7 @@ class _Run:
         """Return how a phase ended that no event ended; a failure near Painleve's paradox is one of that."""
         self.note = run.stats.note
         status = run.status
-        if status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS) and SLIP in mode:
+        if status in BROKEN and SLIP in mode:
             if not run["uniqueness of reactions"][-1] > JAMMED:
                 status = Status.CONTACT_IMPOSSIBLE
                 self.now.x[:] = np.hstack([run.q[-1], run.qdot[-1]])

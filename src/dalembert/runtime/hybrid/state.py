@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...hybrid.modes import STATES
 from ...integrators.contact_cases import ContactCases, contact_cases
+from ...results.hybrid_sweep import States
 
 __all__ = ["HybridState", "placed"]
 
@@ -58,6 +59,12 @@ class HybridState:
         """Return directions of slip (k, n_contacts, 2) of some cases."""
         found = self.cases.directions[some]
         return found.reshape(len(found), found.shape[1] // 2, 2)
+
+    def states(self, some: NDArray[np.intp], history: NDArray[np.int64]) -> States:
+        """Return the states of some cases, as results hold them, with their histories (k,)."""
+        cases = self.cases
+        about = history, self.directions(some), cases.sides[some], cases.rest[some]
+        return States(self.t[some], self.x[some], some, self.mode_numbers(some), *about)
 
     def mode_numbers(self, some: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.int64]:
         """Return the numbers of the modes of some cases (k,), see `HybridAutomaton.number`; -1 where there is none."""

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
+from ...integrators.contact_cases import UNDECIDED
 from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
 from ...integrators.event_code import Event
+from ...integrators.phase_loop import next_history
+from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Guard
 from ...methods.status import Status
@@ -24,10 +27,10 @@ from ..sweep import begin_sweep
 from ..symbol_assumptions import warn_of_motion
 from .decisions import flag
 from .mode_models import ModeModels
-from .phases import PhaseExecutor
+from .output_values import BROKEN, JAMMED, OutputValues
+from .phases import PhaseExecutor, compiled_phases
 from .preview import case_table
-from .request import OutputValues, SweepRequest
-from .simulate import JAMMED
+from .request import SweepRequest
 from .state import HybridState, placed
 
 __all__ = ["sweep"]
@@ -37,7 +40,6 @@ _BETWEEN_FITS = 16
 """Rounds in one mode after which it is asked anew which method fits."""
 _BETWEEN_LOOKS = 1024
 """Cases after which a bar shows how far they are."""
-_BROKEN = (int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE), int(Status.MAX_STEPS))
 
 
 def sweep(modes: ModeModels, request: SweepRequest) -> HybridSweep:
@@ -60,34 +62,35 @@ class _Sweep:
         self.samples = samples = States.nothing_yet(count * wanted, len(request.layout.coordinates), k)
         slipping = samples.directions.reshape(len(samples.t), 2 * k), samples.sides, samples.rest
         t_eval = np.empty(0) if request.t_eval is None else request.t_eval
-        recorded = (samples.t, samples.x, samples.mode, *slipping)
-        table = case_table(self.now, request.t1, len(request.events), t_eval, recorded, np.empty((0, 0)))
-        self.numbers, self.occurred = table.numbers, table.occurred
+        recorded = (samples.t, samples.x, samples.mode, samples.history, *slipping)
+        self.reductions = request.reductions
+        table = case_table(self.now, request.t1, self.reductions, t_eval, recorded, np.empty((0, 0)))
+        self.numbers, self.occurred, self.totals = table.numbers, table.occurred, table.totals
         self.status, self.phases, self.steps = self.numbers.state, self.numbers.phases, self.numbers.steps
         self.soon, self.next = self.numbers.soon, self.numbers.next
-        self.status[:], self.numbers.runner[:] = request.status, -1
+        self.status[:], self.numbers.runner[:] = request.status, NOT_BEGUN
         self.breaks = modes.breaks(request.p, request.t, request.t1)
         self.value = OutputValues(modes, request.layout, request.p, self.breaks)
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
-        self.kept = {name: np.full(count, np.nan) for name in request.reductions}
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[Mode, tuple[Event, ...]] = {}
-        known = modes, request.layout, request.options, request.threads, request.events, self.now, table
-        self.executor = None if request.reductions or self.breaks is not None else PhaseExecutor(*known)
+        known = modes, request.layout, request.options, request.threads, self.reductions, self.now, table
+        compiled = self.breaks is None and compiled_phases(modes)
+        self.executor = PhaseExecutor(*known) if compiled else None
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
-        every = np.flatnonzero(self.status == _RUNNING)
-        self._decide(every, None, {})
-        self._sample(every)
+        if self.executor is None:
+            self._begin_cases(self._going())
         with meter(len(self.status), self.request.options.progress) as advance:
             advance(len(self.status) - len(self._going()))
             try:
                 while len(going := self._going()):
                     if not self._executed(going):
                         self._round(going)
+                    self._jump(self._going())
                     advance(len(going) - len(self._going()))
             except KeyboardInterrupt:
                 pass
@@ -107,13 +110,8 @@ class _Sweep:
         if self.executor is None or not self.executor.run(going):
             return False
         self.methods |= dict.fromkeys(method for method in self.executor.methods.values() if method)
-        broken = going[np.isin(self.status[going], _BROKEN)]
-        numbers = self.now.mode_numbers(broken)
-        for number in np.unique(numbers):
-            here = broken[numbers == number]
-            if SLIP in self.modes.automaton.mode(int(number)):
-                regular = self.value("uniqueness of reactions", self._states(here)) > JAMMED
-                self.status[here[~regular]] = int(Status.CONTACT_IMPOSSIBLE)
+        broken = going[np.isin(self.status[going], BROKEN)]
+        self.status[broken[self.value.jammed(self._states(broken))]] = int(Status.CONTACT_IMPOSSIBLE)
         return True
 
     # -- one round -------------------------------------------------------------------------
@@ -175,18 +173,17 @@ class _Sweep:
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
-        now, cases = self.now, self.now.cases
-        about = now.directions(some), cases.sides[some], cases.rest[some]
-        return States(now.t[some], now.x[some], some, now.mode_numbers(some), *about)
+        return self.now.states(some, self.numbers.history[some])
 
     def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[..., Sweep]:
         """Begin to run cases in one mode; return what waits for the results."""
         model, place = self.modes.model(mode), placed(some)
         if mode not in self.watched:
-            asked = [replace(e, name=e.label) for e in self.request.events]
+            events = self.reductions.events
+            asked = [replace(e, name=e.label, terminal=bool(e.terminal or e.apply), apply=None) for e in events]
             self.watched[mode] = (*asked, *self.modes.events(mode))
         rounds, method = self.fits.get(mode, (0, ""))
-        options = replace(self.request.options, events=self.watched[mode], reduce=self.request.reductions)
+        options = replace(self.request.options, events=self.watched[mode], reduce=self.reductions.along or None)
         options = replace(options, grid=None, t_eval=None, threads=self.request.threads, progress=False)
         if rounds % _BETWEEN_FITS:  # the method that fits is known; to ask takes as long as some hundred phases
             options = replace(options, method=method)
@@ -202,32 +199,21 @@ class _Sweep:
         """Return statuses, those of runs into Painleve's paradox told from other failures."""
         if SLIP not in mode:
             return status
-        broken = np.isin(status, (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
+        broken = np.isin(status, BROKEN)
         if not np.any(broken):
             return status
         return np.where(broken & ~(run["uniqueness of reactions"] > JAMMED), int(Status.CONTACT_IMPOSSIBLE), status)
 
     def _keep(self, run: Sweep, some: NDArray[np.intp], passed: FloatArray) -> None:
         """Join what was counted and reduced in a phase to what was before."""
-        for i, event in enumerate(self.request.events):
+        for i, event in enumerate(self.reductions.events):
             record, occurred = run.events[event.label], self.occurred[some, 3 * i : 3 * i + 3]
             occurred[:, 0] += record.count
             occurred[:, 1] = np.where(np.isnan(occurred[:, 1]), record.first, occurred[:, 1])
-            occurred[:, 2] = np.where(record.count > 0, record.last, occurred[:, 2])
+            last = run.t if event.terminal or event.apply else record.last  # what stops a phase happens at one time
+            occurred[:, 2] = np.where(record.count > 0, last, occurred[:, 2])
             self.occurred[some, 3 * i : 3 * i + 3] = occurred
-        whole = np.abs(self.now.t[some] - self.request.t[some])
-        for name, reduction in self.request.reductions.items():
-            old, new = self.kept[name][some], run.reduced[name]
-            if reduction.kind == "minimum":
-                new = np.fmin(old, new)
-            elif reduction.kind == "maximum":
-                new = np.fmax(old, new)
-            elif reduction.kind == "first crossing":
-                new = np.where(np.isnan(old), new, old)
-            elif reduction.kind == "mean":
-                share = whole / np.where(whole + np.abs(passed) > 0.0, whole + np.abs(passed), 1.0)
-                new = np.where(whole > 0.0, share * old + (1.0 - share) * new, new)
-            self.kept[name][some] = new
+        self.totals[some] = self.reductions.keep(self.totals[some], run.reduced, passed)
 
     def _sample(self, some: NDArray[np.intp]) -> None:
         """Take down the samples that cases have reached."""
@@ -238,7 +224,7 @@ class _Sweep:
             some = some[self.next[some] < len(t_eval)]
             some = some[(t_eval[self.next[some]] - self.now.t[some]) * self.forward[some] <= 0.0]
             rows, now = some * len(t_eval) + self.next[some], self._states(some)
-            for name in ("t", "x", "mode", "directions", "sides", "rest"):
+            for name in ("t", "x", "mode", "history", "directions", "sides", "rest"):
                 getattr(samples, name)[rows] = getattr(now, name)
             self.next[some] += 1
 
@@ -248,22 +234,63 @@ class _Sweep:
         """Decide on the cases whose phase was ended by events."""
         guards = self.modes.guards(mode)
         fired = np.array([run.events[g.output].last == run.t for g in guards]).reshape(len(guards), len(some))
-        for event in self.request.events:
-            if event.terminal:
-                ended = self._over(some, ended, run.events[event.label].last == run.t, Status.EVENT)
+        jumps = np.zeros(len(some), np.bool_)
+        for i, event in enumerate(self.reductions.events):
+            here = run.events[event.label].count > 0
+            if event.apply is not None:
+                jumps |= here
+            elif event.terminal:
+                reached = self.occurred[some, 3 * i] >= int(event.terminal)
+                ended = self._over(some, ended, here & reached, Status.EVENT)
         for guard, row in zip(guards, fired, strict=True):
             if guard.kind == "paradox":
-                ended = self._over(some, ended, row, Status.CONTACT_IMPOSSIBLE)
+                ended = self._over(some, ended, row & ~jumps, Status.CONTACT_IMPOSSIBLE)
+        ended = ended[(jumps | np.any(fired, axis=0))[ended]]  # others are in the middle of a phase
         cases = some[ended]
-        quick = np.abs(self.now.cases.passed[cases]) <= SOON * np.abs(self.span[cases])
+        passed = self.now.cases.passed[cases]
+        quick = np.abs(passed) <= SOON * np.abs(self.span[cases])
         self.soon[cases] = np.where(quick, self.soon[cases] + 1, 0)
         self.status[cases[self.soon[cases] >= SOON_IN_A_ROW]] = int(Status.EVENTS_ACCUMULATE)
         self.status[cases[self.steps[cases] >= self.request.options.max_steps]] = int(Status.MAX_STEPS)
         keep = self.status[cases] == _RUNNING
-        ended, cases = ended[keep], cases[keep]
-        self.phases[cases] += self.now.cases.passed[cases] != 0.0
+        ended, cases, passed = ended[keep], cases[keep], passed[keep]
+        self.phases[cases] += passed != 0.0
+        history, number = self.numbers.history[cases], self.modes.automaton.number(mode)
+        self.numbers.history[cases] = np.where(passed != 0.0, next_history(history, number), history)
+        self.numbers.runner[cases[jumps[ended]]] = JUMPS
+        ended, cases = ended[~jumps[ended]], cases[~jumps[ended]]
         self._decide(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
         self._sample(cases)
+
+    def _jump(self, going: NDArray[np.intp]) -> None:
+        """Map the states of cases in which events have occurred that do so, and let them begin anew."""
+        some, jumps = going[self.numbers.runner[going] == JUMPS], self.request.jumps
+        if not len(some):
+            return
+        for i, event in enumerate(self.reductions.asked):
+            here = some[(self.occurred[some, 3 * i + 2] == self.now.t[some]) & (self.status[some] == _RUNNING)]
+            if event.apply is None or not len(here):
+                continue
+            about = self.now.t[here], self.now.x[here], self.now.c[here]
+            assert jumps is not None
+            x, allowed = jumps(event.label, *about, self.request.layout.parameters)
+            self.now.x[here[allowed]] = x[allowed]
+            self.status[here[~allowed]] = int(Status.EVENT_STATE)
+        for i, event in enumerate(self.reductions.asked):
+            if event.apply is not None and event.terminal:
+                over = (self.occurred[some, 3 * i] >= int(event.terminal)) & (self.status[some] == _RUNNING)
+                self.status[some[over]] = int(Status.EVENT)
+        going = self.status[some] == _RUNNING
+        self.phases[some[~going]] -= self.now.cases.passed[some[~going]] != 0.0
+        some = some[going]
+        self.numbers.runner[some], self.now.cases.modes[some] = NOT_BEGUN, UNDECIDED
+        if self.executor is None:
+            self._begin_cases(some)
+
+    def _begin_cases(self, some: NDArray[np.intp]) -> None:
+        """Select the modes in which cases begin."""
+        self._decide(some, None, {})
+        self._sample(some)
 
     def _over(
         self, some: NDArray[np.intp], ended: NDArray[np.intp], over: NDArray[np.bool_], status: Status
@@ -289,12 +316,12 @@ class _Sweep:
         status = cases.status[some]
         bad = some[status != Status.SUCCESS]
         self.status[bad] = cases.status[bad]
-        self.phases[bad] -= (mode is not None) & (cases.passed[bad] != 0.0)
+        self.phases[bad] -= cases.passed[bad] != 0.0
         some = some[status == Status.SUCCESS]
-        self.numbers.runner[some] = -1
+        self.numbers.runner[some] = NOBODY
         over = some[self.now.t[some] == self.request.t1[some]]
         self.status[over] = int(Status.SUCCESS)
-        self.phases[over] -= (mode is not None) & (cases.passed[over] != 0.0)
+        self.phases[over] -= cases.passed[over] != 0.0
 
     # -- results ---------------------------------------------------------------------------
 
@@ -329,9 +356,7 @@ class _Sweep:
             self.value,
         )
         warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
-        failed = ~run.success
-        for values in self.kept.values():
-            values[failed] = np.nan
-        reduced = np.array(list(self.kept.values())).T.reshape(count, len(self.kept))
-        labels = [event.label for event in request.events]
-        return run.with_events(labels, self.occurred, list(self.kept), reduced)
+        about = self.occurred, self.totals
+        reduced = self.reductions.results(self.value, last, request.t, self.status, about)
+        labels = [event.label for event in self.reductions.asked]
+        return run.with_events(labels, self.occurred[:, : 3 * len(labels)], list(self.reductions.table), reduced)

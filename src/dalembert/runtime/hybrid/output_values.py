@@ -1,0 +1,90 @@
+"""Values by name at states of motions with contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...hybrid import SLIP, Mode
+from ...integrators.breakpoints import CaseBreaks
+from ...ir.conditions import CONDITION_TIME
+from ...ir.interpret import interpret_rows
+from ...ir.program import Layout
+from ...methods.status import Status
+from ...results.hybrid_sweep import States
+from ...results.motion import ENERGIES
+from .. import inputs
+from .mode_models import ModeModels
+
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["BROKEN", "JAMMED", "OutputValues"]
+
+JAMMED = 0.05
+"""Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
+
+BROKEN = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS)
+"""How runs into Painleve's paradox fail."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OutputValues:
+    """Gives values by name, of the scene with this layout and parameters (k, n_p)."""
+
+    modes: ModeModels
+    layout: Layout
+    p: FloatArray
+    breaks: CaseBreaks | None = None
+
+    def __call__(self, key: str, states: States) -> FloatArray:
+        """Return something by name at states (k,)."""
+        layout = self.layout
+        name, names = layout.aliases.get(key, key), (*layout.coordinates, *layout.rates)
+        if name in names:
+            return states.x[:, names.index(name)]
+        values = np.full(len(states.t), np.nan)
+        for number in np.unique(states.mode[states.mode >= 0]):
+            here = np.flatnonzero(states.mode == number)
+            part = states.part(here)
+            model, y, c = self.state(int(number), part)
+            program = model.stages.program
+            if name in ENERGIES:
+                kinetic, potential = interpret_rows(program.kernel("energy"), part.t, part.x, c).T
+                values[here] = dict(zip(ENERGIES, (kinetic + potential, kinetic, potential), strict=True))[name]
+                continue
+            outputs = program.layout.outputs
+            column = outputs.index(key if key in outputs else name)
+            values[here] = interpret_rows(program.kernel("outputs"), part.t, y, c)[:, column]
+        return values
+
+    def jammed(self, states: States) -> NDArray[np.bool_]:
+        """Return at which states (k,) sliding friction hardly determines the reactions."""
+        found = np.zeros(len(states.t), np.bool_)
+        for number in np.unique(states.mode[states.mode >= 0]):
+            if SLIP in self.modes.automaton.mode(int(number)):
+                here = np.flatnonzero(states.mode == number)
+                found[here] = ~(self("uniqueness of reactions", states.part(here)) > JAMMED)
+        return found
+
+    def state(self, number: int, states: States) -> tuple[CompiledModel, FloatArray, FloatArray]:
+        """Return the model of a mode by number, and states (k, n_y) and constants (k, n_c) of it at states in it."""
+        mode = self.modes.automaton.mode(number)
+        model = self.modes.model(mode)
+        program = model.stages.program
+        c = inputs.prepare_rows(program, self._rows(mode, states))
+        return model, interpret_rows(program.kernel("initial"), states.t, states.x, c), c
+
+    def _rows(self, mode: Mode, states: States) -> FloatArray:
+        """Return the parameters (k, n_p) of a mode's model at some states."""
+        layout = self.modes.model(mode).layout
+        own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
+        if self.breaks is not None and self.breaks.place is not None:
+            own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
+        columns = {**own, **self.modes.added(mode, states.directions, states.sides, states.rest)}
+        return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

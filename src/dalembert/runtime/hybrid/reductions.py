@@ -1,0 +1,109 @@
+"""Reductions over all phases of motions with contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...integrators.cases import BlockResult
+from ...integrators.event_code import Event
+from ...methods.status import Status
+from ...results.hybrid_sweep import States
+from ..reductions import Reduction
+from .output_values import OutputValues
+
+__all__ = ["PhaseReductions"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PhaseReductions:
+    """Reductions that were asked for, and what every phase watches for them.
+
+    Attributes
+    ----------
+    table : mapping of str to Reduction
+    asked : tuple of Event
+        The events that users watch.
+    """
+
+    table: Mapping[str, Reduction]
+    asked: tuple[Event, ...]
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """The events that users watch, then those whose first times are reductions."""
+        crossings = [each.event(name) for name, each in self.table.items() if each.kind == "first crossing"]
+        return (*self.asked, *crossings)
+
+    @cached_property
+    def along(self) -> dict[str, Reduction]:
+        """The other reductions."""
+        return {name: each for name, each in self.table.items() if each.kind != "first crossing"}
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of those that are continued from phase to phase: "minimum", "maximum" or "mean"."""
+        return tuple(each.kind for each in self.along.values() if each.kind != "final")
+
+    def begun(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return what happened (k, 3 n_events), and minima, maxima and integrals (k, n_running), of cases at rest."""
+        return BlockResult.nothing_yet(count, len(self.events), self.kinds)
+
+    def keep(self, totals: FloatArray, reduced: Mapping[str, FloatArray], passed: FloatArray) -> FloatArray:
+        """Return minima, maxima and integrals (k, n_running) with what a phase of a duration (k,) reduced to, by name.
+
+        What is not finite, of a phase that failed, is left out.
+        """
+        totals = totals.copy()
+        names = [name for name, each in self.along.items() if each.kind != "final"]
+        for column, name, kind in zip(totals.T, names, self.kinds, strict=True):
+            new = reduced[name]
+            if kind == "mean":
+                column += np.where(np.isfinite(new), new * passed, 0.0)
+            else:
+                column[:] = (np.fmin if kind == "minimum" else np.fmax)(column, new)
+        return totals
+
+    def results(
+        self,
+        value: OutputValues,
+        last: States,
+        begin: FloatArray,
+        status: NDArray[np.int64],
+        about: tuple[FloatArray, FloatArray],
+    ) -> FloatArray:
+        """Return the reductions (k, n), NaN for cases that failed.
+
+        Parameters
+        ----------
+        value : OutputValues
+        last : States
+            Where the cases ended.
+        begin, status : ndarray (k,)
+            Times of their starts [s], and how they ended.
+        about : (ndarray, ndarray)
+            What happened, and minima, maxima and integrals, as `begun` has them.
+        """
+        happened, totals = about
+        found = np.full((len(last.t), len(self.table)), np.nan)
+        names = list(self.table)
+        crossings = [name for name in names if name not in self.along]
+        for i, name in enumerate(crossings, len(self.asked)):
+            found[:, names.index(name)] = happened[:, 3 * i + 1]
+        columns = np.array([names.index(name) for name in self.along], np.intp)
+        for number in np.unique(last.mode[last.mode >= 0]) if len(columns) else ():
+            here = np.flatnonzero(last.mode == number)
+            model, y, c = value.state(int(number), last.part(here))
+            code = model.derived.events((), self.along)
+            assert code is not None
+            spans, ends = np.column_stack([begin, last.t])[here], np.column_stack([last.t, status, status])[here]
+            found[np.ix_(here, columns)] = code.reduced(spans, ends, y, c, totals[here], np.empty((len(here), 0)))
+        found[~np.isin(status, (Status.SUCCESS, Status.EVENT))] = np.nan
+        return found
