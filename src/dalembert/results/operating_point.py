@@ -16,7 +16,7 @@ __all__ = ["OperatingPoint"]
 class OperatingPoint:
     """An equilibrium or a steady motion, with what a run or a linearisation there needs.
 
-    ``model.simulate(span, point.initial, point.parameters)`` starts from it.
+    ``model.simulate(span, point.initial, point.parameters, inputs=point.inputs)`` starts from it.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class OperatingPoint:
         Names of the values that were changed.
     initial : dict of str to float
         Coordinates and rates.
-    parameters : dict of str to float
-        Parameters.
+    parameters, inputs : dict of str to float
+        Parameters and inputs.
     residual : dict of str to float
         What is left of each condition, by its name.
     derivatives : dict of str to float
@@ -53,20 +53,21 @@ class OperatingPoint:
     free: tuple[str, ...]
     initial: dict[str, float]
     parameters: dict[str, float]
+    inputs: dict[str, float]
     residual: dict[str, float]
     derivatives: dict[str, float]
     undetermined: tuple[str, ...]
     aliases: Mapping[str, str]
 
     def __getitem__(self, key: Any) -> float:
-        """Return a coordinate, rate or parameter, by name or symbol.
+        """Return a coordinate, rate, parameter or input, by name or symbol.
 
         Raises
         ------
         UnknownNameError
             For other names.
         """
-        values = self.parameters | self.initial
+        values = self.parameters | self.inputs | self.initial
         for name in (self.aliases.get(str(key), str(key)), str(key)):
             if name in values:
                 return values[name]

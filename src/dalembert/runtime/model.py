@@ -498,8 +498,11 @@ class CompiledModel(Evaluated):
         *,
         inputs: Mapping[Any, Any] | None = None,
         states: Sequence[str] | None = None,
+        outputs: Iterable[Any] | None = None,
     ) -> Linearization:
         """Linearise the motion about a state, in independent coordinates and speeds.
+
+        The result holds on the constraints, nonholonomic ones too: its states are the directions that they leave free.
 
         Parameters
         ----------
@@ -507,16 +510,19 @@ class CompiledModel(Evaluated):
             Time [s].
         initial, parameters : mapping of symbols or names to numbers
             The state and the parameters, as for `simulate`: what the constraints fix may be left out.
-        inputs : mapping of symbols or names to numbers, optional
-            Every input of the scene.
+        inputs : mapping of symbols or names to numbers or samples, optional
+            Every input of the scene, the columns of `B` and `D`.
         states : sequence of str, optional
             Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
             that the constraints fix least.
+        outputs : iterable of symbols or names, optional
+            Coordinates, rates, components of the state and compiled outputs, the rows of `C` and `D`; by default the
+            independent components.
 
         Returns
         -------
         Linearization
-            With named rows and columns, and `eigenvalues`.
+            A, B, C and D with named rows and columns, `eigenvalues`, and `to_control()` for python-control.
 
         Raises
         ------
@@ -524,7 +530,7 @@ class CompiledModel(Evaluated):
             For input that is wrong.
         """
         given = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
-        return linearize(self, t, initial, given, states)
+        return linearize(self, t, initial, given, states, outputs)
 
     @nesting_named
     def trim(
@@ -532,6 +538,7 @@ class CompiledModel(Evaluated):
         guess: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
         *,
+        inputs: Mapping[Any, Any] | None = None,
         free: Iterable[Any] | None = None,
         steady: Iterable[Any] | None = None,
         t: float = 0.0,
@@ -550,8 +557,10 @@ class CompiledModel(Evaluated):
             Every coordinate, and the rates: 0 for an equilibrium. Rates that the constraints fix may be left out.
         parameters : mapping of symbols or names to numbers
             Every parameter of the scene.
+        inputs : mapping of symbols or names to numbers, optional
+            Every input of the scene; it stays constant.
         free : iterable of symbols or names, optional
-            Coordinates, rates and parameters that may change; their values above are where Newton's method starts. By
+            Coordinates, rates, parameters and inputs that may change; their values above are where Newton's method starts. By
             default all coordinates.
         steady : iterable of symbols or names, optional
             Coordinates and rates that must not change in time: ``x.diff()`` stands for a vanishing acceleration,
@@ -585,7 +594,8 @@ class CompiledModel(Evaluated):
             model.linearize(0.0, point.initial, point.parameters).eigenvalues
         """
         options = TrimOptions(free=free, steady=steady, t=t, tolerance=tolerance, max_iterations=max_iterations)
-        return trim(self, guess, parameters, options)
+        given = with_inputs(self.layout, self._inputs, inputs, parameters, options.t)
+        return trim(self, guess, given, options)
 
     @nesting_named
     def compare_formulations(

@@ -10,12 +10,13 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError, list_names
-from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
+from ..ir.program import Layout
 from ..options import TrimOptions
 from ..results.operating_point import OperatingPoint
-from . import inputs
+from . import inputs as run_input
 from .assembly import assembled
+from .input_expansion import held_at, input_places
 from .newton import Root, floored, newton
 from .singular import redundant
 from .steady_conditions import SteadyConditions
@@ -39,8 +40,8 @@ def trim(
     model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
-    values = inputs.given_values(model.layout, guess, plain=True)
-    p = model.parameter_vector(parameters)
+    values = run_input.given_values(model.layout, guess, plain=True)
+    p = held_at(model.layout, model.parameter_vector(parameters), options.t)
     free = _free_names(model, options.free)
     follow = tuple(name for name in model.layout.rates if name not in values)
     able, values = _regular(model, options.t, values, p, free, follow)
@@ -63,17 +64,23 @@ def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> Float
     return np.abs(root.residual) / limits
 
 
+def _given_places(layout: Layout) -> dict[str, int]:
+    """Return where among the parameters those of the user and the values of the inputs stand, by name."""
+    places = {name: i for i, name in enumerate(layout.parameters) if name in layout.given}
+    return places | dict(zip(layout.inputs, input_places(layout), strict=True))
+
+
 def _free_names(model: CompiledModel, given: Iterable[Any] | None) -> list[str]:
     """Return the names of what may change."""
     layout = model.layout
     if given is None:
         return list(layout.coordinates)
-    known = (*layout.coordinates, *layout.rates, *(name for name in layout.parameters if name != CONDITION_TIME))
-    free = list(dict.fromkeys(inputs.resolve_names("free value", given, known, layout.aliases)))
+    known = (*layout.coordinates, *layout.rates, *layout.given, *layout.inputs)
+    free = list(dict.fromkeys(run_input.resolve_names("free value", given, known, layout.aliases)))
     if not free:
         raise OptionError(
-            "free names nothing that may change: name coordinates, rates or parameters, or leave it out for all"
-            f" coordinates. Known: {list_names(known)}"
+            "free names nothing that may change: name coordinates, rates, parameters or inputs, or leave it out for"
+            f" all coordinates. Known: {list_names(known)}"
         )
     return free
 
@@ -88,7 +95,7 @@ def _regular(
 ) -> tuple[CompiledModel, dict[str, float]]:
     """Return the model without constraints that follow from others, and the guess moved onto the constraints."""
     layout, program = model.layout, model.stages.program
-    c = inputs.constants(program, p)
+    c = run_input.constants(program, p)
     try:
         values = values | assembled(program, c, t, values, [name for name in values if name not in free])
     except InitialStateError:
@@ -144,11 +151,12 @@ def _conditions(
 ) -> tuple[SteadyConditions, _Chosen]:
     layout = model.layout
     names = (*layout.coordinates, *layout.rates)
+    given = _given_places(layout)
     nonholonomic = len(layout.constraints) > layout.holonomic
     if options.steady is None:
         steady = [name for name in layout.rates if not (nonholonomic and name in follow)]
     else:
-        steady = inputs.resolve_names("steady value", options.steady, names, layout.aliases)
+        steady = run_input.resolve_names("steady value", options.steady, names, layout.aliases)
         if not steady:
             raise OptionError(
                 "steady names nothing that must not change in time: name coordinates and rates, or leave it out for"
@@ -162,7 +170,7 @@ def _conditions(
         x=np.array([values.get(name, 0.0) for name in names]),
         p=p,
         free_x=tuple(i for i, name in enumerate(names) if name in changing),
-        free_p=tuple(i for i, name in enumerate(layout.parameters) if name in changing),
+        free_p=tuple(i for name, i in given.items() if name in changing),
         steady=tuple(i for i, name in enumerate(names) if name in steady),
     )
     return conditions, _Chosen(tuple(free), follow, options.steady is None)
@@ -195,7 +203,7 @@ class _Report:
         second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
         changes = np.concatenate([x[n:], second])
         initial = dict(zip(names, x.tolist(), strict=True))
-        given = {k: v for k, v in zip(layout.parameters, p.tolist(), strict=True) if k != CONDITION_TIME}
+        given = {name: float(p[i]) for name, i in _given_places(layout).items()}
         fault = self._fault(x, c, initial, given)
         return OperatingPoint(
             t=self.conditions.t,
@@ -204,7 +212,8 @@ class _Report:
             iterations=root.iterations,
             free=self.chosen.free,
             initial=initial,
-            parameters=given,
+            parameters={name: given[name] for name in layout.given},
+            inputs={name: given[name] for name in layout.inputs},
             residual=dict(zip(self.conditions.labels, root.residual.tolist(), strict=True)),
             derivatives=dict(zip(names, changes.tolist(), strict=True)),
             undetermined=self._undetermined(),
@@ -232,7 +241,8 @@ class _Report:
         layout = self.model.layout
         names = (*layout.coordinates, *layout.rates)
         places = self.conditions
-        return [names[i] for i in places.free_x] + [layout.parameters[i] for i in places.free_p]
+        given = {i: name for name, i in _given_places(layout).items()}
+        return [names[i] for i in places.free_x] + [given[i] for i in places.free_p]
 
     def _fault(self, x: FloatArray, c: FloatArray, initial: Mapping[str, float], given: Mapping[str, float]) -> str:
         """Return why the result is no equilibrium or steady motion; nothing where it is."""

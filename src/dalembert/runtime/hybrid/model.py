@@ -35,6 +35,7 @@ from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_f
 from ..evaluation import Evaluated
 from ..input_values import read_inputs, with_inputs
 from ..inputs import span_of
+from ..linearize import linearize
 from ..model import CompiledModel
 from ..prepared import PreparedRun
 from ..reductions import reduction_table
@@ -235,12 +236,13 @@ class HybridModel(Evaluated):
         *,
         inputs: Mapping[Any, Any] | None = None,
         states: Sequence[str] | None = None,
+        outputs: Iterable[Any] | None = None,
     ) -> Linearization:
         """Linearise the motion about a state, in the mode that its contacts have there.
 
         Parameters
         ----------
-        t, initial, parameters, inputs, states
+        t, initial, parameters, inputs, states, outputs
             As for `dalembert.runtime.model.CompiledModel.linearize`.
 
         Returns
@@ -267,7 +269,7 @@ class HybridModel(Evaluated):
         added = self._modes.added(mode, state.directions()[0], cases.sides[0], cases.rest[0])
         values = given | {name: float(value) for name, value in added.items()}
         start = dict(zip((*self.layout.coordinates, *self.layout.rates), state.x[0].tolist(), strict=True))
-        return self._model(mode).linearize(time, start, values, states=states)
+        return linearize(self._model(mode), time, start, values, states, outputs)
 
     def _refuse(self, project_invariants: Any) -> None:
         if project_invariants is not False:
