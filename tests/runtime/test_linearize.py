@@ -99,7 +99,9 @@ def test_closed_loop_against_differences_of_the_motion():
     longer, shorter = ({**bars, "l2": 2.0 + sign * h} for sign in (1, -1))
     by_length = (second(0.9, 1.2, longer) - second(0.9, 1.2, shorter)) / (2 * h)
     np.testing.assert_allclose(found.A, [[0, 1], [by_angle, by_speed]], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.B_parameters[:, found.parameters.index("l2")], [0, by_length], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        found.B_parameters[:, found.parameters.index("l2")], [0, by_length], rtol=1e-6, atol=1e-6
+    )
     assert found.drift == pytest.approx([1.2, second(0.9, 1.2, bars)])
 
 

@@ -13,6 +13,7 @@ from sympy.physics.mechanics import KanesMethod, Particle, Point, ReferenceFrame
 
 import dalembert as da
 from dalembert.errors import InitialStateError, MissingExtraError, OptionError, UnknownNameError
+from dalembert.integrators.samples import samples
 from hard_cases import machines
 
 FORMULATIONS = ("minimal", "projected", "baumgarte", "ggl", "augmented")
@@ -175,28 +176,46 @@ def test_against_the_linearizer_of_sympy():
 
 @functools.cache
 def closed_loop():
-    q = compiled(loop, "projected").assemble({"q1": 0.9, "q2": -0.5, "q3": -2.0}, LOOP, fixed=["q1"])
+    q = compiled(loop, "projected").assemble({"q1": 0.9, "q2": -0.5, "q3": -2.0}, LOOP, fixed=["q1"], inputs={"u": 0})
     return {**q, "q1_dot": 1.2}
 
 
 @pytest.mark.parametrize("formulation", SADDLES)
 def test_a_loop_in_every_formulation(formulation):
-    found = compiled(loop, formulation).linearize(
-        0.0, closed_loop(), LOOP, inputs={"u": 0.7}, states=["q1", "q1_dot"], outputs=["q3", "q3_dot", "q1"]
+    options = {"inputs": {"u": 0.7}, "states": ["q1", "q1_dot"], "outputs": ["q3", "q3_dot", "q1"]}
+    found, other = (
+        compiled(loop, name).linearize(0.0, closed_loop(), LOOP, **options) for name in (formulation, "projected")
     )
-    other = compiled(loop, "projected").linearize(
-        0.0, closed_loop(), LOOP, inputs={"u": 0.7}, states=["q2", "q2_dot"], outputs=["q3", "q3_dot", "q1"]
-    )
-    np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(other.eigenvalues), rtol=1e-9)
+    np.testing.assert_allclose(found.A, other.A, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(found.D, other.D, rtol=1e-11, atol=1e-11)
     model = compiled(loop, formulation)
     y = model.state(closed_loop(), LOOP, inputs={"u": 0.7})
     expected = differences(model, found.states, 0.0, y, LOOP, {"u": 0.7}, "u")
     np.testing.assert_allclose(found.B, [[0.0], expected[:1]], atol=1e-8)
     h = 1e-5
-    moved = [model.assemble({**closed_loop(), "q1": 0.9 + s * h}, LOOP, fixed=["q1", "q1_dot"]) for s in (1, -1)]
+    moved = [
+        model.assemble({**closed_loop(), "q1": 0.9 + s * h}, LOOP, fixed=["q1", "q1_dot"], inputs={"u": 0})
+        for s in (1, -1)
+    ]
     slopes = [(moved[0][name] - moved[1][name]) / (2 * h) for name in ("q3", "q3_dot", "q1")]
     np.testing.assert_allclose(found.C[:, 0], slopes, atol=1e-7)
     np.testing.assert_allclose(found.C[:, 1], [0.0, found.C[0, 0], 0.0], atol=1e-12)
+
+
+def test_a_loop_at_rest_whichever_coordinate_is_independent():
+    model = compiled(loop, "projected")
+    rest = {**closed_loop(), "q1_dot": 0.0, "q2_dot": 0.0, "q3_dot": 0.0}
+    point = model.trim(rest, LOOP, inputs={"u": 0.7}, free=["q2", "q3", "u"])
+    assert point.converged
+    found = [
+        model.linearize(
+            0.0, point.initial, LOOP, inputs=point.inputs, states=[name, f"{name}_dot"], outputs=["q3", "q1"]
+        )
+        for name in ("q1", "q2", "q3")
+    ]
+    for each in found[1:]:
+        np.testing.assert_allclose(each.eigenvalues, found[0].eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(each.transfer(FREQUENCIES), found[0].transfer(FREQUENCIES), rtol=1e-9)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -208,10 +227,11 @@ def test_a_sleigh_in_every_formulation(formulation):
         for name in (formulation, "augmented")
     )
     assert len(found.states) == 5
-    np.testing.assert_allclose(
-        np.sort_complex(np.round(found.eigenvalues, 6)), np.sort_complex(np.round(other.eigenvalues, 6)), atol=2e-6
-    )
+    assert found.states == other.states
+    np.testing.assert_allclose(found.A, other.A, atol=1e-12)
+    np.testing.assert_allclose(found.eigenvalues, other.eigenvalues, atol=1e-6)
     np.testing.assert_allclose(found.transfer(FREQUENCIES), other.transfer(FREQUENCIES), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.B, other.B, atol=1e-12)
     heading = found.C[outputs.index("y_dot")] * math.cos(0.6) - found.C[outputs.index("x_dot")] * math.sin(0.6)
     turned = found.C[outputs.index("theta")] * 1.5
     np.testing.assert_allclose(heading, turned, atol=1e-12)
@@ -251,7 +271,7 @@ def test_an_input_that_is_a_position():
 def test_records_count_with_their_rates():
     """About a moment of a record, drift has its rates; derivatives are those by values and rates there."""
     model = compiled(quarter_car)
-    record = da.samples([0.0, 1.0, 2.0, 3.0], [0.0, 0.02, -0.01, 0.0], kind="cubic")
+    record = samples([0.0, 1.0, 2.0, 3.0], [0.0, 0.02, -0.01, 0.0], kind="cubic")
     start = {"z": 0, "y": 0, "z_dot": 0, "y_dot": 0}
     found = model.linearize(1.4, start, CAR, inputs={"u": record})
     constant = model.linearize(1.4, start, CAR, inputs={"u": 0.0})
@@ -268,7 +288,14 @@ def test_compiled_outputs_have_rows():
     x, a = dynamicsymbols("x a")
     tip = x - 2 * l * sin(a)
     model = compiled(cart_pole, "minimal", (tip, u * x))
-    found = model.linearize(0.0, POLE_STATE, POLE, inputs={"u": 0.8, "w": 0}, outputs=[str(tip), str(u * x), "x"])
+    found = model.linearize(
+        0.0,
+        POLE_STATE,
+        POLE,
+        inputs={u: 0.8, w: 0},
+        states=[x, a, x.diff(), a.diff()],
+        outputs=[str(tip), str(u * x), x],
+    )
     np.testing.assert_allclose(found.C[0], [1, -1.4 * math.cos(0.4), 0, 0], atol=1e-14)
     np.testing.assert_allclose(found.C[1], [0.8, 0, 0, 0], atol=1e-15)
     np.testing.assert_allclose(found.D, [[0, 0], [0.3, 0], [0, 0]], atol=1e-15)
@@ -330,7 +357,7 @@ def test_python_control_responds_alike():
     found = compiled(cart_pole, "minimal").linearize(0.0, POLE_STATE, POLE, inputs={"u": 0, "w": 0}, outputs=["a"])
     system = found.to_control()
     assert list(system.input_labels) == ["u", "w"]
-    np.testing.assert_allclose(control.evalfr(system, 2j), found.transfer(2j)[0], rtol=1e-10)
+    np.testing.assert_allclose(control.evalfr(system, 2j), found.transfer(2j), rtol=1e-10)
 
 
 def test_what_is_wrong_is_named(monkeypatch):
@@ -382,3 +409,27 @@ def test_constraints_that_follow_from_others_change_nothing():
     model = da.compile_model(scene, backend="numpy", formulation="projected")
     found = model.linearize(0.0, {"x": 0.0, "y": -2.0, "x_dot": 0.0}, {"m": 1.0, "l": 2.0, "g": 9.81})
     np.testing.assert_allclose(found.A, [[0, 1], [-9.81 / 2, 0]], atol=1e-12)
+
+
+def test_the_mode_at_hand_by_inputs():
+    """A block on a table with friction, pulled by u: free where it slides, held where it sticks."""
+    scene = da.Scene("block", frame=ReferenceFrame("N"), origin=Point("O"), coordinates=dynamicsymbols("x y"))
+    x, y = scene.coordinates
+    N = scene.frame
+    P = scene.origin.locatenew("P", x * N.x + y * N.y)
+    normal, friction = da.unknowns("normal friction")
+    scene.add_bodies(Particle("block", P, m))
+    scene.add_holonomic_constraints(y)
+    scene.add_joints(da.Joint("table", body="block", at=P, force=friction * N.x + normal * N.y))
+    scene.add_friction(da.CoulombFriction(normal, friction, mu=c, name="table"))
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x))
+    scene.apply_uniform_gravity(-g * N.y)
+    model, p = da.compile_model(scene, backend="numpy"), {"m": 2.0, "c": 0.3, "g": 9.81}
+    start = {"x": 0.0, "x_dot": 1.0, "y": 0.0}
+    sliding = model.linearize(0.0, start, p, inputs={"u": 1.0}, outputs=["x_dot"])
+    assert sliding.states == ("x", "x_dot")
+    np.testing.assert_allclose(sliding.B, [[0], [0.5]], rtol=1e-14)
+    np.testing.assert_allclose(sliding.drift, [1.0, 0.5 - 0.3 * 9.81], rtol=1e-13)
+    sticking = model.linearize(0.0, {**start, "x_dot": 0.0}, p, inputs={"u": 1.0})
+    assert not np.any(sticking.A) and not np.any(sticking.B)

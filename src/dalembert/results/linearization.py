@@ -92,7 +92,10 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Eigenvalues (n,) of A [1/s], by falling real part, those of a pair with the positive imaginary part first."""
+        """Eigenvalues (n,) of A [1/s], by falling real part, those of a pair with the positive imaginary part first.
+
+        Away from equilibria and steady motions they depend on which coordinates and speeds are independent.
+        """
         found = np.linalg.eigvals(self.A).astype(np.complex128)
         return found[np.lexsort((-found.imag, -np.round(found.real, 12)))]
 
@@ -146,8 +149,8 @@ class Linearization:
             names = [name for name, bad in zip(self.outputs, wrong, strict=True) if bad]
             raise OptionError(
                 f"the outputs {list_names(names)} depend on rates of the inputs {list_names(self._moving())}, and a"
-                " state-space system has none: leave these outputs out, or let an input be what is a rate now. transfer()"
-                " serves all outputs"
+                " state-space system has none: leave these outputs out, or let an input be what is a rate now."
+                " transfer() serves all outputs"
             )
         shift = by.rates + self.A @ by.second_rates
         return self.A, self.B + self.A @ shift, self.C, self.D + self.C @ shift
@@ -155,9 +158,7 @@ class Linearization:
     def _moving(self) -> Sequence[str]:
         """Return the inputs of which rates enter."""
         parts = (self.by_input, self.outputs_by_input)
-        moved = np.array(
-            [np.any(table != 0.0, axis=0) for part in parts for table in (part.rates, part.second_rates)]
-        )
+        moved = np.array([np.any(table != 0.0, axis=0) for part in parts for table in (part.rates, part.second_rates)])
         return [name for name, moving in zip(self.inputs, np.any(moved, axis=0), strict=True) if moving]
 
     def to_control(self) -> Any:
@@ -181,15 +182,13 @@ class Linearization:
             ) from None
         if not self.inputs:
             raise OptionError(
-                "the scene has no inputs, and a system of python-control needs one: declare given functions of time with"
-                " scene.add_inputs"
+                "the scene has no inputs, and a system of python-control needs one: declare given functions of time"
+                " with scene.add_inputs"
             )
         moved = self.by_input.rates + self.A @ self.by_input.second_rates
         shifted = np.any((moved != 0.0) | (self.by_input.second_rates != 0.0), axis=1)
         names = [f"{name} shifted" if some else name for name, some in zip(self.states, shifted, strict=True)]
-        return control.ss(
-            *self.realization(), 0, states=names, inputs=list(self.inputs), outputs=list(self.outputs)
-        )
+        return control.ss(*self.realization(), 0, states=names, inputs=list(self.inputs), outputs=list(self.outputs))
 
     def __repr__(self) -> str:
         return f"<Linearization at t = {self.t:g} in {', '.join(self.states)}>"

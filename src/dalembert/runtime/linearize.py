@@ -9,20 +9,19 @@ H = -(g_x stacked on P)^-1 g_u while z is held: B = P (f_u + f_x H). Outputs h h
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
-from ..ir.program import Layout, Program
+from ..ir.program import Layout
 from ..results.linearization import InputDerivatives, Linearization
 from ..values import listed, option
 from . import inputs as run_input
 from .constraint_choice import divisible_model
 from .input_expansion import expanded_at, input_places
-from .partials import Partials
+from .linear_equations import LinearEquations, Point, own_equations, scene_equations
 from .segments import at_time
 from .singular import redundant
 
@@ -65,12 +64,12 @@ def linearize(
     return _linearized(point, states, wanted)
 
 
-def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: FloatArray) -> _Point:
+def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: FloatArray) -> Point:
     """Return a model at initial values by name and parameters (n_p,)."""
     program = model.stages.program
     c = at_time(program, run_input.constants(program, p), t)
     y = run_input.initial_state(model.derived.start(values), t, values, c, program)
-    return _Point(program, model.derived.partials, t, y, p, c)
+    return Point(program, model.derived.partials, t, y, c)
 
 
 def _output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
@@ -85,34 +84,27 @@ def _output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
     return run_input.resolve_names("output", given, known, layout.aliases)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A program at time t, state y (n_y,), parameters p (n_p,) with inputs expanded at t, and constants c (n_c,)."""
+def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
+    """Return the equations in coordinates and rates, or in the formulation's state where its speeds are chosen.
 
-    program: Program
-    partials: Partials
-    t: float
-    y: FloatArray
-    p: FloatArray
-    c: FloatArray
-
-    def value(self, kernel: str) -> FloatArray:
-        """Return the outputs of a kernel."""
-        return self.partials.value(kernel, self.t, self.y, self.c)
-
-    def derivatives(self, kernel: str) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of a kernel by the state (k, n_y) and by the parameters (k, n_p)."""
-        where = self.t, self.y, self.c
-        return self.partials.by_state(kernel, *where), self.partials.by_parameters(kernel, *where)
+    Angular velocities that a start may be given in, with unit quaternions, are taken where the formulation has them.
+    """
+    program, layout = point.program, point.program.layout
+    if program.formulation == "prescribed":
+        return own_equations(point)
+    scene = {*layout.coordinates, *layout.rates}
+    speeds = [name for name in layout.state if name not in scene]
+    wanted = layout.entries if chosen is None else chosen
+    return own_equations(point) if any(name in wanted for name in speeds) else scene_equations(point)
 
 
-def _linearized(point: _Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
+def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
     """Return the linearisation at a point.
 
     Parameters
     ----------
-    point : _Point
+    point : Point
+        Its inputs have their knots at its time.
     chosen : sequence of str or None
         The independent components of the state; None picks them.
     outputs : sequence of str or None
@@ -123,42 +115,40 @@ def _linearized(point: _Point, chosen: Sequence[str] | None, outputs: Sequence[s
     OptionError
         For names that are no components of the state, or are not independent or too few.
     """
-    program, y, layout = point.program, point.y, point.program.layout
-    f_x, f_p = point.derivatives("rhs")
-    pairs = [point.derivatives(kernel) for kernel in _constraint_kernels(program)]
-    g_x = np.vstack([np.empty((0, len(y))), *(pair[0] for pair in pairs)])
-    g_p = np.vstack([np.empty((0, len(point.p))), *(pair[1] for pair in pairs)])
-    if not all(np.all(np.isfinite(table)) for table in (f_x, f_p, g_x, g_p)):
+    layout = point.program.layout
+    if chosen is not None:
+        chosen = [layout.aliases.get(str(key), str(key)) for key in listed("states", chosen, "names of states")]
+    equations = _equations(point, chosen)
+    rates, constraints = equations.rates, equations.constraints
+    g_x, g_p = constraints.by_state, constraints.by_parameters
+    if not all(np.all(np.isfinite(table)) for table in (rates.by_state, rates.by_parameters, g_x, g_p)):
         raise InitialStateError(
             "the rates have no finite derivatives at this state: the coordinates or a load are singular there."
             " Linearise about another state"
         )
-    if chosen is None and program.formulation == "minimal":
-        free = _picked(g_x)
-    else:
-        free = _free(layout, g_x, chosen)
-    pick = np.eye(len(y))[free]
+    free = _free(equations, g_x, chosen)
+    pick = np.eye(len(equations.state))[free]
     whole = np.linalg.pinv(np.vstack([g_x, pick]))
     tangent, shift = whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p
-    states = tuple(layout.state[i] for i in free)
+    states = tuple(equations.names[i] for i in free)
     names = states if outputs is None else tuple(outputs)
-    h, h_x, h_p = _outputs(point, names)
+    seen = equations.outputs(names)
     given = [i for i, name in enumerate(layout.parameters) if name in layout.given]
-    by_p, outputs_by_p = pick @ (f_p + f_x @ shift), h_p + h_x @ shift
+    by_p = pick @ (rates.by_parameters + rates.by_state @ shift)
     return Linearization(
         t=point.t,
-        A=pick @ f_x @ tangent,
-        C=h_x @ tangent,
+        A=pick @ rates.by_state @ tangent,
+        C=seen.by_state @ tangent,
         B_parameters=by_p[:, given],
         by_input=_by_input(layout, by_p),
-        outputs_by_input=_by_input(layout, outputs_by_p),
-        drift=point.value("rhs")[free],
+        outputs_by_input=_by_input(layout, seen.by_parameters + seen.by_state @ shift),
+        drift=rates.value[free],
         states=states,
         inputs=layout.inputs,
         outputs=names,
         parameters=tuple(layout.parameters[i] for i in given),
-        values=y[free].copy(),
-        output_values=h,
+        values=equations.state[free].copy(),
+        output_values=seen.value,
     )
 
 
@@ -168,43 +158,21 @@ def _by_input(layout: Layout, by_p: FloatArray) -> InputDerivatives:
     return InputDerivatives(by_p[:, places], by_p[:, places + 1], 0.5 * by_p[:, places + 2])
 
 
-def _outputs(point: _Point, names: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return outputs (k,) and their derivatives by the state (k, n_y) and the parameters (k, n_p)."""
-    layout, size = point.program.layout, len(point.y)
-    tables = {"state": (layout.state, point.y, np.eye(size), np.zeros((size, len(point.p))))}
-    for kernel, rows in (("expand", (*layout.coordinates, *layout.rates)), ("outputs", layout.outputs)):
-        known = [name for table in tables.values() for name in table[0]]
-        if any(name in rows and name not in known for name in names):
-            tables[kernel] = (rows, point.value(kernel), *point.derivatives(kernel))
-    found: list[tuple[float, FloatArray, FloatArray]] = []
-    for name in names:
-        rows, value, by_x, by_p = next(table for table in tables.values() if name in table[0])
-        place = rows.index(name)
-        found.append((float(value[place]), by_x[place], by_p[place]))
-    empty = np.zeros(0), np.zeros((0, size)), np.zeros((0, len(point.p)))
-    if not found:
-        return empty
-    values, by_x, by_p = zip(*found, strict=True)
-    return np.array(values), np.array(by_x), np.array(by_p)
-
-
-def _constraint_kernels(program: Program) -> list[str]:
-    """Return the kernels of what the state itself has to fulfil; that of `minimal` only has unit quaternions."""
-    if program.formulation == "minimal":
-        return [name for name in ("project_position",) if name in program]
-    return [name for name in ("position_residual", "velocity_residual") if name in program]
-
-
-def _free(layout: Layout, g_x: FloatArray, chosen: Sequence[str] | None) -> list[int]:
+def _free(equations: LinearEquations, g_x: FloatArray, chosen: Sequence[str] | None) -> list[int]:
     """Return the numbers of independent components: those chosen, or those that the constraints fix least."""
-    state, holonomic, n = layout.state, layout.holonomic, len(layout.coordinates)
+    state, holonomic, n = equations.names, equations.holonomic, equations.coordinates
     if chosen is None:
         positions, rates = _picked(g_x[:holonomic, :n]), _picked(g_x[holonomic:, n : 2 * n])
-        return [*positions, *(n + i for i in rates), *range(2 * n, len(state))]
+        free = [*positions, *(n + i for i in rates), *range(2 * n, len(state))] if n else _picked(g_x)
+        if np.linalg.matrix_rank(np.vstack([g_x, np.eye(len(state))[free]]), tol=_DEPENDENT) < len(state):
+            raise InitialStateError(
+                "the constraints lose rank at this state, where the motion has no linearisation: linearise about"
+                " another state"
+            )
+        return free
     rank = int(np.linalg.matrix_rank(g_x, tol=_DEPENDENT * max(1.0, float(np.max(np.abs(g_x), initial=0.0)))))
-    chosen = listed("states", chosen, "names of states")
     for name in chosen:
-        if not isinstance(name, str) or name not in state:
+        if name not in state:
             raise OptionError(unknown_name("state", str(name), state))
     free = [state.index(name) for name in chosen]
     whole = np.vstack([g_x, np.eye(len(state))[free]])

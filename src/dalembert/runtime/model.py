@@ -513,8 +513,9 @@ class CompiledModel(Evaluated):
         inputs : mapping of symbols or names to numbers or samples, optional
             Every input of the scene, the columns of `B` and `D`.
         states : sequence of str, optional
-            Names of the independent components to use, of ``layout.state``; by default the formulation's own, or those
-            that the constraints fix least.
+            Names of the independent components to use, of coordinates and rates, or of ``layout.state``; by default
+            the coordinates and rates that the constraints fix least, the same in every formulation (with unit
+            quaternions, `minimal` takes angular velocities).
         outputs : iterable of symbols or names, optional
             Coordinates, rates, components of the state and compiled outputs, the rows of `C` and `D`; by default the
             independent components.
@@ -560,8 +561,8 @@ class CompiledModel(Evaluated):
         inputs : mapping of symbols or names to numbers, optional
             Every input of the scene; it stays constant.
         free : iterable of symbols or names, optional
-            Coordinates, rates, parameters and inputs that may change; their values above are where Newton's method starts. By
-            default all coordinates.
+            Coordinates, rates, parameters and inputs that may change; their values above are where Newton's method
+            starts. By default all coordinates.
         steady : iterable of symbols or names, optional
             Coordinates and rates that must not change in time: ``x.diff()`` stands for a vanishing acceleration,
             ``x`` for a vanishing rate. By default all rates, and in scenes with velocity constraints those that

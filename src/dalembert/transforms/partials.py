@@ -41,14 +41,14 @@ def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
     return parsed.lower(f"{kernel.name}_by_{array}", [entry for row in rows for entry in row])
 
 
-def tangent_kernel(kernel: Kernel, size: int) -> Kernel:
-    """Return the kernel of one directional derivative of all outputs by the state.
+def tangent_kernel(kernel: Kernel, size: int, array: str = "y", count: int | None = None) -> Kernel:
+    """Return the kernel of one directional derivative of all outputs by the entries of an argument.
 
-    It takes the state and the direction, one behind the other, as ``y`` (2 * size), and costs some three evaluations
-    whatever the size, where a Jacobian's length grows with it.
+    It takes the state (size) and the direction (count, by default size), one behind the other, as ``y``, and costs
+    some three evaluations whatever their length, where a Jacobian's length grows with it.
     """
     parsed = _parse(kernel)
-    seeds = {parsed.source("y", i): parsed.source("y", size + i) for i in range(size)}
+    seeds = {parsed.source(array, i): parsed.source("y", size + i) for i in range(size if count is None else count)}
     return parsed.lower(f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds))
 
 
