@@ -18,6 +18,7 @@ from sympy.physics.mechanics import KanesMethod, LagrangesMethod, Particle, Poin
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
+from ..scene.actuators import actuator_loads
 from ..scene.prescribed_velocities import located
 from ..scene.tree import Tree
 
@@ -72,7 +73,7 @@ def scene_from_sympy(source: Any, name: str | None = None) -> Scene:
 
 
 def _of_system(system: System) -> _Contents:
-    actuators = [load for actuator in system.actuators for load in actuator.to_loads()]
+    actuators = [load for actuator in system.actuators for load in actuator_loads(actuator)]
     return _Contents(
         frame=system.frame,
         origin=system.fixed_point,

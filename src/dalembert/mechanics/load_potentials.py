@@ -1,10 +1,10 @@
 """Potential energies of given loads, derived on a graph of its own.
 
-The power coefficients Q_i of a load at zero rates are compared with candidates: Q = -dV/dq. Candidates are constant
-forces (V = -F . r), components of a force that are a function of their own coordinate of the point, central forces
-between two points, functions of one inner value u with Q parallel to grad u (a spring along a coordinate, a distance,
-the length of a pathway, a relative angle), and antiderivatives coordinate by coordinate. A candidate counts only where
-its gradient is Q.
+The power coefficients Q_i of a load at zero rates are compared with candidates: Q = -dV/dq. Candidates are what an
+actuator is known to store, constant forces (V = -F . r), components of a force that are a function of their own
+coordinate of the point, central forces between two points, functions of one inner value u with Q parallel to grad u
+(a spring along a coordinate, a distance, the length of a pathway, a relative angle), and antiderivatives coordinate by
+coordinate. A candidate counts only where its gradient is Q.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import final
 
 from ..ir.conditions import CONDITION_TIME
@@ -84,8 +85,12 @@ def load_parts(kinematics: Kinematics, graph: Graph, constraints: Sequence[Const
         Where a unit quaternion is among the coordinates, a potential has the powers of its loads on them only.
     """
     search = _Search(kinematics, graph, constraints)
-    loads = [search.load(action) for action in kinematics.model.actions if action.kind != "screw"]
-    return search.parts(loads)
+    given = [action for action in kinematics.model.actions if action.kind != "screw"]
+    parts = search.parts([search.load(action) for action in given if action.actuator is None])
+    for number, stored in enumerate(kinematics.model.stored):
+        loads = [search.load(action) for action in given if action.actuator == number]
+        parts.append(search.part(loads, () if stored is None else search.adopt([stored])))
+    return parts
 
 
 def given_parts(kinematics: Kinematics, graph: Graph, named: Sequence[tuple[str, Sequence[Node]]]) -> list[LoadPart]:
@@ -237,8 +242,8 @@ class _Search:
                 found = [item for item in found if item not in group] + [(members, joined)]
         return found
 
-    def part(self, loads: Sequence[_Load]) -> LoadPart:
-        """Return loads taken together."""
+    def part(self, loads: Sequence[_Load], known: Sequence[Node] = ()) -> LoadPart:
+        """Return loads taken together; `known` are candidates for their potential, tried before others."""
         g = self.graph
         powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
         rates = any(load.rates for load in loads)
@@ -248,7 +253,7 @@ class _Search:
             potential = g.zero
         elif len(g.nodes) < _SIZE:
             least: int | None = None
-            for candidate in self._candidates(loads, powers):
+            for candidate in chain(known, self._candidates(loads, powers)):
                 if self._verified(candidate, powers):
                     lost = lost_at_zero(candidate, powers, self.moving)
                     if least is None or lost < least:

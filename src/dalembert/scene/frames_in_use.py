@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector
 
+from .actuators import loads_of
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ __all__ = ["frames_in_use"]
 
 
 def frames_in_use(scene: Scene, frames: Tree) -> set[ReferenceFrame]:
-    """Return the frames that bodies, loads, joints and gravity of a scene are written on, and their ancestors.
+    """Return the frames that bodies, loads, actuators, joints and gravity are written on, and their ancestors.
 
     Other frames may be attached to those of a scene, such as the ones of another scene in the same notebook.
 
@@ -42,7 +43,7 @@ def _contents(scene: Scene) -> Iterator[Any]:
             yield body.point
         elif isinstance(body, RigidBody):
             yield from (body.masscenter, body.frame, body.central_inertia)
-    for load in scene.loads:
+    for load in loads_of(scene):
         if isinstance(load, Sequence):
             yield from load
     for joint in scene.joints:

@@ -93,7 +93,7 @@ class Action:
 
     `kind` is "screw" (on body number `target`, reduced at point `at`), "force" (at point `at`,
     taken with that point's own velocity) or "torque" (on frame number `target`). A screw between two bodies is two
-    opposite actions; `other` is the body of the opposite one.
+    opposite actions; `other` is the body of the opposite one. Loads of one actuator have its number as `actuator`.
     """
 
     name: str
@@ -103,6 +103,7 @@ class Action:
     force: Pieces
     torque: Pieces
     other: int | None = None
+    actuator: int | None = None
 
     def opposite(self) -> Action:
         """Return the opposite screw on the other body, reduced at the same point."""
@@ -304,7 +305,7 @@ class SceneModel:
     Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
     gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
     of the scene say themselves. `places` are outputs: number of a point, and of an axis. `conditions` are those that
-    depend on time and parameters alone.
+    depend on time and parameters alone. `stored` are candidates for the potential energies of the actuators.
     """
 
     name: str
@@ -325,3 +326,4 @@ class SceneModel:
     lagrangian: Node | None = None
     places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     conditions: tuple[Condition, ...] = ()
+    stored: tuple[Node | None, ...] = ()

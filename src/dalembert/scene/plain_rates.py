@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import sympy as sp
 
 from ..errors import SceneError
+from .actuators import loads_of
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -41,5 +42,6 @@ def without_speeds(scene: Scene) -> Scene:
     twin.speeds = twin.kinematic_equations = ()
     twin.holonomic_constraints = tuple(c.xreplace(values) for c in scene.holonomic_constraints)
     twin.nonholonomic_constraints = tuple(c.xreplace(values) for c in scene.nonholonomic_constraints)
-    twin.loads = tuple((target, vector.xreplace(values)) for target, vector in scene.loads)
+    twin.loads = tuple((target, vector.xreplace(values)) for target, vector in loads_of(scene))
+    twin.actuators = ()
     return twin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, final
 
 import sympy as sp
@@ -13,12 +14,13 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
 from ..naming import rate_name, unwritable
 from ..transforms.derivatives import tangents
+from .actuators import read_actuators
 from .contacts import read_contacts
 from .dyadics import matrix_of
 from .expressions import short
 from .geometry import GeometryReader
 from .joint_checks import foreign_points
-from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, SceneModel
+from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .prescribed_velocities import located, read_given
 from .scene import Joint, Place, Scene
 from .symbols import Requirement
@@ -72,6 +74,8 @@ class _SceneReader(GeometryReader):
         actions = [action for joint in scene.joints for action in self._joint(joint, names)]
         loads = [self._load(load, place) for place, load in enumerate(scene.loads)] if placed else []
         actions += [action for action in loads if action is not None]
+        acting, stored = self._actuators() if placed else ([], ())
+        actions += acting
         gravity = () if scene.gravity is None else self._vector(scene.gravity, "gravity")
         potentials = tuple(
             self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
@@ -126,6 +130,7 @@ class _SceneReader(GeometryReader):
             lagrangian=lagrangian,
             places=places,
             conditions=tuple(self.expressions.conditions),
+            stored=stored,
         )
 
     def _given(self) -> tuple[GivenMotion | None, Node | None]:
@@ -133,7 +138,8 @@ class _SceneReader(GeometryReader):
         scene = self.scene
         if not scene.velocities and scene.lagrangian is None:
             return None, None
-        for what, items in (("joints", scene.joints), ("contacts", scene.contacts), ("friction", scene.frictions)):
+        listed = {"joints": scene.joints, "contacts": scene.contacts, "friction": scene.frictions}
+        for what, items in {**listed, "actuators": scene.actuators}.items():
             if items:
                 self.faults.append(f"a scene that gives velocities or a Lagrangian, no positions, cannot have {what}")
         given = read_given(scene, self._vector, self.expressions.read, self._rows, self._frame)
@@ -256,14 +262,48 @@ class _SceneReader(GeometryReader):
         screw = Action(joint.name, "screw", targets[0], at, force, torque, *targets[1:])
         return [screw, screw.opposite()] if joint.other is not None else [screw]
 
-    def _load(self, load: Any, number: int) -> Action | None:
+    def _actuators(self) -> tuple[list[Action], tuple[Node | None, ...]]:
+        """Return the loads of the actuators, and candidates for their potential energies."""
+        found, faults = read_actuators(self.scene)
+        self.faults += faults
+        actions: list[Action] = []
+        for number, item in enumerate(found):
+            loads = [self._load(load, 0, item.name) for load in item.loads]
+            for load in (load for load in loads if load is not None):
+                force, torque = self._kinked_lengths(load.force), self._kinked_lengths(load.torque)
+                actions.append(replace(load, name=item.name, force=force, torque=torque, actuator=number))
+        stored = [item.potential for item in found]
+        return actions, tuple(
+            None if energy is None else self._scalar(energy, f"energy of {item.name}")
+            for energy, item in zip(stored, found, strict=True)
+        )
+
+    def _kinked_lengths(self, pieces: Pieces) -> Pieces:
+        """Return a vector in which roots, the lengths of pathways, have a kink where they vanish.
+
+        The power series of a length that becomes zero goes on to negative values; steps must notice.
+        """
+        graph, moving = self.graph, self._moving()
+        new: dict[int, Node] = {}
+
+        def kinked(node: Node) -> Node:
+            if node.op == "input" or not node.deps & moving:
+                return node
+            made = graph.call(node.op, *(new[arg.index] for arg in node.args))
+            return graph.call("abs", made) if node.op == "sqrt" else made
+
+        graph.visit([x for piece in pieces for x in piece.components], new, kinked)
+        found = [(piece.frame, [new[x.index] for x in piece.components]) for piece in pieces]
+        return tuple(Piece(frame, (x, y, z)) for frame, (x, y, z) in found)
+
+    def _load(self, load: Any, number: int, name: str = "") -> Action | None:
         place = f"load {number + 1}"
         pair = tuple(load) if isinstance(load, Sequence) and len(load) == 2 else (None, None)
         if isinstance(pair[0], Point):
-            where = f"force at {pair[0].name!r}"
+            where = f"{name and f'{name}: '}force at {pair[0].name!r}"
             return Action(where, "force", None, self._point(pair[0], where), self._vector(pair[1], where), ())
         if isinstance(pair[0], ReferenceFrame):
-            where = f"torque on {pair[0].name!r}"
+            where = f"{name and f'{name}: '}torque on {pair[0].name!r}"
             return Action(where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where))
         self.faults.append(f"{place}: {load!r} is neither (point, force) nor (frame, torque)")
         return None

@@ -121,6 +121,7 @@ class Scene:
         self.bodies: tuple[RigidBody | Particle, ...] = ()
         self.joints: tuple[Joint, ...] = ()
         self.loads: tuple[Any, ...] = ()
+        self.actuators: tuple[Any, ...] = ()
         self.holonomic_constraints: tuple[Expr, ...] = ()
         self.nonholonomic_constraints: tuple[Expr, ...] = ()
         self.gravity: Vector | None = None
@@ -203,6 +204,20 @@ class Scene:
         others for which no potential energy is known. Who asks for the energy is warned of the last.
         """
         self.loads += loads
+
+    def add_actuators(self, *actuators: Any) -> None:
+        """Add actuators of ``sympy.physics.mechanics``: springs, dampers, forces along pathways, torques.
+
+        `LinearSpring`, `DuffingSpring`, `LinearDamper`, `ForceActuator`, `TorqueActuator`, on a `LinearPathway` or an
+        `ObstacleSetPathway`; others count by their ``to_loads()``. A positive force pushes the ends of its pathway
+        apart; a pathway whose loads do the opposite, as those of SymPy's `WrappingPathway` do, is an error that says
+        what to add in its place. Springs, constant forces, and torques that are a function of an angle have their
+        potential energy in ``"energy"``; dampers have none.
+
+        A pathway whose length is zero has no direction: one that always is so is an error, a run that starts there
+        ends with the status `NON_FINITE`, and one that passes through such a position takes short steps there.
+        """
+        self.actuators += actuators
 
     def add_holonomic_constraints(self, *constraints: Expr) -> None:
         """Add expressions in coordinates and time that vanish."""

@@ -11,6 +11,7 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError
 from ..scene import Joint
+from ..scene.actuators import loads_of
 from .geometry import Geometry
 from .screw import Screw
 
@@ -35,6 +36,7 @@ class Actions:
         self.geometry = geometry
         self.scene = geometry.scene
         self.coordinates = tuple(coordinates)
+        self.loads = loads_of(self.scene)
         self.bodies = {str(body.name): body for body in self.scene.bodies}
 
     def kinematic_screw(self, body: Any, point: Point | None = None) -> Screw:
@@ -115,7 +117,7 @@ class Actions:
     def given_power(self, coordinate: Any) -> sp.Expr:
         """Return the power coefficient of gravity and all loads."""
         return self.gravity_power(coordinate) + sum(
-            (self.load_power(load, coordinate) for load in self.scene.loads), sp.S.Zero
+            (self.load_power(load, coordinate) for load in self.loads), sp.S.Zero
         )
 
     def joint(self, name: Any) -> Joint:

@@ -125,8 +125,12 @@ class Plain:
 
 def arithmetic(expressions: Sequence[Any]) -> Field | Plain:
     """Return the arithmetic in which expressions are to be combined, holding them as its `elements`."""
-    small = sum(sp.sympify(e).count_ops() for e in expressions) <= SMALL
-    return Field(expressions) if small else Plain(expressions)
+    if sum(sp.sympify(e).count_ops() for e in expressions) > SMALL:
+        return Plain(expressions)
+    try:
+        return Field(expressions)
+    except sp.PolynomialError:  # a root of a square, such as the length of a straight spring, is no generator
+        return Plain(expressions)
 
 
 def row_echelon(matrix: Any) -> tuple[Any, tuple[int, ...]]:

@@ -329,7 +329,7 @@ class LagrangeView:
 
         moving = [text(c.equation) for c in self.constraints if c.rheonomic or c.form[-1] != 0]
         loads = [
-            sum((self.actions.load_power(load, q) for load in self.scene.loads), sp.S.Zero) for q in self.coordinates
+            sum((self.actions.load_power(load, q) for load in self.actions.loads), sp.S.Zero) for q in self.coordinates
         ]
         return first_integrals(
             self.coordinates, self.time, self.kinetic_energy, self.potential_energy, loads, moving, self._states
