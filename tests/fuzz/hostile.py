@@ -230,6 +230,9 @@ class Targets:
     def _span(self) -> dict[str, Any]:
         return {"t_span": (0.0, 0.1), "initial": dict(self.start), "parameters": dict(self.parameters)}
 
+    def _state(self, name: str) -> dict[str, Any]:
+        return {name: dict(self.start), "parameters": dict(self.parameters)}
+
     def _running(self) -> list[Target]:
         m = self.model
         limits = {"method": "auto", "rtol": 1e-6, "atol": 1e-8, "max_steps": 2000}
@@ -256,7 +259,19 @@ class Targets:
                 lambda a: m.sensitivity(**a),
                 lambda: self._span() | limits | {"wrt": ["k"], "of": ["x"], "t_eval": [0.1]},
             ),
-            Target("linearize", lambda a: m.linearize(**a), lambda: {"t": 0.0, **{**self._span(), "states": None}}),
+            Target(
+                "linearize",
+                lambda a: m.linearize(**a),
+                lambda: {"t": 0.0, **self._state("initial"), "states": None, "outputs": ["x"]},
+            ),
+            Target(
+                "trim",
+                lambda a: m.trim(**a),
+                lambda: (
+                    self._state("guess")
+                    | {"free": ["x"], "steady": ["x_dot"], "t": 0.0, "tolerance": 1e-12, "max_iterations": 20}
+                ),
+            ),
             Target(
                 "compare_formulations",
                 lambda a: None if long_span(a["t_span"]) else m.compare_formulations(**a),
