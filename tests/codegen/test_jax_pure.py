@@ -11,7 +11,7 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.codegen.jax import blocks, pieces  # noqa: E402
+from dalembert.codegen.jax import blocks, pieces, pure  # noqa: E402
 from dalembert.integrators.jax import adjoint  # noqa: E402
 
 T = np.linspace(0.0, 0.5, 3)
@@ -27,6 +27,12 @@ def double():
 def compiled(scene, formulation="minimal", backend="jax"):
     outputs = list(MOTIONS[scene][2])
     return da.compile_model(da.scenes.ALL[scene](), backend=backend, formulation=formulation, outputs=outputs)
+
+
+def forget():
+    """Make methods and traced runs anew."""
+    pieces.pieces_of.cache_clear()
+    pure._solved.clear_cache()
 
 
 @pytest.mark.parametrize("method", ("dopri8", "tsit5", "taylor", "kvaerno5"))
@@ -102,11 +108,11 @@ def test_long_right_hand_sides_go_in_blocks(monkeypatch):
     found = []
     for limit in (pieces._LARGEST_AT_ONCE, 0):
         monkeypatch.setattr(pieces, "_LARGEST_AT_ONCE", limit)
-        pieces.pieces_of.cache_clear()
+        forget()
         solve = compiled("chaplygin_sleigh", "projected").solve_fn(initial, method="tsit5")
         program = str(jax.make_jaxpr(lambda p, solve=solve: solve(T, initial, p).y)(parameters))
         found.append((solve(T, initial, parameters).y, program.count("branches=")))
-    pieces.pieces_of.cache_clear()
+    forget()
     assert found[0][1] < found[1][1]
     np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-12, atol=1e-13)
 
@@ -139,17 +145,17 @@ def test_cotangents_of_evaluations_are_summed_in_one_piece_and_in_blocks(largest
 def test_which_gradients_go_back_one_stage_after_the_other(formulation, limit, alone, monkeypatch):
     """What makes the gradient of a run cost a few runs: no derivative of a step is ever a whole matrix."""
     monkeypatch.setattr(pieces, "_SHORT", limit)
-    pieces.pieces_of.cache_clear()
+    forget()
     solve = compiled("chaplygin_sleigh", formulation).solve_fn(method="tsit5")
     assert (pieces.pieces_of(solve._program, solve._kernels, "tsit5", 0).steps.in_turn is not None) == alone
-    pieces.pieces_of.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize("times", ([0.0, 9.0], [0.0, 4.0, 9.0], [0.0, -1.0], [0.0, 0.0]))
 def test_gradients_one_stage_after_the_other(times, monkeypatch):
     monkeypatch.setattr(pieces, "_SHORT", 0)
     monkeypatch.setattr(adjoint, "_CHUNK", 8)
-    pieces.pieces_of.cache_clear()
+    forget()
     parameters, initial, _ = SLEIGH
     model = compiled("chaplygin_sleigh")
     at = model.state(initial, parameters), model.parameter_vector(parameters)
@@ -163,7 +169,7 @@ def test_gradients_one_stage_after_the_other(times, monkeypatch):
     directions = tuple(np.sin(1.0 + np.arange(len(part))) for part in at)
     pushed = jax.jit(lambda *at: jax.jvp(value("forward"), at, directions)[1])(*at)
     assert sum(a @ b for a, b in zip(found, directions, strict=True)) == pytest.approx(float(pushed), rel=1e-9)
-    pieces.pieces_of.cache_clear()
+    forget()
 
 
 def test_pickled_models_of_other_backends():

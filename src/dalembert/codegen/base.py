@@ -342,8 +342,9 @@ class FunctionEngine(Protocol):
 class TracedEngine(Protocol):
     """An engine whose backend declares `Capability.VECTOR_FIELD` and `Capability.SOLVE_FUNCTION`."""
 
-    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
-        """Return the rate of the state as a traced function."""
+    @property
+    def vector_field(self) -> Callable[[Any, Any, Any], Any]:
+        """The rate of the state, a traced function of (t, y, args); those of equal programs are equal."""
         ...
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:

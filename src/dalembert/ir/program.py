@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import final
 
+from ..once import once
 from .conditions import CONDITION_TIME, Conditions
 from .input_parameters import hidden_parameters
 from .kernel import Kernel
@@ -15,6 +16,7 @@ from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fie
 __all__ = [
     "Layout",
     "Program",
+    "representative",
 ]
 
 
@@ -163,3 +165,9 @@ def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
     }
     known = labels.get(kernel.name, [])
     return known if len(known) == len(kernel.outputs) else []
+
+
+@once
+def representative(program: Program) -> Program:
+    """Return the first of all equal programs: of representatives, equal ones are the same, which is seen at once."""
+    return program

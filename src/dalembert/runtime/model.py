@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast, final
 
@@ -14,7 +14,8 @@ from ..codegen.base import Capability, Engine
 from ..errors import OptionError, list_names, nesting_named, unknown_name
 from ..hybrid.modes import Mode
 from ..ir.interpret import interpret_rows
-from ..ir.program import Layout
+from ..ir.program import Layout, representative
+from ..once import once_property
 from ..options import (
     CompileOptions,
     PrepareOptions,
@@ -69,7 +70,8 @@ class CompiledModel(Evaluated):
     """A scene compiled for one backend in one formulation.
 
     It holds what was compiled and does not change; `simulate`, `sweep`, `prepare`, `sensitivity`, `linearize` and
-    `explain` are functions over it, in modules of these names.
+    `explain` are functions over it, in modules of these names. Models of equal programs are equal: compiled code that
+    JAX keeps for one serves the other.
 
     Attributes
     ----------
@@ -216,6 +218,18 @@ class CompiledModel(Evaluated):
             nothing is derived or compiled.
         """
         return explain(self, passes=passes, formulations=formulations)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, CompiledModel) and self._identity == other._identity)
+
+    def __hash__(self) -> int:
+        return hash(self._identity[1:])
+
+    @once_property
+    def _identity(self) -> tuple[Any, ...]:
+        """What equal models have in common: they compute the same, so that compiled code of one serves the other."""
+        program = representative(self.stages.program)
+        return program, hash(program), self.backend, self.dropped, self.stages.kept
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
@@ -732,19 +746,22 @@ class CompiledModel(Evaluated):
 
     # -- programs in JAX -------------------------------------------------------------------
 
-    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
-        """Return dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), traced: made for ``diffrax.ODETerm``.
+    @property
+    def vector_field(self) -> Callable[[Any, Any, Any], Any]:
+        """``vector_field(t, y, args)``: dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), for JAX programs.
 
-        The components are those of ``layout.state`` and ``layout.parameters``; `state` and `parameter_vector` make
-        such arrays.
+        It is traced, and made for ``diffrax.ODETerm``. The components are those of ``layout.state`` and
+        ``layout.parameters``; `state` and `parameter_vector` make such arrays. Fields of equal models are equal.
 
         Raises
         ------
         CapabilityError
             For a backend other than "jax".
+        OptionError
+            When called with a state or parameters of another length.
         """
         require(self.backend, self.stages.program, Capability.VECTOR_FIELD)
-        return cast("TracedEngine", self.engine).vector_field(t, y, args)
+        return cast("TracedEngine", self.engine).vector_field
 
     def solve_fn(
         self,

@@ -230,9 +230,10 @@ class SegmentedEngine(Engine):
 
         return PreparedStates(run)
 
-    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+    @property
+    def vector_field(self) -> Callable[[Any, Any, Any], Any]:
         """See `TracedEngine.vector_field`."""
-        return cast("TracedEngine", self.inner).vector_field(t, y, args)
+        return cast("TracedEngine", self.inner).vector_field
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
         """See `TracedEngine.solve_fn`."""

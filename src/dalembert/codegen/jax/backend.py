@@ -44,6 +44,7 @@ from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import compile_kernel
 from .modules import loaded, rendered_module
 from .pieces import PAIRS, pieces_of
+from .pointwise import VectorField
 from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
 
@@ -157,12 +158,10 @@ class JaxEngine(Engine):
 
         return prepared_run(computed_once(self._finals, key, make), problem)
 
-    def vector_field(self, t: Any, y: Any, args: Any) -> Any:
+    @once_property
+    def vector_field(self) -> VectorField:
         """See `TracedEngine.vector_field`; args are the parameters p (n_p,)."""
-        conditions = self._program.conditions
-        if conditions is not None:
-            args = jax.numpy.asarray(args).at[conditions.place].set(t)
-        return self.kernels["rhs"](t, y, self.kernels.constants(args))
+        return VectorField(self._program)
 
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Solve:
         """See `TracedEngine.solve_fn`."""

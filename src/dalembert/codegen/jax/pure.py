@@ -15,7 +15,7 @@ from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.solvers import METHODS
-from ...ir.program import Program
+from ...ir.program import Program, representative
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
 from ...transforms.nonsmooth import decisions
@@ -135,7 +135,10 @@ class Solve:
             "max_step": float(max_step),
             "max_steps": int(max_steps),
         }
+        program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._method = program, start, method
+        self._key = program, start, method, *self._options.items()
+        self._hash = hash(self._key)
         self.given = program.layout.state if start is None else start.given
         self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
@@ -151,13 +154,21 @@ class Solve:
                 "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        t = _times(t)
         p = _vector("parameter", p, self._program.layout.parameters, self._program.layout.defaults)
-        initial = _vector("initial value", initial, self.given)
+        return _solved(self, _times(t), _vector("initial value", initial, self.given), p)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Solve) and self._key == other._key)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def _motion(self, t: Any, initial: Any, p: Any) -> Solved:
+        """Return the motion from arrays."""
         course = self._course(t, p)
         y0 = initial
         if self._begin is not None:
-            y0 = self._begin(t[0], y0, course.first)[: len(self._program.layout.state)]
+            y0 = self._begin(t[0], initial, course.first)[: len(self._program.layout.state)]
         y, status = self._integrate(t, y0, course)
         q, outputs = self._on_rows("expand", t, y, course.rows), self._on_rows("outputs", t, y, course.rows)
         n = len(self._program.layout.coordinates)
@@ -202,6 +213,12 @@ class Solve:
         order = order_for(clipped_tolerance(rtol, atol)) if self._method == "taylor" else 0
         pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
         return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c, course.breaks, course.moved)
+
+
+@partial(jax.jit, static_argnums=0)
+def _solved(solve: Solve, t: Any, initial: Any, p: Any) -> Solved:
+    """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
+    return solve._motion(t, initial, p)
 
 
 @jax.custom_jvp

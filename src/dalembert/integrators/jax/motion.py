@@ -20,9 +20,12 @@ from ...methods.status import Status
 from ...once import once_property
 from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over, rows_at
 from .jumping import moved_until, sure_until
-from .lanes import RUNNING, Attempts, Batch, Function, Projections, Rows, State, advanced, begun
+from .lanes import RUNNING, Attempts, Batch, Function, Projections, Rows, State, advanced, begun, direction_of
 
 __all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "following", "in_order", "middles"]
+
+_BLOCK = 32
+"""Attempts that a run without derivatives takes down before it looks which of them pass over wanted times."""
 
 
 class Stepping(Linear, Protocol):
@@ -142,16 +145,64 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
     return jnp.asarray(count), taken, end
 
 
-def _single(pieces: Pieces, room: int, batch: Batch) -> Record:
+def _passing(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return the number of attempts, where those began that pass over times t (n_t, ...), and how the run ended.
+
+    The beginnings (n_t, 1 + n_y, ...) are a time and the state there. Attempts are taken down in blocks of `room`, so
+    that memory does not grow with their number.
+    """
+    shape = jnp.shape(batch.t0)
+    direction = direction_of(batch)
+
+    def row(state: State) -> Any:
+        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (state.t, *state.y)])
+
+    def attempt(carry: Any) -> Any:
+        i, state, block = carry
+        block = lax.dynamic_update_index_in_dim(block, row(state), i, 0)
+        return i + 1, advanced(attempts, projections, batch, batch.t1, state)[0], block
+
+    def goes_on(carry: Any) -> Any:
+        return (carry[0] < room) & jnp.any(carry[1].status == RUNNING)
+
+    def found(count: Any, block: Any, times: Any, direction: Any, begins: Any) -> Any:
+        starts = jnp.where(jnp.arange(room) < count, direction * block[:, 0], jnp.inf)
+        at = jnp.searchsorted(starts, direction * times, side="right") - 1
+        return jnp.where((at >= 0)[:, None], block[jnp.maximum(at, 0)], begins)
+
+    if shape:
+        found = jax.vmap(found, (None, -1, -1, -1, -1), -1)
+
+    def body(carry: Any) -> Any:
+        total, state, block, begins = carry
+        count, state, block = lax.while_loop(goes_on, attempt, (0, state, block))
+        return total + count, state, block, found(count, block, t, direction, begins)
+
+    start = begun(attempts, batch)
+    first = row(start)
+    begins = jnp.broadcast_to(first, (len(t), *first.shape))
+    carry = (0, start, jnp.zeros((room, *first.shape)), begins)
+    count, end, _, begins = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, carry)
+    return jnp.asarray(count), begins, end
+
+
+def _course(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return what `_record` does where there is room, else what `_passing` does for times t (n_t, ...) between ends."""
+    if room or not len(t):
+        return _record(attempts, projections, room, batch)
+    return _passing(attempts, projections, _BLOCK, batch, t)
+
+
+def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
     """Return how one case went, whose state and constants are arrays."""
     batch = batch._replace(y=(batch.y,), c=(batch.c,))
-    count, taken, end = _record(pieces.one, pieces.one_projections, room, batch)
+    count, taken, end = _course(pieces.one, pieces.one_projections, room, batch, t)
     return Record(count, taken, end.y[0], end.t, end.status.astype(float))
 
 
 def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
     """Return the last state (n_y,) of one case, whose state and constants are arrays, its time, and the status."""
-    return _single(pieces, 0, batch)[2:]
+    return _single(pieces, 0, batch, ())[2:]
 
 
 @final
@@ -189,12 +240,12 @@ class Motion:
         return batch._replace(breaks=breaks, place=place) if len(breaks) else batch
 
     def _one(self, room: int, *given: Any) -> Record:
-        """Run one case from t0 to t1, y, c and breaks, as one of a batch where it is vectorised."""
+        """Run one case from t0 to t1, y, c, breaks and times t, as one of a batch where it is vectorised."""
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
         def one(*given: Any) -> Record:
-            return _single(pieces, room, self._batch(*given))
+            return _single(pieces, room, self._batch(*given[:-1]), given[-1])
 
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
@@ -209,9 +260,9 @@ class Motion:
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
-        def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Record:
+        def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any, t: Any) -> Record:
             batch = self._batch(t0, t1, tuple(y.T), tuple(c.T), breaks.T)
-            count, taken, end = _record(pieces.many, pieces.many_projections, room, batch)
+            count, taken, end = _course(pieces.many, pieces.many_projections, room, batch, t.T)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
             return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
 
@@ -232,7 +283,7 @@ class Motion:
         """The function (t, y0, c, breaks, moved) -> states (n_t, n_y), the status as a number."""
 
         def primal(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-            y, status, _ = self._run(t, y0, c, breaks, 0 if len(t) <= 2 else self._room)
+            y, status, _ = self._run(t, y0, c, breaks, 0)
             return y, status
 
         if self._forward:
@@ -320,18 +371,22 @@ class Motion:
     def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Any, Any, _Way]:
         """Return the states (n_t, n_y), NaN where they were not reached, the status, and the way there."""
         t, ordered = in_order(t)
-        record = self._one(room, t[0], t[-1], y0, c, breaks)
+        record = self._one(room, t[0], t[-1], y0, c, breaks, t if len(t) > 2 else t[:0])
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)
         if len(t) <= 2:
             y = jnp.stack([y0, record.end])[: len(t)]
             return jnp.where(known[:, None], y, jnp.nan), record.status, _Way(record, known, None)
-        times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
-        at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
-        begins = record.t[at]
+        at: Any = ()
+        if room:
+            times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
+            at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
+            begins, states = record.t[at], record.y[at]
+        else:
+            begins, states = record.taken[:, 0], record.taken[:, 1:]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
         rows = rows_at(self._pieces.steps.place, c, begins + 0.5 * size)
-        steps = Steps(begins, size, tuple(record.y[at].T), rows, record.count > 0)
+        steps = Steps(begins, size, tuple(states.T), rows, record.count > 0)
         y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
         return y, record.status, _Way(record, known, (at, steps))
