@@ -341,7 +341,8 @@ class CompiledEngine(Engine):
 
         loop = loop_named("implicit_loop")
         if "stages" in self._sizes:
-            return ImplicitCode(loop, self.steps.kernel("stages"), *self.steps.derivative("stages"))
+            states = len(self._program.layout.states)
+            return ImplicitCode(loop, self.steps.kernel("stages"), *self.steps.derivative("stages"), states=states)
         rhs, *projections = self._kernels()
         return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
 

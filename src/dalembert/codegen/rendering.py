@@ -124,4 +124,7 @@ _MEANING = {
 
 
 def _describe(kernel: Kernel, layout: Layout) -> str:
-    return f"{_MEANING[kernel.name]}: {len(kernel.outputs)} values, {describe_counts(kernel)}."
+    meaning = _MEANING[kernel.name]
+    if layout.states:
+        meaning = meaning.replace("(q, q_dot)", "(q, q_dot, first-order states)")
+    return f"{meaning}: {len(kernel.outputs)} values, {describe_counts(kernel)}."

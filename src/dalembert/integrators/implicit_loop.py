@@ -85,7 +85,7 @@ class ImplicitCode:
 
     Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
     writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
-    of a state of twice the length, must be there.
+    of a state of twice the length, must be there. ``states`` counts the first-order states, the last with rates.
     """
 
     loop: Callable[..., int]
@@ -94,6 +94,7 @@ class ImplicitCode:
     tangent: int
     position: int = 0
     velocity: int = 0
+    states: int = 0
 
 
 class ImplicitArguments(NamedTuple):
@@ -126,7 +127,8 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     work = np.zeros((ROWS, len(y0)))
     work[0] = y0
     codes = Addresses(code.rhs, code.jacobian, code.tangent, code.position, code.velocity)
-    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0))
+    paired = len(problem.y0) - code.states
+    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
 
     def loop(run: Run) -> int:
         return code.loop(ImplicitArguments(codes, settings, space, run))
@@ -193,7 +195,7 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
         progress.factored = h if factor_matrices(h, kept, space) else 0.0
     # Newton stops where its error does not show in the estimate of the step's.
     tolerance = max(10.0 * _UNIT / max(rtol, 1e-14), min(0.03, sqrt(max(rtol, 1e-14))))
-    scale_of(run.work, y, kept, h, rtol, settings.atol, tolerance)
+    scale_of(run.work, y, kept, space.paired, h, rtol, settings.atol, tolerance)
     if progress.factored != h:
         return BROKEN, 0
     predict(run.work, progress.ratio * abs(h))

@@ -89,16 +89,19 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
 
 
 @compiled_subset
-def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float, atol: float, tolerance: float) -> None:
+def scale_of(
+    work: FloatArray, y: int, differential: int, paired: int, h: float, rtol: float, atol: float, tolerance: float
+) -> None:
     """Write what Newton corrections are measured by.
 
     Multipliers count the less the smaller the step is. No component is asked for more digits than rounding leaves: of
     systems with multipliers the state is positions and then velocities, each as exact as the largest of its kind, and
-    what rounding leaves of either the multipliers take up within a step.
+    what rounding leaves of either the multipliers take up within a step. First-order states, behind the ``paired``
+    components, are each of a kind of its own.
     """
     n = work.shape[1]
     kinds = 1 if differential == n else 2
-    count, largest = differential // kinds, 0.0
+    count, largest = (differential if kinds == 1 else paired) // kinds, 0.0
     for kind in range(kinds):
         size = 0.0
         for m in range(kind * count, (kind + 1) * count):
@@ -107,6 +110,10 @@ def scale_of(work: FloatArray, y: int, differential: int, h: float, rtol: float,
         noise = 1e-15 * size / tolerance
         for m in range(kind * count, (kind + 1) * count):
             work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m])))
+    for m in range(kinds * count, differential):
+        size = abs(work[y, m])
+        largest = max(largest, size)
+        work[SCALE, m] = max(1e-15 * size / tolerance, error_scale(rtol, atol, size))
     noise = 1e-15 * largest / tolerance
     for m in range(differential, n):
         work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m]))) / min(1.0, abs(h))

@@ -55,7 +55,8 @@ class NewtonWorkspace(NamedTuple):
     """Matrices for the Newton systems of n unknowns: the Jacobian, both factored matrices, pivots, and vectors.
 
     ``wide`` (2, max(n*n, 2*n)) holds what a kernel of the Jacobian reads and writes; ``re`` and ``im`` are the parts of
-    the complex matrix, as ``second`` and ``third`` are those of its vector.
+    the complex matrix, as ``second`` and ``third`` are those of its vector. Of systems with multipliers, the first
+    ``paired`` unknowns are positions and then velocities; behind them come first-order states, then multipliers.
     """
 
     j: Matrix
@@ -68,14 +69,15 @@ class NewtonWorkspace(NamedTuple):
     first: Vector
     second: Vector
     third: Vector
+    paired: int
 
 
-def newton_workspace(n: int) -> NewtonWorkspace:
+def newton_workspace(n: int, paired: int) -> NewtonWorkspace:
     """Return the arrays for n unknowns."""
     j, real, re, im = (np.zeros((n, n)) for _ in range(4))
     first, second, third = (np.zeros(n) for _ in range(3))
     pivots = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    return NewtonWorkspace(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third)
+    return NewtonWorkspace(j, np.zeros((2, max(n * n, 2 * n))), real, re, im, *pivots, first, second, third, paired)
 
 
 @compiled_subset

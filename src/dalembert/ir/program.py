@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import final
 
+from ..naming import rate_name
 from ..once import once
 from .conditions import CONDITION_TIME, Conditions
 from .input_parameters import hidden_parameters
@@ -49,6 +50,8 @@ class Layout:
         Name -> what its symbol was declared to be, such as "positive".
     inputs : tuple of str
         Names of the inputs; each has parameters of its own (`dalembert.ir.input_parameters`).
+    states : tuple of str
+        Names of the first-order states, which are the last components of y.
     """
 
     coordinates: tuple[str, ...]
@@ -66,6 +69,7 @@ class Layout:
     entries: tuple[str, ...] = ()
     assumptions: dict[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     inputs: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -74,9 +78,19 @@ class Layout:
         return tuple(name for name in self.parameters if name not in own)
 
     @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of coordinates, rates and first-order states."""
+        return (*self.coordinates, *self.rates, *self.states)
+
+    @property
+    def state_rates(self) -> tuple[str, ...]:
+        """Names of the rates of the first-order states."""
+        return tuple(map(rate_name, self.states))
+
+    @property
     def initial(self) -> tuple[str, ...]:
         """Names that initial values may have."""
-        return (*self.coordinates, *self.rates, *self.entries)
+        return (*self.variables, *self.entries)
 
 
 @final
@@ -153,7 +167,7 @@ def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
     rows = [f"constraint {i}" for i in range(1, len(layout.constraints) + 1)]
     labels: dict[str, list[str]] = {
         "rhs": [f"rate of {name}" for name in layout.state],
-        "expand": [*q, *qdot],
+        "expand": list(layout.variables),
         "outputs": list(layout.outputs),
         "initial": list(layout.state),
         "mass_matrix": [f"{a}, {b}" for a in q for b in q],

@@ -106,6 +106,7 @@ LAYOUT_FIELDS: dict[str, _Field] = {
     "entries": _NAMES,
     "assumptions": _ASSUMPTIONS,
     "inputs": _NAMES,
+    "states": _NAMES,
     "aliases": _ALIASES,
 }
 

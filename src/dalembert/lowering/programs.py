@@ -27,7 +27,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     """Return the program of a reduced system.
 
     Besides ``prepare(p)`` every kernel takes ``(t, y, c)``. In ``rhs``, ``expand``, ``outputs`` and the
-    projections y is the state of the formulation; in the others it is (q, q_dot).
+    projections y is the state of the formulation; in the others it is (q, q_dot, first-order states).
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     parameters = {graph.input(name): ("p", i) for i, name in enumerate(symbols.parameters)}
     common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
     state = common | {node: ("y", i) for node, i in system.places.items()}
-    scene = common | {node: ("y", i) for i, node in enumerate((*equations.q, *equations.qdot))}
+    scene = common | {node: ("y", i) for i, node in enumerate(equations.variables)}
     rows = equations.constraints
     residuals = [
         graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift for row in rows
@@ -51,7 +51,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     # Speeds that were tried may cancel in a form only while unit quaternions stand for the coordinates.
     graph.heal(system.accelerations, (*system.inputs, equations.time, *parameters))
     on_state = {
-        "expand": (*system.coordinates, *system.rates),
+        "expand": (*system.coordinates, *system.rates, *equations.states),
         "outputs": tuple(system.outputs.values()),
     }
     if system.projection is not None:
@@ -100,6 +100,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         entries=tuple(name for entry in symbols.entries for name in entry.names),
         assumptions=dict(symbols.assumptions),
         inputs=symbols.input_names,
+        states=symbols.states,
     )
     unprepared = Program(
         equations.name,

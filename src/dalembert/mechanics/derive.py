@@ -43,7 +43,9 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     rows = (*holonomic, *nonholonomic)
     terms = [*(entry for row in power.mass_matrix for entry in row), *power.forcing]
     terms += [node for row in rows for node in (*row.jacobian, row.drift, row.bias)]
-    moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot)
+    states = tuple(map(model.graph.input, model.symbols.states))
+    terms += model.state_rates
+    moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot, *states)
     return EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -62,6 +64,8 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         nonanalytic=nonanalytic(model.graph, terms, moving),
         load_energy=load_energy(kinematics, power, silent, rows),
         conditions=model.conditions,
+        states=states,
+        state_rates=model.state_rates,
     )
 
 

@@ -149,9 +149,9 @@ class LoadEnergy:
         On a graph of its own; None where no load has one, or bodies declare it.
     included : tuple of str
         Names of the loads that are in it.
-    rates, time, unknown : tuple of str
+    rates, time, unknown, states : tuple of str
         Names of loads that are not in it, or not wholly: those that depend on rates, those that depend on time
-        explicitly, and those that act at rest and have no potential that was found.
+        explicitly, those that act at rest and have no potential that was found, and those that depend on states.
     """
 
     potential: Node | None = None
@@ -159,6 +159,7 @@ class LoadEnergy:
     rates: tuple[str, ...] = ()
     time: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
 
     def incomplete(self, scene: str) -> str:
         """Return the text of the warning for a requested energy that lacks potentials; empty where none is missing."""
@@ -204,6 +205,8 @@ class EquationsOfMotion:
         The potential energy of its loads, on another graph, which is part of the energy.
     conditions : tuple of Condition
         Conditions on time and parameters alone, each of which is constant within a segment of a run.
+    states, state_rates : tuple of Node
+        First-order states as inputs, and their rates in time, coordinates, rates and states.
     """
 
     name: str
@@ -234,6 +237,18 @@ class EquationsOfMotion:
         return kinetic, potential
 
     conditions: tuple[Condition, ...] = ()
+    states: tuple[Node, ...] = ()
+    state_rates: tuple[Node, ...] = ()
+
+    @property
+    def variables(self) -> tuple[Node, ...]:
+        """Coordinates, rates and first-order states as inputs."""
+        return (*self.q, *self.qdot, *self.states)
+
+    @property
+    def state_flow(self) -> dict[Node, Node]:
+        """First-order states and their rates."""
+        return dict(zip(self.states, self.state_rates, strict=True))
 
     @property
     def time(self) -> Node:
@@ -248,7 +263,7 @@ class EquationsOfMotion:
     @property
     def moving(self) -> tuple[Node, ...]:
         """Inputs that may change along a motion; a value that depends on none of them is constant."""
-        return (*self.timing, *self.q, *self.qdot)
+        return (*self.timing, *self.variables)
 
     @property
     def timing(self) -> tuple[Node, ...]:

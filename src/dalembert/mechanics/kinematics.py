@@ -72,6 +72,7 @@ class Kinematics:
         self.qdot = [self.graph.input(name) for name in symbols.rates]
         self.flow = dict(zip(self.q, self.qdot, strict=True))
         self.flow[self.graph.input(symbols.time)] = self.graph.one
+        self.flow |= dict(zip(map(self.graph.input, symbols.states), model.state_rates, strict=True))
         root = Pose(0, None, vec.zero(self.graph), vec.zero(self.graph))
         # a field of gravity is an acceleration of the referential the other way
         root.a = vec.scale(self.graph.const(-1), self.resolve(model.gravity, 0))

@@ -85,7 +85,8 @@ def load_energy(
         included=_names([*counted, *replaced]),
         rates=_names([part for part in parts if part.rates]),
         time=_names([part for part in kept if part.potential is None and part.time]),
-        unknown=_names([part for part in kept if part.potential is None and not part.time]),
+        unknown=_names([part for part in kept if part.potential is None and not (part.time or part.states)]),
+        states=_names([part for part in kept if part.potential is None and part.states and not part.time]),
     )
 
 

@@ -49,8 +49,9 @@ class LoadPart:
         Power coefficients at zero rates.
     potential : Node or None
         V with powers = -dV/dq; zero where they vanish, None where none was found.
-    rates, time : bool
-        Whether the loads depend on rates, and their power coefficients at zero rates on time explicitly.
+    rates, time, states : bool
+        Whether the loads depend on rates, and their power coefficients at zero rates on time explicitly, and on
+        first-order states.
     """
 
     names: tuple[str, ...]
@@ -58,6 +59,7 @@ class LoadPart:
     potential: Node | None
     rates: bool
     time: bool
+    states: bool = False
 
 
 @final
@@ -109,8 +111,9 @@ class _Search:
         self.q = [graph.input(name) for name in symbols.coordinates]
         self.rates = [graph.input(name) for name in symbols.rates]
         self.time = graph.input(symbols.time)
+        self.states = [graph.input(name) for name in symbols.states]
         self.timing = [self.time, *([graph.input(CONDITION_TIME)] if CONDITION_TIME in symbols.parameters else [])]
-        self.moving = [*self.q, *self.timing]
+        self.moving = [*self.q, *self.timing, *self.states]
         self._mask = sum(x.deps for x in self.moving)
         self._known: dict[int, Node] = {}
         self._still: dict[int, Node] = {}
@@ -247,20 +250,20 @@ class _Search:
         g = self.graph
         powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
         rates = any(load.rates for load in loads)
-        time = any(power.deps & time.deps for power in powers for time in self.timing)
+        time, states = (any(p.deps & x.deps for p in powers for x in some) for some in (self.timing, self.states))
         potential: Node | None = None
         if all(power.is_zero for power in powers):
             potential = g.zero
         elif len(g.nodes) < _SIZE:
             least: int | None = None
-            for candidate in chain(known, self._candidates(loads, powers)):
+            for candidate in chain(() if states else known, self._candidates(loads, powers)):
                 if self._verified(candidate, powers):
                     lost = lost_at_zero(candidate, powers, self.moving)
                     if least is None or lost < least:
                         potential, least = candidate, lost
                     if not lost:
                         break
-        return LoadPart(tuple(load.name for load in loads), powers, potential, rates, time)
+        return LoadPart(tuple(load.name for load in loads), powers, potential, rates, time, states)
 
     def _verified(self, candidate: Node, powers: Sequence[Node]) -> bool:
         """Whether powers are minus the gradient of a candidate, on velocities that constraints allow."""
@@ -363,7 +366,7 @@ class _Search:
 
     def _by_coordinates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
         """Return V by antiderivatives along one coordinate after the other."""
-        if any(power.deps & time.deps for power in powers for time in self.timing):
+        if any(power.deps & x.deps for power in powers for x in (*self.timing, *self.states)):
             return None
         tool = Antiderivatives(self.graph, self.moving)
         total = self.graph.zero

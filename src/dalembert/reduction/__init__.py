@@ -9,6 +9,7 @@ from ..errors import ConstraintError, FormulationError, OptionError, unknown_nam
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings
 from .baumgarte import Baumgarte
+from .first_order_states import with_states
 from .ggl import GearGuptaLeimkuhler
 from .minimal import Minimal
 from .prescribed import prescribed
@@ -61,7 +62,7 @@ def reduce(
     if any(point.kind == "break" for point in equations.guards):
         still = prescribed(equations, requested)
         if still is not None:
-            return still
+            return with_states(still, equations)
     rows = equations.constraints
     left_out = tuple(without)
     enforced = equations
@@ -75,6 +76,7 @@ def reduce(
             raise
         left_out = tuple(i for i, row in enumerate(rows) if i in left_out or any(row is d for d in independent.dropped))
         reduced = _reduce(independent.equations, formulation, requested, gains)
+    reduced = with_states(reduced, reduced.equations)
     if not left_out:
         return reduced
     note = f"left out, because they follow from the other constraints: {', '.join(rows[i].label for i in left_out)}"

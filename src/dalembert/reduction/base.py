@@ -142,6 +142,11 @@ class ReducedSystem:
     inertia: tuple[tuple[str, Node], ...] = ()
 
     @property
+    def state_rates(self) -> tuple[Node, ...]:
+        """Rates of the first-order states, which are the last components of y, in terms of t and y."""
+        return self.rhs[len(self.rhs) - len(self.equations.states) :]
+
+    @property
     def places(self) -> dict[Node, int]:
         """Index in y of each input; a projection may also name the coordinates in it as the equations do."""
         coordinates = zip(self.equations.symbols.coordinates, self.equations.q, strict=True)

@@ -15,7 +15,7 @@ from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_n
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON
-from ..naming import unwritable
+from ..naming import rate_name, unwritable
 from ..once import once_property
 from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
@@ -114,41 +114,42 @@ def event_functions(
 
 
 def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
-    """Return the kernel from (t, y, c) to coordinates and rates (2 n_q,) after a jump.
+    """Return the kernel from (t, y, c) to coordinates, rates and states (2 n_q + n_z,) after a jump.
 
     Parameters
     ----------
     changes : mapping of symbols or names to expressions
-        Coordinates and rates that jump, with their values after the jump in terms of the state before; others are
-        unchanged.
+        Coordinates, rates and states that jump, with their values after the jump in terms of the state before; others
+        are unchanged.
 
     Raises
     ------
     UnknownNameError
-        For a key that is no coordinate or rate, and for a name that the model does not have.
+        For a key that is no coordinate, rate or state, and for a name that the model does not have.
     ExpressionError
         For an expression that cannot be compiled.
     """
     reader, symbols = _Reader(scene, system), system.equations.symbols
-    known = (*symbols.coordinates, *symbols.rates)
+    known = symbols.variables
     after = {name: reader.table[name] for name in known}
     for key, expression in changes.items():
         name = symbols.aliases.get(str(key), str(key))
         if name not in known:
-            why = unknown_name("coordinate or rate", name, known)
+            why = unknown_name("coordinate, rate or state", name, known)
             raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
         after[name] = reader.read(expression, f"{what}, {name} after it")
     return reader.kernel("jump", list(after.values()))
 
 
 def coordinates_kernel(system: ReducedSystem) -> Kernel:
-    """Return the kernel from (t, y, c), c beginning with the parameters, to coordinates and rates (2 n_q,)."""
+    """Return the kernel from (t, y, c), c beginning with the parameters, to coordinates, rates and states."""
     equations = system.equations
     graph, symbols = equations.graph, equations.symbols
     inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
     inputs |= {node: ("y", i) for node, i in system.places.items()}
-    return lower_kernel(graph, "expanded", (*system.coordinates, *system.rates), inputs, arguments=_ARGUMENTS)
+    expanded = (*system.coordinates, *system.rates, *equations.states)
+    return lower_kernel(graph, "expanded", expanded, inputs, arguments=_ARGUMENTS)
 
 
 @final
@@ -171,7 +172,8 @@ class _Reader:
         outputs = dict(zip(system.outputs, self.graph.adopt(list(system.outputs.values())), strict=True))
         state = dict(zip(system.state, self.inputs, strict=True))
         named = zip(RESERVED_OUTPUTS, (kinetic + potential, kinetic, potential), strict=True)
-        self.table = state | dict(named) | outputs | self.table
+        rates = dict(zip(map(rate_name, self.symbols.states), self.graph.adopt(system.state_rates), strict=True))
+        self.table = state | rates | dict(named) | outputs | self.table
 
     def define(self, named: Mapping[str, Node]) -> None:
         """Give names to nodes of the equations."""

@@ -126,7 +126,8 @@ class _Space:
     def of(system: ReducedSystem) -> _Space:
         equations, graph = system.equations, system.equations.graph
         kept = sum(name in equations.symbols.coordinates for name in system.state)
-        coordinates, speeds = system.inputs[:kept], system.inputs[kept:]
+        whole = len(system.inputs) - len(equations.states)
+        coordinates, speeds = system.inputs[:kept], system.inputs[kept:whole]
         values = {a: b for a, b in zip(equations.q, system.coordinates, strict=True) if a is not b}
         values |= {a: b for a, b in zip(equations.qdot, system.rates, strict=True) if a is not b}
         columns = tuple(tuple(tangents(graph, system.rhs[:kept], {u: graph.one})) for u in speeds)
@@ -234,4 +235,5 @@ class _Space:
         half = [graph.sum(w * s[1][k] for w, s in zip(weights, slopes, strict=True)) for k in range(len(self.speeds))]
         changed = self.mass.finish(half)
         shift = self._shift({q: value for q, value in total.items() if not value.is_zero})
-        return [*total.values(), *(a + b for a, b in zip(shift, changed, strict=True))]
+        speeds = (a + b for a, b in zip(shift, changed, strict=True))
+        return [*total.values(), *speeds, *([graph.zero] * len(self.equations.states))]

@@ -35,9 +35,9 @@ class Candidates:
     certain : tuple of bool
         Whether each is conserved whatever the state.
     values : Kernel
-        Of arguments (t, y, c), y = (q, q_dot) and c beginning with the parameters.
+        Of arguments (t, y, c), y = (q, q_dot, states) and c beginning with the parameters.
     changes : Kernel
-        Alike, with y = (q, q_dot, q_ddot): the rate of each, and the sum of the sizes of its terms.
+        Alike, with y = (q, q_dot, states, q_ddot): the rate of each, and the sum of the sizes of its terms.
     """
 
     names: tuple[str, ...]
@@ -84,7 +84,8 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
                 rates[k] = sizes[k] = sizes[k] + graph.one
     inputs: dict[Node, tuple[str, int | None]] = {time: ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
-    inputs |= {node: ("y", i) for i, node in enumerate((*q, *qdot, *second))}
+    states = graph.adopt(equations.states)
+    inputs |= {node: ("y", i) for i, node in enumerate((*q, *qdot, *states, *second))}
     arguments = ("t", "y", "c")
     return Candidates(
         tuple(found),
@@ -128,6 +129,6 @@ def why_not(equations: EquationsOfMotion, name: str) -> str:
     at_rest = graph.substitute(momenta, dict.fromkeys(equations.qdot, graph.zero))
     if not all(momentum.is_zero for momentum in at_rest):
         return "prescribed motions of bodies do work"
-    named = dict.fromkeys((*loads.rates, *loads.time, *loads.unknown))
+    named = dict.fromkeys((*loads.rates, *loads.time, *loads.states, *loads.unknown))
     which = f": {list_names(named)}" if named else ", such as friction"
     return f"forces without a potential energy do work{which}"

@@ -44,6 +44,8 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
     mass = [flat[i * size : (i + 1) * size] for i in range(size)]
     forcing = flat[size * size :]
     flow = {equations.q[i]: p.rates[i] for i in p.kept} | {equations.time: graph.one}
+    rates = dict(zip((*equations.q, *equations.qdot), (*p.coordinates, *p.rates), strict=True))
+    flow |= dict(zip(equations.states, graph.substitute(equations.state_rates, rates), strict=True))
     bias = tangents(graph, p.rates, flow)
     basis = transpose([tangents(graph, p.rates, {speed: graph.one}) for speed in p.speeds]) if p.speeds else []
     if not p.speeds:

@@ -28,6 +28,7 @@ def rank_margins(system: ReducedSystem) -> dict[str, Node]:
     equations, graph = system.equations, system.equations.graph
     rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
     flow = dict(zip(equations.q, equations.qdot, strict=True)) | {equations.time: graph.one}
+    flow |= equations.state_flow
     gram = [[graph.sum(a * b for a, b in zip(x, y, strict=True)) for y in rows] for x in rows]
     mean = graph.node(_OTHERS / len(rows)) * graph.sum(gram[i][i] for i in range(len(rows)))
     try:

@@ -17,6 +17,7 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
+from ..naming import rate_name
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
@@ -77,16 +78,19 @@ def requested_outputs(
     if set(requested) & {"energy", "kinetic_energy", "potential_energy"}:
         kinetic, potential = equations.energies(graph)
         energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
+    state_rates = dict(zip(map(rate_name, symbols.states), equations.state_rates, strict=True))
     nodes: dict[str, Node] = {}
     for name in requested:
         if name in equations.outputs:
             nodes[name] = equations.outputs[name]
-        elif name in (*symbols.unknowns, *symbols.coordinates, *symbols.rates):
+        elif name in (*symbols.unknowns, *symbols.variables):
             nodes[name] = graph.input(name)
+        elif name in state_rates:
+            nodes[name] = state_rates[name]
         elif name in energies:
             nodes[name] = energies[name]
         else:
-            known = [*symbols.unknowns, *symbols.coordinates, *symbols.rates]
+            known = [*symbols.unknowns, *symbols.variables, *state_rates]
             raise UnknownNameError(
                 unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is"
                 " (not its name), which gives its position."

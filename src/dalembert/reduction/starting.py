@@ -95,7 +95,7 @@ class _Starting:
         equations = system.equations
         self.system, self.symbols = system, equations.symbols
         self.graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
-        known = [*self.symbols.coordinates, *self.symbols.rates]
+        known = list(self.symbols.variables)
         known += [name for entry in self.symbols.entries for name in entry.names]
         self.given = tuple(name for name in known if name in given)
         self.rows = equations.constraints
@@ -105,6 +105,9 @@ class _Starting:
         self.fixed: list[tuple[Node, Node]] = []
         self.fixed_labels: list[tuple[str, str]] = []
         self.entered: set[str] = set()
+        missing = [name for name in self.symbols.states if name not in given]
+        if missing:
+            self._refuse("states", missing, "nothing fixes them")
         for entry in self.symbols.entries:
             self._enter(entry)
 

@@ -65,6 +65,7 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
         q=tuple(values.get(q, q) for q in equations.q),
         mass_matrix=matrix(equations.mass_matrix),
         forcing=moved(equations.forcing),
+        state_rates=moved(equations.state_rates),
         reactions=matrix(equations.reactions),
         constraints=tuple(row(old) for old in equations.constraints if old.label not in norms),
         groups=tuple(replace(group, choices=tuple(map(choice, group.choices))) for group in equations.groups),

@@ -12,6 +12,7 @@ from typing import final
 
 from ..ir.graph import Graph, Node
 from ..ir.program import Layout, Program
+from ..naming import rate_name
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES
@@ -73,6 +74,7 @@ class _Variational:
         known |= dict(zip(system.state, system.inputs, strict=True))
         known |= dict(zip(symbols.rates, system.rates, strict=True))
         known |= dict(zip(symbols.coordinates, system.coordinates, strict=True))
+        known |= dict(zip(map(rate_name, symbols.states), system.state_rates, strict=True))
         return [known[name] for name in self.of]
 
     def program(self) -> Program:

@@ -146,13 +146,13 @@ class CaseResults(ABC):
 
     @property
     def final(self) -> dict[str, FloatArray]:
-        """Final values (n_case,) of coordinates, rates, the state where there is one, and outputs, by name."""
+        """Final values (n_case,) of coordinates, rates, states and outputs, by name."""
         return {name: self._final(name) for name in self._lasting()}
 
     def _lasting(self) -> tuple[str, ...]:
         """Return the names of what `final` holds."""
         layout = self._layout
-        return (*layout.coordinates, *layout.rates, *layout.outputs)
+        return (*layout.variables, *layout.outputs)
 
     @nesting_named
     def __getitem__(self, key: Any) -> FloatArray:
@@ -160,7 +160,7 @@ class CaseResults(ABC):
 
     def _names(self) -> tuple[str, ...]:
         layout = self._layout
-        return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
+        return (*layout.variables, *layout.state_rates, *layout.outputs, *ENERGIES)
 
     def __repr__(self) -> str:
         return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
@@ -186,7 +186,7 @@ class CaseResults(ABC):
             varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
             coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
         data: dict[str, Any] = {}
-        for name in (*layout.coordinates, *layout.rates, *layout.outputs, "energy"):
+        for name in dict.fromkeys((*layout.variables, *layout.outputs, "energy")):
             values = self[name]
             key = f"{name}_value" if name in self.axes else name
             data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
@@ -286,7 +286,7 @@ class Sweep(CaseResults):
 
     def _lasting(self) -> tuple[str, ...]:
         layout = self._layout
-        return tuple(dict.fromkeys((*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)))
+        return tuple(dict.fromkeys((*layout.variables, *layout.state, *layout.outputs)))
 
     def _final(self, key: Any) -> FloatArray:
         return self._values(key, self.y[:, np.newaxis, :], self._own_t[:, np.newaxis])[:, 0]
@@ -321,9 +321,11 @@ class Sweep(CaseResults):
     def _source(self, name: str, text: str) -> tuple[str, int | None]:
         """Return the kernel that computes `name`, and its output; None for the sum of all."""
         layout = self._program.layout
-        expanded = (*layout.coordinates, *layout.rates)
+        expanded = layout.variables
         if name in expanded:
             return "expand", expanded.index(name)
+        if name in layout.state_rates:
+            return "rhs", len(layout.state) - len(layout.states) + layout.state_rates.index(name)
         for output in (name, text):
             if output in layout.outputs:
                 return "outputs", layout.outputs.index(output)

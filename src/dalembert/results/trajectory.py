@@ -34,7 +34,7 @@ __all__ = [
     "Trajectory",
 ]
 
-Monitors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
+Monitors = Callable[[FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
 
 
 @final
@@ -59,8 +59,8 @@ class Trajectory(Motion):
     events : EventRecords
         The events that the run was asked to watch for, by name.
 
-    ``trajectory["x"]``, ``["x_dot"]``, ``["energy"]`` and every requested output give arrays (n_t,), by name or by
-    SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
+    ``trajectory["x"]``, ``["x_dot"]``, ``["energy"]``, first-order states with their rates, and every requested output
+    give arrays (n_t,), by name or by SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
     """
 
     def __init__(
@@ -91,10 +91,16 @@ class Trajectory(Motion):
         size, kernel = len(self._layout.coordinates), self._program.kernel("expand")
         c = constants_at(self._c, self.elapsed)
         x = interpret_rows(kernel, self.elapsed, self.y, c)
+        rates = slice(size, 2 * size)
         if self._near is None:
-            return x[:, :size], x[:, size:]
+            return x[:, :size], x[:, rates]
         near = interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel, size)), c)
-        return x[:, :size], near[:, size:]
+        return x[:, :size], near[:, rates]
+
+    @property
+    def _variables(self) -> FloatArray:
+        """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
+        return np.hstack([self.q, self.qdot, self.y[:, self.y.shape[1] - len(self._layout.states) :]])
 
     @property
     def q(self) -> FloatArray:  # type: ignore[override]
@@ -148,7 +154,7 @@ class Trajectory(Motion):
         return (self._program.formulation,)
 
     def with_monitors(self, monitors: Monitors) -> Trajectory:
-        """Return this motion with what gives first integrals from (c, t, q, qdot) when they are asked for."""
+        """Return this motion with what gives first integrals from (c, t, x) when they are asked for."""
         self._monitors = monitors
         return self
 
@@ -184,7 +190,7 @@ class Trajectory(Motion):
         """
         if self._monitors is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
-        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.q, self.qdot)
+        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self._variables)
 
     @property
     def error_estimate(self) -> ErrorEstimate:
@@ -208,7 +214,8 @@ class Trajectory(Motion):
     def names(self) -> tuple[str, ...]:
         """Everything that can be asked for by name."""
         layout = self._program.layout
-        listed = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs, *ENERGIES)
+        rates = (*layout.rates, *layout.state_rates)
+        listed = (*layout.coordinates, *rates, *layout.state, *layout.outputs, *ENERGIES)
         return tuple(dict.fromkeys(listed))
 
     @nesting_named
@@ -225,6 +232,8 @@ class Trajectory(Motion):
         for output in (name, str(key)):
             if output in layout.outputs:
                 return self._outputs[:, layout.outputs.index(output)].copy()
+        if name in layout.state_rates:
+            return self._state_rates[:, layout.state_rates.index(name)].copy()
         if name in ENERGIES:
             warn_of_energy(self._program, name)
             kinetic, potential = self._energies.T
@@ -240,7 +249,7 @@ class Trajectory(Motion):
     def _on_scene(self, kernel: str) -> FloatArray:
         if kernel not in self._program:
             return np.empty((len(self.t), 0))
-        x, layout = np.hstack([self.q, self.qdot]), self._program.layout
+        x, layout = self._variables, self._program.layout
         if self._near is not None:
             for i in angles_in(self._program.kernel(kernel)):
                 if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:
@@ -253,6 +262,12 @@ class Trajectory(Motion):
         return interpret_rows(
             kernel, self.elapsed, self._nearer(angles_in(kernel)), constants_at(self._c, self.elapsed)
         )
+
+    @cached_property
+    def _state_rates(self) -> FloatArray:
+        kernel, course = self._program.kernel("rhs"), constants_at(self._c, self.elapsed)
+        rates = interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel)), course)
+        return rates[:, rates.shape[1] - len(self._layout.states) :]
 
     @cached_property
     def _energies(self) -> FloatArray:
@@ -327,7 +342,7 @@ class Trajectory(Motion):
         return f"<Trajectory {self._program.name!r}: {span}{len(self.t)} times, {self.status.name}>"
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, outputs and energy.
+        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, states, outputs, energy.
 
         Raises
         ------
@@ -335,7 +350,7 @@ class Trajectory(Motion):
             Without the package.
         """
         layout = self._program.layout
-        names = (*layout.coordinates, *layout.rates, *layout.outputs, "energy")
+        names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
         dataset: xarray.Dataset = xarray_package().Dataset(
             {name: ("time", self[name]) for name in names},
             coords={"time": ("time", self.t, {"units": "s"})},

@@ -36,11 +36,12 @@ class _Constraints:
     program: Program
     c: FloatArray
     t: float
+    states: FloatArray
 
     def _run(self, kernel: str, q: FloatArray, qdot: FloatArray | None = None) -> FloatArray:
         if kernel not in self.program:
             return np.zeros(0)
-        x = np.concatenate([q, np.zeros_like(q) if qdot is None else qdot])[np.newaxis]
+        x = np.concatenate([q, np.zeros_like(q) if qdot is None else qdot, self.states])[np.newaxis]
         with np.errstate(all="ignore"):
             return interpret_rows(self.program.kernel(kernel), np.array([self.t]), x, self.c)[0]
 
@@ -73,14 +74,16 @@ def assembled(
     t : float
         Time.
     guess : mapping of str to float
-        Every coordinate; of the rates, those that the constraints fix may be missing.
+        Every coordinate; of the rates, those that the constraints fix may be missing. First-order states stay as they
+        are given; they may be missing where no constraint depends on them.
     fixed : collection of str
         Names that keep the value of the guess.
 
     Raises
     ------
     InitialStateError
-        When a coordinate is missing, loops cannot close, or the rates cannot be reconciled or are not determined.
+        When a coordinate or a state is missing, loops cannot close, or the rates cannot be reconciled or are not
+        determined.
     """
     layout = program.layout
     missing = [name for name in layout.coordinates if name not in guess]
@@ -88,7 +91,7 @@ def assembled(
         raise InitialStateError(
             f"a guess is missing for the coordinates {list_names(missing)}; any rough value will do"
         )
-    constraints = _Constraints(program, c, t)
+    constraints = _Constraints(program, c, t, _states(program, guess))
     start = np.array([guess[name] for name in layout.coordinates])
     movable = np.array([name not in fixed for name in layout.coordinates])
     q = _closed(constraints, start, movable)
@@ -96,7 +99,21 @@ def assembled(
     if any(name in guess for name in layout.rates):
         qdot = _moving(constraints, q, guess, fixed)
         found |= dict(zip(layout.rates, qdot.tolist(), strict=True))
-    return found
+    return found | {name: guess[name] for name in layout.states if name in guess}
+
+
+def _states(program: Program, guess: Mapping[str, float]) -> FloatArray:
+    """Return first-order states (n_z,), zero where one is missing on which no constraint depends."""
+    layout, first = program.layout, 2 * len(program.layout.coordinates)
+    missing = [i for i, name in enumerate(layout.states) if name not in guess]
+    kernels = [program.kernel(name) for name in ("velocity_residual", "constraint_jacobian") if name in program]
+    used = {load.index for kernel in kernels for load in kernel.loads if load.array == "y"}
+    lost = [layout.states[i] for i in missing if first + i in used]
+    if lost and any(name in guess for name in layout.rates):
+        raise InitialStateError(
+            f"a guess is missing for the states {list_names(lost)}, on which velocity constraints depend"
+        )
+    return np.array([guess.get(name, 0.0) for name in layout.states])
 
 
 def nearest(program: Program, c: FloatArray, t: float, values: Mapping[str, float]) -> str:

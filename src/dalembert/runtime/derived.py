@@ -36,7 +36,7 @@ class Derived:
         Numbers of the constraints that a run enforces and that may depend on each other; none where they are known to
         be independent.
     signed : tuple of str
-        Coordinates that were declared to have a sign.
+        Coordinates and first-order states that were declared to have a sign.
     partials : Partials
         Kernels of the program and their derivatives.
     """
@@ -46,7 +46,8 @@ class Derived:
         rows = range(len(stages.program.layout.constraints))
         self._stages, self._engine = stages, engine
         self.enforced = () if reduced.regular else tuple(i for i in rows if i not in reduced.left_out)
-        self.signed = signed_names(stages.program.layout.assumptions, stages.program.layout.coordinates)
+        layout = stages.program.layout
+        self.signed = signed_names(layout.assumptions, (*layout.coordinates, *layout.states))
         self.partials = Partials(stages.program)
         self._starts: dict[frozenset[str], Start] = {}
         self._quick_starts: dict[frozenset[str], QuickStart] = {}

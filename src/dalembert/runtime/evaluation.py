@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import ValueInputError, nesting_named
+from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named
 from ..ir.input_parameters import coefficient_places, hidden_parameters
 from ..ir.program import Layout
 from ..once import once_property
@@ -38,10 +38,14 @@ class Evaluated(ABC):
 
     @abstractmethod
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
-        """Return outputs (k, n_out) at times (k,), coordinates and rates (k, 2 n_q) and parameters (n_p,) or (k, n_p).
+        """Return outputs (k, n_out) at times (k,), variables x (k, 2 n_q + n_z) and parameters (n_p,) or (k, n_p).
 
-        None stands for zeros.
+        The variables are coordinates, rates and first-order states. None stands for zeros.
         """
+
+    @abstractmethod
+    def _depends_on_states(self, kernel: str) -> bool:
+        """Whether what a kernel returns depends on first-order states."""
 
     @nesting_named
     def parameter_vector(
@@ -86,7 +90,9 @@ class Evaluated(ABC):
         )
 
     @nesting_named
-    def mass_matrix(self, q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
+    def mass_matrix(
+        self, q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None, states: Any = None
+    ) -> FloatArray:
         """Return the mass matrix.
 
         Parameters
@@ -99,54 +105,70 @@ class Evaluated(ABC):
             Time [s], where the geometry depends on it.
         inputs : mapping, optional
             Values of the inputs, as for `simulate`; not needed where an array p has them.
+        states : mapping or array_like (n_z,) or (k, n_z), optional
+            First-order states, by name or in the order of ``layout.states``; no mass matrix depends on them.
 
         Returns
         -------
         ndarray (n_q, n_q) or (k, n_q, n_q)
         """
-        return self._evaluate("mass_matrix", t, q, None, p, (len(self.layout.coordinates),) * 2, inputs)
+        point = t, q, None, p
+        return self._evaluate("mass_matrix", point, (states, inputs), (len(self.layout.coordinates),) * 2)
 
     @nesting_named
-    def forcing(self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
-        """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions."""
-        return self._evaluate("forcing", t, q, qdot, p, (len(self.layout.coordinates),), inputs)
+    def forcing(
+        self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
+    ) -> FloatArray:
+        """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions.
+
+        Parameters are those of `mass_matrix`; `states` are the first-order states that they depend on.
+        """
+        return self._evaluate("forcing", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
 
     @nesting_named
-    def constraint_jacobian(self, t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
-        """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first."""
+    def constraint_jacobian(
+        self, t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
+    ) -> FloatArray:
+        """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first.
+
+        Parameters are those of `mass_matrix`; `states` are the first-order states that it depends on.
+        """
         shape = (len(self.layout.constraints), len(self.layout.coordinates))
-        return self._evaluate("constraint_jacobian", t, q, None, p, shape, inputs)
+        return self._evaluate("constraint_jacobian", (t, q, None, p), (states, inputs), shape)
 
     @nesting_named
     def accelerations(
-        self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None
+        self, t: Any, q: Any, qdot: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
     ) -> FloatArray:
-        """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included."""
-        return self._evaluate("accelerations", t, q, qdot, p, (len(self.layout.coordinates),), inputs)
+        """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included.
+
+        Parameters are those of `mass_matrix`; `states` are the first-order states that they depend on.
+        """
+        return self._evaluate("accelerations", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
 
     def _evaluate(
         self,
         kernel: str,
-        t: Any,
-        q: Any,
-        qdot: Any,
-        p: Any,
+        point: tuple[Any, Any, Any, Any],
+        further: tuple[Any, Mapping[Any, Any] | None],
         shape: tuple[int, ...],
-        inputs: Mapping[Any, Any] | None,
     ) -> FloatArray:
+        """Return a kernel's outputs at (t, q, qdot, p) with (states, inputs), as users give them."""
+        (t, q, qdot, p), (states, inputs) = point, further
         size, at = len(self.layout.coordinates), times_of("t", t)
         q = rows_of("q", q, size)
         qdot = np.zeros_like(q) if qdot is None else rows_of("qdot", qdot, size)
-        single = q.ndim == 1 and qdot.ndim == 1 and np.ndim(t) == 0
-        q, qdot = np.atleast_2d(q), np.atleast_2d(qdot)
-        sizes = {"q": len(q), "qdot": len(qdot), "t": len(at)}
+        z = self._states(kernel, states)
+        single = q.ndim == 1 and qdot.ndim == 1 and z.ndim == 1 and np.ndim(t) == 0
+        q, qdot, z = np.atleast_2d(q), np.atleast_2d(qdot), np.atleast_2d(z)
+        sizes = {"q": len(q), "qdot": len(qdot), "t": len(at), "states": len(z)}
         counts = set(sizes.values()) - {1}
         if len(counts) > 1:
-            given = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-            raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {given}")
+            counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+            raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
         count = counts.pop() if counts else 1
-        y = np.empty((count, 2 * size))
-        y[:, :size], y[:, size:] = q, qdot
+        y = np.empty((count, 2 * size + z.shape[1]))
+        y[:, :size], y[:, size : 2 * size], y[:, 2 * size :] = q, qdot, z
         times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
         if isinstance(p, Mapping):
             p = self.parameter_vector(p)
@@ -172,6 +194,23 @@ class Evaluated(ABC):
         rows = np.tile(p, (len(t), 1))
         given.write(self.layout, rows, t)
         return rows if given.sampled else rows[0]
+
+    def _states(self, kernel: str, given: Any) -> FloatArray:
+        """Return first-order states (n_z,) or (k, n_z) for a kernel, zeros where nothing is given or needed."""
+        names = self.layout.states
+        if isinstance(given, Mapping):
+            values = run_input.resolve("state", given, names, self.layout.aliases)
+            missing = [name for name in names if name not in values]
+            if missing:
+                raise UnknownNameError(f"missing states: {list_names(missing)}. The scene has: {list_names(names)}")
+            return np.array([values[name] for name in names])
+        if given is not None:
+            return rows_of("states", given, len(names))
+        if names and self._depends_on_states(kernel):
+            raise ValueInputError(
+                f"{kernel} depends on the first-order states of the scene; give states={{...}} for {list_names(names)}"
+            )
+        return np.zeros(len(names))
 
     def _refuse_contradictions(self, q: FloatArray, p: FloatArray) -> None:
         """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""

@@ -74,7 +74,7 @@ def compiled_events(
         reported=len(events),
         watch=watch,
         jumps=tuple(jumps),
-        start=start((*layout.coordinates, *layout.rates)),
+        start=start(layout.variables),
         running=event_functions(scene, reduced, running, "reduction", moving=False).values,
         kinds=tuple(kinds),
         finals=event_functions(scene, reduced, finals, "reduction", moving=False).values,

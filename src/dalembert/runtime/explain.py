@@ -42,6 +42,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"formulation   {program.formulation}: {program.notes[0]}",
         *(f"              {note}" for note in program.notes[1:]),
         f"state         {list_names(layout.state)}",
+        *([f"first order   {list_names(layout.states)}"] if layout.states else []),
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
@@ -97,6 +98,7 @@ def _energy(stages: Stages) -> list[str]:
     left = [
         (loads.rates, " (as far as it depends on rates)"),
         (loads.time, " (depends on time)"),
+        (loads.states, " (depends on states)"),
         (loads.unknown, " (no potential energy known)"),
     ]
     out = [f"{name}{why}" for names, why in left for name in names]

@@ -121,7 +121,7 @@ def _singular(
     layout, times = program.layout, np.array([where[0]])
     n = len(layout.coordinates)
     x = interpret_rows(program.kernel("expand"), times, where[1][np.newaxis], c)
-    x[:, n:] = 0.0
+    x[:, n : 2 * n] = 0.0
     if found.decisive[group]:
         place = layout.coordinates.index(found.decisive[group])
         x[0, place] = _lock(float(x[0, place]), value)

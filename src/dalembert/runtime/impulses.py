@@ -49,8 +49,8 @@ class Impulses:
         ----------
         t : float
             The time of the break [s].
-        x : ndarray (2 n_q,)
-            Coordinates and rates at its end.
+        x : ndarray (2 n_q + n_z,)
+            Coordinates, rates and first-order states at its end.
         before, after : ndarray (n_c,)
             Constants of the segments before and behind the break.
 
@@ -60,7 +60,7 @@ class Impulses:
             Where a position constraint itself jumps.
         """
         program, size = self.program, len(self.program.layout.coordinates)
-        rates = x[size:].copy()
+        rates = x[size : 2 * size].copy()
         scale = 1.0 + float(np.max(np.abs(rates), initial=0.0))
         self._refuse_jump(t, x, before, after)
         change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
@@ -81,11 +81,12 @@ class Impulses:
 
     def _momenta(self, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return dT/dqdot (n_q,): central differences, which are exact for a quadratic function of the rates."""
-        size = len(x) // 2
-        step = 1.0 + float(np.max(np.abs(x[size:]), initial=0.0))
+        size = len(self.program.layout.coordinates)
+        rates = slice(size, 2 * size)
+        step = 1.0 + float(np.max(np.abs(x[rates]), initial=0.0))
         rows = np.tile(x, (2 * size, 1))
-        rows[:size, size:] += step * np.eye(size)
-        rows[size:, size:] -= step * np.eye(size)
+        rows[:size, rates] += step * np.eye(size)
+        rows[size:, rates] -= step * np.eye(size)
         kinetic = interpret_rows(self.program.kernel("energy"), np.full(2 * size, t), rows, c)[:, 0]
         return np.asarray((kinetic[:size] - kinetic[size:]) / (2.0 * step), dtype=float)
 
@@ -130,8 +131,8 @@ def landing_of(
         rates = impulses.rates(t, x[0], before, after)
         if rates is None:
             return y
-        x[0, len(layout.coordinates) :] = rates
-        names = (*layout.coordinates, *layout.rates)
+        size, names = len(layout.coordinates), layout.variables
+        x[0, size : 2 * size] = rates
         own = start(names)
         given = x[:, [names.index(name) for name in own.given]]
         return interpret_rows(own.kernel, time, given, after)[0, : len(y)]

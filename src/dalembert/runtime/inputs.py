@@ -339,14 +339,14 @@ def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float
 
 
 def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:
-    """Return initial values by name; `plain` ones are coordinates and rates alone.
+    """Return initial values by name; `plain` ones are coordinates, rates and states alone.
 
     Raises
     ------
     UnknownNameError, ValueInputError
         For unknown names, and values that are not finite numbers or that their symbols exclude.
     """
-    known = (*layout.coordinates, *layout.rates) if plain else layout.initial
+    known = layout.variables if plain else layout.initial
     refuse_inputs(layout, initial, "which has no initial value")
     values = resolve("initial value", initial, known, layout.aliases)
     refuse_contradictions(layout.assumptions, values, ROUNDING)

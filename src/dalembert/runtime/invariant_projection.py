@@ -97,8 +97,7 @@ def kept_names(
     """
     refuse_unknown(wanted, found)
     x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
-    size = len(program.layout.coordinates)
-    able = tuple(conserved(program, found, c, np.array([t]), x[:, :size], x[:, size:]))
+    able = tuple(conserved(program, found, c, np.array([t]), x))
     if wanted is True:
         if not able:
             raise OptionError(

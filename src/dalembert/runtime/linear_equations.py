@@ -93,7 +93,7 @@ class LinearEquations:
         layout, size = self.point.program.layout, len(self.state)
         count = self.rates.by_parameters.shape[1]
         tables = {self.names: Derivatives(self.state, np.eye(size), np.zeros((size, count)))}
-        scene = (*layout.coordinates, *layout.rates)
+        scene = layout.variables
         for kernel, rows in (("initial", layout.state), ("expand", scene), ("outputs", layout.outputs)):
             lacking = [name for name in names if not any(name in table for table in tables)]
             if any(name in rows for name in lacking):
@@ -121,7 +121,7 @@ def scene_equations(point: Point) -> LinearEquations:
     n = len(layout.coordinates)
     x = point.partials.value("expand", point.t, point.y, point.c)
     further = len(x) - 2 * n
-    names = (*layout.coordinates, *layout.rates, *layout.state[len(layout.state) - further :])
+    names = layout.variables
     second = point.derivatives("accelerations", x)
     count = second.by_parameters.shape[1]
     first = Derivatives(x[n : 2 * n], np.eye(len(x))[n : 2 * n], np.zeros((n, count)))
@@ -138,7 +138,7 @@ def own_equations(point: Point) -> LinearEquations:
     """Return the equations in the state of the formulation."""
     program, layout = point.program, point.program.layout
     rates = point.derivatives("rhs", point.y)
-    scene = layout.state == (*layout.coordinates, *layout.rates)
+    scene = layout.state == layout.variables
     kernels = ("position_residual", "velocity_residual") if scene else ("project_position",)
     parts = [point.derivatives(kernel, point.y) for kernel in kernels if kernel in program]
     constraints = _stacked(parts, len(point.y), rates.by_parameters.shape[1])

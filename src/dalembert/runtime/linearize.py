@@ -80,7 +80,7 @@ def _output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
     UnknownNameError
         For those that are none.
     """
-    known = dict.fromkeys((*layout.coordinates, *layout.rates, *layout.state, *layout.outputs))
+    known = dict.fromkeys((*layout.variables, *layout.state, *layout.outputs))
     return run_input.resolve_names("output", given, known, layout.aliases)
 
 
@@ -92,7 +92,7 @@ def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
     program, layout = point.program, point.program.layout
     if program.formulation == "prescribed":
         return own_equations(point)
-    scene = {*layout.coordinates, *layout.rates}
+    scene = set(layout.variables)
     speeds = [name for name in layout.state if name not in scene]
     wanted = layout.entries if chosen is None else chosen
     return own_equations(point) if any(name in wanted for name in speeds) else scene_equations(point)

@@ -479,7 +479,8 @@ class CompiledModel(Evaluated):
         wrt : iterable of symbols or names
             Parameters, and values given in `initial`. What the constraints fix varies with them where it is left out.
         of : iterable of symbols or names, optional
-            Coordinates, rates, components of the state and outputs; by default all coordinates and rates.
+            Coordinates, rates, states and their rates, components of the state and outputs; by default all
+            coordinates, rates and states.
 
         Returns
         -------
@@ -670,7 +671,7 @@ class CompiledModel(Evaluated):
     def expand(
         self, t: float, y: FloatArray, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None
     ) -> FloatArray:
-        """Return coordinates and rates (2 n_q,) of a state y (n_y,) of the formulation at time t."""
+        """Return coordinates, rates and states (2 n_q + n_z,) of a state y (n_y,) of the formulation at time t."""
         program, time = self.stages.program, option("t", t)
         given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
         c = run_input.constants(program, self.parameter_vector(given))
@@ -706,7 +707,8 @@ class CompiledModel(Evaluated):
         Returns
         -------
         dict of str to float
-            Coordinates, and rates where the guess has any. Nearest is meant by the sum of the squares of the changes.
+            Coordinates, rates where the guess has any, and the states as they are given. Nearest is meant by the sum
+            of the squares of the changes.
 
         Raises
         ------
@@ -722,17 +724,17 @@ class CompiledModel(Evaluated):
         held = run_input.resolve_names("fixed name", fixed, values, self.layout.aliases)
         return assembled(program, at_time(program, c, time), time, values, held)
 
-    def monitors(self, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray) -> dict[str, FloatArray]:
+    def monitors(self, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals along a motion, as arrays (n_t,) by name.
 
         Parameters
         ----------
         c : ndarray (n_c,) or (n_t, n_c)
             Constants.
-        t, q, qdot : ndarray (n_t,), (n_t, n_q), (n_t, n_q)
-            Times [s], coordinates and rates.
+        t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
+            Times [s]; coordinates, rates and first-order states.
         """
-        return conserved(self.stages.program, self.derived.invariants, c, t, q, qdot)
+        return conserved(self.stages.program, self.derived.invariants, c, t, x)
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
         program = self.stages.program
@@ -743,6 +745,11 @@ class CompiledModel(Evaluated):
         if program.conditions is not None:
             program.conditions.decide_at(p, t)
         return self.engine.rows(program.kernel(kernel), t, x, run_input.prepare_rows(program, p))
+
+    def _depends_on_states(self, kernel: str) -> bool:
+        program, first = self.stages.program, 2 * len(self.layout.coordinates)
+        loads = program.kernel(kernel).loads if kernel in program else ()
+        return any(load.array == "y" and load.index is not None and load.index >= first for load in loads)
 
     # -- programs in JAX -------------------------------------------------------------------
 

@@ -21,32 +21,34 @@ _STILL = 1e-9
 
 
 def conserved(
-    program: Program, found: Candidates, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray
+    program: Program, found: Candidates, c: FloatArray, t: FloatArray, x: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return the first integrals along a motion t (n_t,), q and qdot (n_t, n_q), as arrays (n_t,) by name.
+    """Return the first integrals along a motion t (n_t,) as arrays (n_t,) by name.
 
-    A candidate that is not certain counts as conserved when its rate vanishes in random states around the motion that
-    satisfy the constraints, with random inputs; the random numbers are the same in every run.
+    The rows of x (n_t, 2 n_q + n_z) are coordinates, rates and first-order states. A candidate that is not certain
+    counts as conserved when its rate vanishes in random states around the motion that satisfy the constraints, with
+    random inputs; the random numbers are the same in every run.
     """
     kept = np.array(found.certain)
     if not np.all(kept) and len(t):
-        kept = kept | _still(program, found, c, t, q, qdot)
-    values = interpret_rows(found.values, t, np.hstack([q, qdot]), c)
+        kept = kept | _still(program, found, c, t, x)
+    values = interpret_rows(found.values, t, x, c)
     return {name: values[:, i] for i, name in enumerate(found.names) if kept[i]}
 
 
 def _still(
-    program: Program, found: Candidates, c: FloatArray, t: FloatArray, q: FloatArray, qdot: FloatArray
+    program: Program, found: Candidates, c: FloatArray, t: FloatArray, x: FloatArray
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Return which candidates do not change in any of the random states."""
     layout, random = program.layout, np.random.default_rng(1)
-    count, size = len(found.names), q.shape[1]
+    count, size = len(found.names), len(layout.coordinates)
     still, trials = np.ones(count, bool), 0
     for place in np.linspace(0, len(t) - 1, _TRIALS).astype(int):
-        speed = max(1.0, float(np.max(np.abs(qdot[place]), initial=0.0)))
-        start = np.concatenate([q[place], np.zeros(size)])
-        start += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
-        guess = dict(zip((*layout.coordinates, *layout.rates), start.tolist(), strict=True))
+        speed = max(1.0, float(np.max(np.abs(x[place, size : 2 * size]), initial=0.0)))
+        start = np.concatenate([x[place, :size], np.zeros(size), x[place, 2 * size :]])
+        start[: 2 * size] += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
+        start[2 * size :] += random.standard_normal(len(layout.states))
+        guess = dict(zip(layout.variables, start.tolist(), strict=True))
         own = (c if c.ndim == 1 else c[place]).copy()
         for first in coefficient_places(layout.parameters, layout.inputs):  # conserved whatever the inputs are
             own[first + 1 : first + WIDTH] += random.standard_normal(WIDTH - 1)
@@ -54,7 +56,7 @@ def _still(
             state = assembled(program, own, float(t[place]), guess, ())
         except (InitialStateError, np.linalg.LinAlgError):
             continue
-        y = np.array([[state[name] for name in (*layout.coordinates, *layout.rates)]])
+        y = np.array([[state[name] for name in layout.variables]])
         now = t[place : place + 1]
         with np.errstate(all="ignore"):
             second = interpret_rows(program.kernel("accelerations"), now, y, own)

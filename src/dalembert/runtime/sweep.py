@@ -277,7 +277,8 @@ def _results(
     samples = None if settings.t_eval is None else done.samples
     varied, program = (cases.initial, cases.parameters), model.stages.program
     run = Sweep(program, cases.constants_at, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics)
-    warn_of_motion(model.layout.assumptions, model.layout.coordinates, run.t, run._final)
+    watched = (*model.layout.coordinates, *model.layout.states)
+    warn_of_motion(model.layout.assumptions, watched, run.t, run._final)
     watch = settings.watch
     return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 

@@ -40,6 +40,11 @@ def trim(
     model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
+    if model.layout.states:
+        raise OptionError(
+            f"trim does not find first-order states ({list_names(model.layout.states)}): simulate until the motion is"
+            " steady, or take the scene without them, with what they are then as parameters"
+        )
     values = run_input.given_values(model.layout, guess, plain=True)
     p = held_at(model.layout, model.parameter_vector(parameters), options.t)
     free = _free_names(model, options.free)

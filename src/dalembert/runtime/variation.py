@@ -139,7 +139,7 @@ def chosen_names(
         Where there is nothing to differentiate.
     """
     layout = program.layout
-    known_of = (*layout.coordinates, *layout.rates, *layout.state, *layout.outputs)
+    known_of = (*layout.variables, *layout.state_rates, *layout.state, *layout.outputs)
     known_wrt = (*layout.given, *given)
 
     def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
@@ -153,7 +153,7 @@ def chosen_names(
                 found.append(name)
         return tuple(dict.fromkeys(found)), wrong
 
-    values, wrong = resolved("output", (*layout.coordinates, *layout.rates) if of is None else of, known_of)
+    values, wrong = resolved("output", layout.variables if of is None else of, known_of)
     sources, unknown = resolved("parameter or given initial value", wrt, known_wrt)
     if wrong or unknown:
         raise UnknownNameError("\n".join([*wrong, *unknown]))

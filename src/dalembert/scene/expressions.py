@@ -187,8 +187,8 @@ class ExpressionReader:
             if str(e) in map(str, self.leaves):
                 return self.fault(f"{e} {_OTHER}")
             return self.fault(
-                f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene, or declare"
-                " it as a given function of time with add_inputs"
+                f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene, declare it"
+                " as a given function of time with add_inputs, or give its rate with add_states"
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
             )
         return self._function(e)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
-from sympy.physics.vector import Vector
+from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..ir.graph import Node
 from ..transforms.quaternions import rotation_entries
@@ -15,6 +16,7 @@ from .angles import Angles
 from .expressions import short
 from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
+from .states import read_rates, refuse_states
 from .symbols import SymbolReader
 from .tree import Tree
 from .unknowns import Unknown
@@ -57,6 +59,7 @@ class GeometryReader(SymbolReader):
                 matrix = release_impose.released_orientation(self.scene, node, parent, node._dcm_dict[parent])
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
+                self._without_states([x for row in rows for x in row], where)
                 self._met.append(node)
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             number = known
@@ -85,6 +88,7 @@ class GeometryReader(SymbolReader):
             if known not in self.point_models:
                 vector = release_impose.released_position(self.scene, node, node._pos_dict[self.points.parent[node]])
                 pieces = self._vector(vector, f"position of point {node.name!r}")
+                self._without_states([x for piece in pieces for x in piece.components], f"position of {node.name!r}")
                 self._met.append(node)
                 self.point_models[known] = PointModel(node.name, number, pieces)
             number = known
@@ -93,6 +97,19 @@ class GeometryReader(SymbolReader):
     def _components(self, column: Any, place: str, *, unknowns: bool = False) -> Components:
         x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)
         return x, y, z
+
+    def _state_rates(self) -> tuple[Node, ...]:
+        """Return the rates of the first-order states; whatever is read later may contain them."""
+        found = read_rates(self.scene, self.states, self.expressions, self._scalar)
+        derivatives = [z.diff(dynamicsymbols._t) for z in self.states]
+        for angles in self.angles if self.states else ():
+            angles.reader.define({z: self.expressions.leaves[z] for z in derivatives})
+        return found
+
+    def _without_states(self, nodes: Sequence[Node], place: str) -> None:
+        """Record a fault where first-order states stand in what they may not."""
+        if self.states:
+            refuse_states(self.expressions, self.states, nodes, place)
 
     def _scalar(self, expression: Any, place: str) -> Node:
         """Return a scalar that the motion depends on, in which angles have given way to quaternions."""

@@ -277,6 +277,8 @@ class SymbolTable:
         Parameters that stand for what expressions of time are at the start of a run, where time is counted from there.
     inputs : tuple of InputSymbol
         Given functions of time; their parameters (`dalembert.ir.input_parameters`) are among the `parameters`.
+    states : tuple of str
+        Names of the first-order states.
     """
 
     time: str
@@ -290,11 +292,17 @@ class SymbolTable:
     timed: bool = False
     offsets: tuple[Offset, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return tuple(each.name for each in self.inputs)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of coordinates, rates and first-order states."""
+        return (*self.coordinates, *self.rates, *self.states)
 
 
 @final
@@ -306,6 +314,7 @@ class SceneModel:
     gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
     of the scene say themselves. `places` are outputs: number of a point, and of an axis. `conditions` are those that
     depend on time and parameters alone. `stored` are candidates for the potential energies of the actuators.
+    `state_rates` are the rates of the first-order states.
     """
 
     name: str
@@ -327,3 +336,4 @@ class SceneModel:
     places: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     conditions: tuple[Condition, ...] = ()
     stored: tuple[Node | None, ...] = ()
+    state_rates: tuple[Node, ...] = ()

@@ -63,6 +63,7 @@ class _SceneReader(GeometryReader):
         """Read everything, then raise the faults or return the model."""
         scene = self.scene
         self.faults += _unwritable_names(scene)
+        state_rates = self._state_rates()
         given, lagrangian = self._given()
         placed = lagrangian is None and (given is None or located(scene))
         bodies = [self._body(body) for body in scene.bodies] if placed else []
@@ -81,6 +82,8 @@ class _SceneReader(GeometryReader):
             self._scalar(getattr(body, "potential_energy", 0), f"potential energy of {getattr(body, 'name', body)}")
             for body in scene.bodies
         )
+        self._without_states([x for piece in gravity for x in piece.components], "gravity")
+        self._without_states(potentials, "potential energy of bodies")
         holonomic = [self._holonomic(c, i) for i, c in enumerate(scene.holonomic_constraints)]
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
         extra = {
@@ -131,6 +134,7 @@ class _SceneReader(GeometryReader):
             places=places,
             conditions=tuple(self.expressions.conditions),
             stored=stored,
+            state_rates=state_rates,
         )
 
     def _given(self) -> tuple[GivenMotion | None, Node | None]:
@@ -143,8 +147,13 @@ class _SceneReader(GeometryReader):
             if items:
                 self.faults.append(f"a scene that gives velocities or a Lagrangian, no positions, cannot have {what}")
         given = read_given(scene, self._vector, self.expressions.read, self._rows, self._frame)
-        lagrangian = scene.lagrangian
-        return given, None if lagrangian is None else self._scalar(lagrangian, "Lagrangian")
+        velocities = [item.velocity for item in given.bodies] + [item.spin for item in given.bodies]
+        velocities += [load.velocity for load in given.loads]
+        moved = [x for pieces in velocities for piece in pieces for x in piece.components]
+        self._without_states(moved, "velocities of bodies and points")
+        lagrangian = None if scene.lagrangian is None else self._scalar(scene.lagrangian, "Lagrangian")
+        self._without_states([] if lagrangian is None else [lagrangian], "Lagrangian")
+        return given, lagrangian
 
     def _smoothness(
         self,
@@ -312,6 +321,7 @@ class _SceneReader(GeometryReader):
         label = f"holonomic constraint {number + 1}"
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
+        self._without_states([node], f"{label} ({short(constraint)})")
         if node.deps & self._mask("rates"):
             self.faults.append(f"{label} ({short(constraint)}) contains rates; add it as a nonholonomic constraint")
         elif node.is_zero and len(self.expressions.faults) == before:
@@ -347,7 +357,7 @@ class _SceneReader(GeometryReader):
         if not (self.scene.contacts or self.scene.frictions):
             return [], []
         forces = list(self.expressions.unknowns)
-        return read_contacts(
+        contacts, closing = read_contacts(
             self.scene,
             (self.expressions, self._scalar),
             self._rates(),
@@ -355,6 +365,9 @@ class _SceneReader(GeometryReader):
             forces,
             self.faults.append,
         )
+        for contact in contacts:
+            self._without_states([] if contact.gap is None else [contact.gap], f"gap of contact {contact.name!r}")
+        return contacts, closing
 
 
 def _unwritable_names(scene: Scene) -> list[str]:

@@ -6,7 +6,7 @@ read for compilation (`dalembert.scene.reading`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -81,7 +81,8 @@ class Scene:
 
     The velocities of points and frames follow from positions and orientations and need not be
     set; where they were, they must not contradict them. Every plain symbol that the scene uses is a
-    parameter; every function of time must be one of the coordinates or of the inputs.
+    parameter; every function of time must be one of the coordinates, of the inputs (`add_inputs`) or of the states
+    (`add_states`).
 
     Parameters
     ----------
@@ -136,6 +137,7 @@ class Scene:
         self.elapsed: tuple[Expr, ...] | None = None
         self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
         self.lagrangian: Expr | None = None
+        self.states: tuple[tuple[Expr, Expr], ...] = ()
 
     @classmethod
     @nesting_named
@@ -240,6 +242,37 @@ class Scene:
             ``u, road = dynamicsymbols("u road")``. None of them is a coordinate.
         """
         self.inputs += inputs
+
+    @nesting_named
+    def add_states(self, rates: Mapping[Expr, Expr]) -> None:
+        """Add first-order states beside the coordinates: filters, motors, integrators, muscles.
+
+        They may stand in loads, joints, nonholonomic constraints, laws of friction, rates of states, outputs and
+        events; their initial values are given with those of the coordinates. What they say of positions needs a
+        coordinate instead. Impacts leave them as they are.
+
+        Parameters
+        ----------
+        rates : mapping of dynamicsymbol to Expr
+            For each state its rate, in time, coordinates, rates, states and parameters.
+
+        Raises
+        ------
+        SceneError
+            For what is no mapping; everything else is checked when the scene is compiled.
+
+        Examples
+        --------
+        A motor with the time constant tau that drives the coordinate x::
+
+            F = dynamicsymbols("F")
+            scene.add_states({F: (k * (r - x) - F) / tau})
+            scene.add_loads((P, F * N.x))
+        """
+        given: Any = rates
+        if not isinstance(given, Mapping):
+            raise SceneError(self.name, [f"add_states takes a mapping of states to their rates, not {rates!r}"])
+        self.states += tuple(given.items())
 
     def add_friction(self, *laws: CoulombFriction) -> None:
         """Add Coulomb friction between reaction components of joints."""

@@ -21,6 +21,7 @@ from .expressions import ExpressionReader
 from .model import InputSymbol, SymbolTable
 from .scene import Scene
 from .speeds import read_speeds
+from .states import state_symbols
 
 __all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of"]
 
@@ -54,6 +55,7 @@ class SymbolReader:
         self.faults: list[str] = []
         self.coordinates = self._coordinates()
         self.inputs = self._functions_of_time()
+        self.states = state_symbols(scene, self.coordinates, self.faults.append)
         clock = None if scene.elapsed is None else ElapsedTime()
         self.expressions = ExpressionReader(self.graph, self._leaves(), clock, time=self.graph.input(TIME))
         self._impose()
@@ -121,6 +123,9 @@ class SymbolReader:
         for u in self.inputs:
             leaves[u] = self._input(u)
             leaves[sp.Derivative(u, time)] = tangents(self.graph, [leaves[u]], {leaves[time]: self.graph.one})[0]
+        for z in self.states:
+            leaves[z] = self.graph.input(z.func.__name__)
+            leaves[sp.Derivative(z, time)] = self.graph.input(rate_name(z.func.__name__))
         return leaves
 
     def _impose(self) -> None:
@@ -139,6 +144,9 @@ class SymbolReader:
         parameters = tuple(sorted(self.expressions.parameters))
         unknowns = tuple(self.expressions.unknowns)
         taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
+        states = tuple(z.func.__name__ for z in self.states)
+        taken = dict.fromkeys(states, "a state") | taken
+        taken.update(dict.fromkeys(map(rate_name, states), "the rate of a state"))
         taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
         speeds = [u.func.__name__ for u in self.scene.speeds]
         taken.update(dict.fromkeys(speeds, "a speed"))
@@ -150,6 +158,7 @@ class SymbolReader:
             ("coordinate", coordinates),
             ("speed", speeds),
             ("input", inputs),
+            ("state", states),
         )
         for kind, names in kinds:
             for name in names:
@@ -163,6 +172,8 @@ class SymbolReader:
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
             aliases[str(q)] = name
             aliases[str(sp.Derivative(q, time))] = rate
+        for z, name in zip(self.states, states, strict=True):
+            aliases |= {name: name, str(z): name, str(sp.Derivative(z, time)): rate_name(name)}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
@@ -188,6 +199,7 @@ class SymbolReader:
             self.expressions.timed,
             () if self.expressions.clock is None else tuple(self.expressions.clock.offsets.values()),
             tuple(self._input_symbol(u, requirements) for u in self.inputs),
+            states,
         )
 
     def _input_symbol(self, u: Any, requirements: Sequence[Requirement]) -> InputSymbol:
@@ -201,9 +213,9 @@ class SymbolReader:
         return InputSymbol(name, u in met or rate in met, smoothness, where)
 
     def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Return the declared assumptions of parameters, coordinates, angles and speeds, by name."""
+        """Return the declared assumptions of parameters, coordinates, angles, speeds and states, by name."""
         angles = [angle for item in self.scene.orientations for angle in item.angles]
-        moving = [(q.func.__name__, q) for q in (*self.coordinates, *angles, *self.scene.speeds)]
+        moving = [(q.func.__name__, q) for q in (*self.coordinates, *angles, *self.scene.speeds, *self.states)]
         found: dict[str, tuple[str, ...]] = {}
         for name, symbol in [(name, self.expressions.parameters[name]) for name in parameters] + moving:
             if symbol.is_extended_real is False or symbol.is_finite is False:
@@ -220,9 +232,9 @@ class SymbolReader:
         return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
 
     def _mask(self, kind: str) -> int:
-        names = [q.func.__name__ for q in self.coordinates]
-        return self.graph.mask(names if kind == "coordinates" else [rate_name(name) for name in names])
+        names = [q.func.__name__ for q in (self.states if kind == "states" else self.coordinates)]
+        return self.graph.mask(names if kind != "rates" else [rate_name(name) for name in names])
 
     def _moving(self) -> int:
-        """Return the dependency bits of the inputs that change along a motion: coordinates, rates and time."""
-        return self._mask("coordinates") | self._mask("rates") | self.graph.mask([TIME])
+        """Return the dependency bits of the inputs that change along a motion: coordinates, rates, states, time."""
+        return self._mask("coordinates") | self._mask("rates") | self._mask("states") | self.graph.mask([TIME])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
@@ -46,7 +46,9 @@ class PlainSystem:
     Attributes
     ----------
     t, q, v, p : Symbol, or tuple of Symbol
-        Time, coordinates, rates, parameters and, behind these, inputs with their rates.
+        Time, coordinates, rates, parameters with first-order states and, behind these, inputs with their rates.
+    flow : dict of Symbol to Expr
+        First-order states and their rates.
     mass, bias, given, power, jacobian, gamma, residual, velocity : Matrix
         `power` holds the coefficients of the unknowns X; `residual` and `velocity` vanish with the constraints.
     """
@@ -60,6 +62,7 @@ class PlainSystem:
         holonomic: Sequence[Any],
         coordinates: Sequence[Any],
         time: Any,
+        states: Mapping[Any, Any],
     ) -> None:
         size, names = len(coordinates), [str(q.func) for q in coordinates]
         self.t = sp.Symbol("t")
@@ -68,7 +71,10 @@ class PlainSystem:
         table: dict[Any, Any] = {q.diff(time): v for q, v in zip(coordinates, self.v, strict=True)}
         table |= dict(zip(coordinates, self.q, strict=True)) | {time: self.t}
         self._table = table
+        table |= {z: sp.Symbol(f"z {z.func}") for z in states}
         self._back = {symbol: leaf for leaf, symbol in table.items()}
+        self.flow = {table[z]: self.plain(rate) for z, rate in states.items()}
+        table |= {z.diff(time): self.flow[table[z]] for z in states}
         self.kinetic = T = self.plain(kinetic)
         momenta = [T.diff(v) for v in self.v]
         self.momenta = momenta
@@ -85,6 +91,7 @@ class PlainSystem:
         self.gamma = -self.velocity.applyfunc(self._flow)
         self.residual = sp.Matrix(len(holonomic), 1, [self.plain(e) for e in holonomic])
         everything = [T, *self.given, *self.power, *self.jacobian, *self.velocity, *self.residual]
+        everything += [*self.flow, *self.flow.values()]
         state = {self.t, *self.q, *self.v}
         inputs = sorted({u for e in everything for u in e.atoms(AppliedUndef)}, key=str)
         self._inputs = {
@@ -105,10 +112,14 @@ class PlainSystem:
 
     def _flow(self, expression: Any) -> Any:
         """Return the rate of an expression for zero second rates."""
-        total = expression.diff(self.t)
+        total = self.explicit_rate(expression)
         for q, v in zip(self.q, self.v, strict=True):
             total += expression.diff(q) * v
         return total
+
+    def explicit_rate(self, expression: Any) -> Any:
+        """Return the rate of an expression for fixed coordinates and rates."""
+        return expression.diff(self.t) + sum((expression.diff(z) * e for z, e in self.flow.items()), sp.S.Zero)
 
     def function(self, expressions: Sequence[Any]) -> Any:
         """Return a function of (t, q, v, p) that gives the values of expressions in plain symbols."""
@@ -240,7 +251,7 @@ class States:
         system, flat = self.system, []
         for e in expressions:
             plain = system.plain(e)
-            flat += [plain.diff(x) for x in (system.t, *system.q, *system.v)]
+            flat += [system.explicit_rate(plain), *(plain.diff(x) for x in (*system.q, *system.v))]
         function, n = system.function(flat), len(system.q)
         rows = []
         for s in self.states:

@@ -173,6 +173,10 @@ def _motion(view: LagrangeView) -> Section:
         return Section(title, ((None, str(reason)),))
 
 
+def _states(view: LagrangeView) -> Section:
+    return Section("First-order states", tuple(_closed(view, view.state_equations.items())))
+
+
 def _integrals(view: LagrangeView) -> Section:
     if view.scene.frictions:
         return Section("First integrals", ())
@@ -197,5 +201,6 @@ _SECTIONS: tuple[Callable[[Any], Section], ...] = (
     _friction,
     _reactions,
     _motion,
+    _states,
     _integrals,
 )

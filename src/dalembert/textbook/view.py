@@ -229,6 +229,7 @@ class LagrangeView:
             self._vanishing_expressions[0],
             self.coordinates,
             self.time,
+            {z: self.geometry.put(rate) for z, rate in self.scene.states},
         )
 
     @cached_property
@@ -256,6 +257,13 @@ class LagrangeView:
         self._ideal("the equations of motion")
         second = [q.diff(self.time, 2) for q in self.coordinates]
         return dict(zip(second, self._solution.accelerations(), strict=True))
+
+    @cached_property
+    def state_equations(self) -> dict[Any, Any]:
+        """z_dot -> expression in time, coordinates, rates and states, for the first-order states of the scene."""
+        put, system = self.geometry.put, self.system
+        table = {z.diff(self.time): system.scene(system.plain(put(rate))) for z, rate in self.scene.states}
+        return {rate: readable(e) for rate, e in table.items()}
 
     @cached_property
     def undetermined(self) -> tuple[Any, ...]:

@@ -47,7 +47,7 @@ class Solved(NamedTuple):
     y : Array (n_t, n_y)
         States, in the order of ``layout.state``.
     q, qdot : Array (n_t, n_q)
-        Coordinates and rates, in the order of ``layout.coordinates``.
+        Coordinates and rates, in the order of ``layout.coordinates``. First-order states are the last columns of y.
     outputs : Array (n_t, n_outputs)
         Requested outputs (reactions, for example), in the order of ``layout.outputs``.
     status : Array ()
@@ -172,7 +172,7 @@ class Solve:
         y, status = self._integrate(t, y0, course)
         q, outputs = self._on_rows("expand", t, y, course.rows), self._on_rows("outputs", t, y, course.rows)
         n = len(self._program.layout.coordinates)
-        return Solved(t, y, q[:, :n], q[:, n:], outputs, status)
+        return Solved(t, y, q[:, :n], q[:, n : 2 * n], outputs, status)
 
     def _course(self, t: Any, p: Any) -> _Course:
         """Return the constants along a run."""

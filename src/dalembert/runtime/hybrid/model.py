@@ -225,6 +225,9 @@ class HybridModel(Evaluated):
         given = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
         return self._start(option("t", t), run_input.given_values(self.layout, initial), given)
 
+    def _depends_on_states(self, kernel: str) -> bool:
+        return kernel in ("forcing", "accelerations", "constraint_jacobian")
+
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
         return evaluate(self._modes.decisions, kernel, t, x, p)
 
