@@ -13,7 +13,7 @@ import numpy as np
 from .arrays import FloatArray
 from .errors import OptionError, ValueInputError
 
-__all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "whole"]
+__all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "traced_note", "whole"]
 
 _REAL = "biuf"
 _EXACT = 1 << 53
@@ -21,6 +21,12 @@ _EXACT = 1 << 53
 
 _UNITS = ("magnitude", "to_value")
 """What quantities with units have, of the packages that offer them."""
+
+
+_TRACED = (
+    "is traced by JAX, and a number is wanted here: inside jax.jit, jax.grad and jax.vmap call model.solve_fn(...), "
+    'model.vector_field and the like (backend="jax")'
+)
 
 
 def array_of(value: Any) -> FloatArray:
@@ -35,8 +41,9 @@ def array_of(value: Any) -> FloatArray:
         raise ValueError("has units; give plain numbers, all in one system of units such as SI")
     try:
         given = np.asanyarray(value)
-    except (TypeError, ValueError):
-        raise ValueError("is not an array of numbers") from None
+    except (TypeError, ValueError) as error:
+        traced = type(error).__module__.startswith("jax")
+        raise ValueError(_TRACED if traced else "is not an array of numbers") from None
     # numpy.ma takes long to import, and no plain array is masked
     if type(given) is not np.ndarray and isinstance(given, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(given)):
         raise ValueError("has masked values; give numbers, or NaN")
@@ -49,6 +56,11 @@ def array_of(value: Any) -> FloatArray:
     if kind not in _REAL or not kind:
         raise ValueError("is not a number" if given.ndim == 0 else "is not an array of numbers")
     return np.asarray(given, dtype=float)
+
+
+def traced_note(error: Exception) -> str:
+    """Return what a message about a value says besides where `array_of` refused it because JAX traces it."""
+    return f", which {_TRACED}" if str(error) == _TRACED else ""
 
 
 def flag(name: str, value: Any) -> bool:
@@ -109,8 +121,8 @@ def option(name: str, value: Any) -> float:
     """
     try:
         return number(value)
-    except ValueError:
-        raise OptionError(f"{name} must be a number, not {value!r}") from None
+    except ValueError as error:
+        raise OptionError(f"{name} must be a number, not {value!r}{traced_note(error)}") from None
 
 
 def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:

@@ -2,9 +2,10 @@ import pickle
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import OptionError, UnknownNameError
+from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
 
@@ -219,6 +220,50 @@ def test_single_precision_is_refused_by_solve_and_followed_by_the_vector_field()
             model.solve_fn(initial)(T, initial, parameters)
         assert model.vector_field(0.0, jax.numpy.asarray(y), jax.numpy.asarray(p)).dtype == np.float32
     assert model.vector_field(0.0, y, p).dtype == np.float64
+
+
+@pytest.mark.parametrize("method", ("tsit5", "kvaerno5"))
+def test_what_is_not_finite_is_a_status_in_traced_code(method):
+    parameters, initial, _ = SLEIGH
+    slowness = 1 / dynamicsymbols("x").diff()
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax", outputs=[slowness])
+    y, p = model.state(initial, parameters), model.parameter_vector(parameters)
+    run = jax.jit(model.solve_fn(method=method))
+    given = {
+        Status.SUCCESS: (T, y, p),
+        Status.NON_FINITE: (T, np.where(np.arange(5) == 1, np.nan, y), p),
+        Status.TIMES_IN_NO_ORDER: (np.array([0.0, np.nan, 1.0]), y, p),
+    }
+    for status, arguments in given.items():
+        assert int(run(*arguments).status) == status
+    assert int(run(T, y, np.array([1.0, np.inf, 1.0])).status) == Status.NON_FINITE
+    at_rest = run(T, 0.0 * y, p)
+    assert int(at_rest.status) == Status.NON_FINITE and not np.isfinite(at_rest.outputs).any()
+    np.testing.assert_array_equal(at_rest.y, 0.0)
+
+
+def test_what_jax_traces_is_referred_to_solve_fn():
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh", backend="numpy")
+    calls = (
+        lambda x: model.simulate((0.0, 1.0), initial, {**parameters, "b": x}),
+        lambda x: model.simulate((0.0, 1.0), {**initial, "x": x}, parameters),
+        lambda x: model.simulate((0.0, x), initial, parameters),
+        lambda x: model.simulate((0.0, 1.0), initial, parameters, t_eval=[0.0, x]),
+        lambda x: model.simulate((0.0, 1.0), initial, parameters, rtol=x),
+        lambda x: model.sweep((0.0, x), initial, parameters),
+        lambda x: model.accelerations(0.0, [x, x, x], [x, x, x], parameters),
+    )
+    for call in calls:
+        with pytest.raises((ValueInputError, OptionError), match=r"traced by JAX(.|\n)*model\.solve_fn"):
+            jax.jit(call)(0.5)
+
+
+@pytest.mark.parametrize("sizes", [(4, 3), (5, 2), (6, 3), (5, 4)])
+def test_vector_fields_refuse_other_lengths(sizes):
+    model = compiled("chaplygin_sleigh")
+    with pytest.raises(OptionError, match=r"must have shape \([53],\), for "):
+        jax.jit(model.vector_field)(0.0, np.ones(sizes[0]), np.ones(sizes[1]))
 
 
 def test_faults():

@@ -21,7 +21,7 @@ from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..reduction.starting import Start
 from ..results.grid import Grid
-from ..values import array_of, times_of, whole
+from ..values import array_of, times_of, traced_note, whole
 from . import inputs
 from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 
@@ -225,8 +225,9 @@ def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
     """
     try:
         first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
-    except (TypeError, ValueError):
-        raise ValueInputError(f"t_span must be start and end, numbers or arrays, not {t_span!r}") from None
+    except (TypeError, ValueError) as error:
+        message = f"t_span must be start and end, numbers or arrays, not {t_span!r}{traced_note(error)}"
+        raise ValueInputError(message) from None
     return first, last
 
 

@@ -22,7 +22,7 @@ from ..errors import (
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
 from ..reduction.starting import Start
-from ..values import listed, number
+from ..values import listed, number, traced_note
 from .assembly import nearest
 from .symbol_assumptions import ROUNDING, refuse_contradictions
 
@@ -67,8 +67,9 @@ def span_of(t_span: Sequence[float]) -> tuple[float, float]:
     try:
         t0, t1 = t_span
         t0, t1 = number(t0), number(t1)
-    except (TypeError, ValueError):
-        raise ValueInputError(f"t_span must be two numbers, start and end, not {t_span!r}") from None
+    except (TypeError, ValueError) as error:
+        message = f"t_span must be two numbers, start and end, not {t_span!r}{traced_note(error)}"
+        raise ValueInputError(message) from None
     return t0, t1
 
 

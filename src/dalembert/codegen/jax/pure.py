@@ -16,6 +16,7 @@ from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.solvers import METHODS
 from ...ir.program import Program, representative
+from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
 from ...transforms.nonsmooth import decisions
@@ -51,7 +52,8 @@ class Solved(NamedTuple):
     outputs : Array (n_t, n_outputs)
         Requested outputs (reactions, for example), in the order of ``layout.outputs``.
     status : Array ()
-        How the run ended, a number of `dalembert.methods.status.Status`; 0 is success.
+        How the run ended, a number of `dalembert.methods.status.Status`; 0 is success. What is given and not finite is
+        NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
     """
 
     t: Any
@@ -172,6 +174,10 @@ class Solve:
         y, status = self._integrate(t, y0, course)
         q, outputs = self._on_rows("expand", t, y, course.rows), self._on_rows("outputs", t, y, course.rows)
         n = len(self._program.layout.coordinates)
+        if outputs.size:
+            # Where states were not reached, the status says why outputs are not finite.
+            spoiled = jnp.any(~jnp.isfinite(outputs)) & (status == int(Status.SUCCESS))
+            status = jnp.where(spoiled, int(Status.NON_FINITE), status)
         return Solved(t, y, q[:, :n], q[:, n : 2 * n], outputs, status)
 
     def _course(self, t: Any, p: Any) -> _Course:

@@ -69,6 +69,8 @@ def implicit_motion(
     results = diffrax.RESULTS
     status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)
     status = jnp.where(solution.result == results.successful, int(Status.SUCCESS), status)
+    numbers = jnp.all(jnp.isfinite(still(y0))) & jnp.all(jnp.isfinite(still(c)))
+    status = jnp.where(numbers, status, int(Status.NON_FINITE))
     status = jnp.where(ordered, status, int(Status.TIMES_IN_NO_ORDER))
     known = ordered & jnp.all(jnp.isfinite(y), axis=1)
     if ends:
