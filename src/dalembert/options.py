@@ -289,9 +289,9 @@ class TrimOptions:
     Attributes
     ----------
     free : iterable of names or None
-        Values that may change; None takes all coordinates.
+        Values that may change; None takes all coordinates and first-order states.
     steady : iterable of names or None
-        Coordinates and rates that must not change in time; None takes rates.
+        Coordinates, rates and states that must not change in time; None takes rates and states.
     t : float
         Time [s].
     tolerance : float

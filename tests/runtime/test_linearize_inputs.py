@@ -433,3 +433,33 @@ def test_the_mode_at_hand_by_inputs():
     np.testing.assert_allclose(sliding.drift, [1.0, 0.5 - 0.3 * 9.81], rtol=1e-13)
     sticking = model.linearize(0.0, {**start, "x_dot": 0.0}, p, inputs={"u": 1.0})
     assert not np.any(sticking.A) and not np.any(sticking.B)
+
+
+def test_states_are_trimmed_and_linearised_too():
+    """A motor with current i holds a mass on a spring against gravity, driven by a voltage u."""
+    x, i = dynamicsymbols("x i")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("motor", frame=N, origin=O, coordinates=[x])
+    P = O.locatenew("P", x * N.z)
+    scene.add_bodies(Particle("mass", P, m))
+    scene.add_inputs(u)
+    scene.add_states({i: (u - r * i - k * x.diff()) / l})
+    scene.add_loads((P, (k * i - c * x) * N.z))
+    scene.apply_uniform_gravity(-g * N.z)
+    model = da.compile_model(scene, backend="numpy")
+    p = {"m": 2.0, "r": 1.5, "k": 0.8, "l": 0.1, "c": 30.0, "g": 9.81}
+    rest = {"x": 0.0, "x_dot": 0.0, "i": 0.0}
+    held = model.trim(rest, p, inputs={"u": 0.0}, free=["u", "i"])
+    assert held.converged
+    assert (held["i"], held["u"]) == pytest.approx((2 * 9.81 / 0.8, 1.5 * 2 * 9.81 / 0.8), rel=1e-13)
+    hanging = model.trim(rest, p, inputs={"u": 3.0})
+    assert (hanging["i"], hanging["x"]) == pytest.approx((2.0, (1.6 - 2 * 9.81) / 30), rel=1e-13)
+    assert hanging.derivatives["i"] == pytest.approx(0.0, abs=1e-12)
+    found = model.linearize(0.0, held.initial, p, inputs=held.inputs, outputs=["i", x])
+    np.testing.assert_allclose(found.A, [[0, 1, 0], [-15, 0, 0.4], [0, -8, -15]], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(found.B, [[0], [0], [10]], rtol=1e-13)
+    np.testing.assert_array_equal(found.C, [[0, 0, 1], [1, 0, 0]])
+    with pytest.raises(InitialStateError, match="missing for the first-order states i"):
+        model.trim({"x": 0.0, "x_dot": 0.0}, p, inputs={"u": 0.0})
+    with pytest.raises(OptionError, match="2 conditions are to be met by 1 free values"):
+        model.trim(rest, p, inputs={"u": 3.0}, free=["x"])

@@ -31,14 +31,14 @@ class OperatingPoint:
     free : tuple of str
         Names of the values that were changed.
     initial : dict of str to float
-        Coordinates and rates.
+        Coordinates, rates and first-order states.
     parameters, inputs : dict of str to float
         Parameters and inputs.
     residual : dict of str to float
         What is left of each condition, by its name.
     derivatives : dict of str to float
-        Time derivatives of coordinates (their rates) and of rates (accelerations), by the name of the coordinate or
-        rate.
+        Time derivatives of coordinates (their rates), of rates (accelerations) and of first-order states, by the name
+        of what changes.
     undetermined : tuple of str
         Free values that the conditions do not determine, alone or together; each Newton step changed them as
         little as possible.
@@ -60,7 +60,7 @@ class OperatingPoint:
     aliases: Mapping[str, str]
 
     def __getitem__(self, key: Any) -> float:
-        """Return a coordinate, rate, parameter or input, by name or symbol.
+        """Return a coordinate, rate, state, parameter or input, by name or symbol.
 
         Raises
         ------

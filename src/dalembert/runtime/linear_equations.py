@@ -45,19 +45,27 @@ class Derivatives:
 @final
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A program at time t, state y (n_y,) and constants c (n_c,)."""
+    """A program at time t, state y (n_y,) and constants c (n_c,).
+
+    Derivatives by parameters are zeros where `parameters` is False, which saves their time.
+    """
 
     program: Program
     partials: Partials
     t: float
     y: FloatArray
     c: FloatArray
+    parameters: bool = True
 
     def derivatives(self, kernel: str, state: FloatArray) -> Derivatives:
         """Return the outputs of a kernel at a state (n,), with their derivatives."""
         where = kernel, self.t, state, self.c
-        partials = self.partials
-        return Derivatives(partials.value(*where), partials.by_state(*where), partials.by_parameters(*where))
+        value = self.partials.value(*where)
+        if self.parameters:
+            by_parameters = self.partials.by_parameters(*where)
+        else:
+            by_parameters = np.zeros((len(value), len(self.program.layout.parameters)))
+        return Derivatives(value, self.partials.by_state(*where), by_parameters)
 
 
 @final
@@ -115,11 +123,12 @@ class LinearEquations:
         return self.point.derivatives(kernel, self.point.y).through(self._of_state())
 
 
-def scene_equations(point: Point) -> LinearEquations:
-    """Return the equations in coordinates, rates and first-order states."""
+def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquations:
+    """Return the equations in coordinates, rates and first-order states x (n,), by default those of the state."""
     layout = point.program.layout
     n = len(layout.coordinates)
-    x = point.partials.value("expand", point.t, point.y, point.c)
+    if x is None:
+        x = point.partials.value("expand", point.t, point.y, point.c)
     further = len(x) - 2 * n
     names = layout.variables
     second = point.derivatives("accelerations", x)

@@ -570,18 +570,19 @@ class CompiledModel(Evaluated):
         Parameters
         ----------
         guess : mapping of symbols or names to numbers
-            Every coordinate, and the rates: 0 for an equilibrium. Rates that the constraints fix may be left out.
+            Every coordinate and first-order state, and the rates: 0 for an equilibrium. Rates that the constraints fix
+            may be left out.
         parameters : mapping of symbols or names to numbers
             Every parameter of the scene.
         inputs : mapping of symbols or names to numbers, optional
             Every input of the scene; it stays constant.
         free : iterable of symbols or names, optional
-            Coordinates, rates, parameters and inputs that may change; their values above are where Newton's method
-            starts. By default all coordinates.
+            Coordinates, rates, states, parameters and inputs that may change; their values above are where Newton's
+            method starts. By default all coordinates and states.
         steady : iterable of symbols or names, optional
-            Coordinates and rates that must not change in time: ``x.diff()`` stands for a vanishing acceleration,
-            ``x`` for a vanishing rate. By default all rates, and in scenes with velocity constraints those that
-            `guess` gives: in a steady turn the others go on changing.
+            Coordinates, rates and states that must not change in time: ``x.diff()`` stands for a vanishing
+            acceleration, ``x`` for a vanishing rate. By default all rates and states, and in scenes with velocity
+            constraints those rates that `guess` gives: in a steady turn the others go on changing.
         t : float
             Time [s], where the scene depends on it. The conditions hold at this time.
         tolerance : float

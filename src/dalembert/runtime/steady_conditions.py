@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..ir.program import Program
 from .inputs import prepare_rows
+from .linear_equations import LinearEquations, Point, scene_equations
 from .partials import Partials
 from .segments import at_time
 
@@ -23,7 +24,7 @@ _RANK = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class SteadyConditions:
-    """Constraints hold, and chosen coordinates and rates do not change in time.
+    """Constraints hold, and chosen coordinates, rates and first-order states do not change in time.
 
     Attributes
     ----------
@@ -32,8 +33,8 @@ class SteadyConditions:
         Of the program.
     t : float
         Time [s].
-    x : ndarray (2 n_q,)
-        Coordinates and rates, of which some are free.
+    x : ndarray (n,)
+        Coordinates, rates and first-order states, of which some are free.
     p : ndarray (n_p,)
         Parameters, of which some are free.
     free_x, free_p : tuple of int
@@ -57,7 +58,7 @@ class SteadyConditions:
         return np.concatenate([self.x[list(self.free_x)], self.p[list(self.free_p)]])
 
     def values(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return coordinates and rates (2 n_q,) and parameters (n_p,) for free values z (n,)."""
+        """Return coordinates, rates and states (n,) and parameters (n_p,) for free values z (n,)."""
         x, p = self.x.copy(), self.p.copy()
         x[list(self.free_x)], p[list(self.free_p)] = z[: len(self.free_x)], z[len(self.free_x) :]
         return x, p
@@ -70,7 +71,7 @@ class SteadyConditions:
     def labels(self) -> tuple[str, ...]:
         """Names of the conditions, in the order of their residuals."""
         layout = self.program.layout
-        names = (*layout.coordinates, *layout.rates)
+        names = layout.variables
         return (
             *layout.constraints[: layout.holonomic],
             *(f"rate of {label}" for label in layout.constraints[: layout.holonomic]),
@@ -80,61 +81,56 @@ class SteadyConditions:
 
     @property
     def groups(self) -> NDArray[np.intp]:
-        """Numbers (m,) of the kinds of conditions: positions, velocities, steady coordinates, steady rates."""
+        """Numbers (m,) of the kinds of conditions: positions, velocities, steady coordinates, rates and states."""
         layout, n = self.program.layout, len(self.program.layout.coordinates)
         kinds = [0] * layout.holonomic + [1] * len(layout.constraints)
-        return np.array([*kinds, *(2 if i < n else 3 for i in self.steady)], dtype=np.intp)
+        return np.array([*kinds, *(2 + min(i // n, 2) for i in self.steady)], dtype=np.intp)
+
+    def _linear(self, z: FloatArray, parameters: bool) -> tuple[LinearEquations, FloatArray]:
+        """Return rates and constraints at free values z (n,), and the parameters (n_p,)."""
+        x, p = self.values(z)
+        c = self.constants(p)
+        y = self.partials.value("initial", self.t, x, c)
+        return scene_equations(Point(self.program, self.partials, self.t, y, c, parameters), x), p
 
     def equations(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the residuals (m,) of all conditions at free values z (n,), and their derivatives (m, n)."""
-        x, p = self.values(z)
-        c = self.constants(p)
-        n = len(x) // 2
-        steady = list(self.steady)
-        r, by_x, by_p = [], [], []
-        for kernel in ("position_residual", "velocity_residual"):
-            r.append(self.partials.value(kernel, self.t, x, c))
-            by_x.append(self.partials.by_state(kernel, self.t, x, c)[:, list(self.free_x)])
-            by_p.append(self._by_parameters(kernel, x, c))
-        changes = np.concatenate([x[n:], self.partials.value("accelerations", self.t, x, c)])
-        slope = np.vstack([np.eye(2 * n)[n:], self.partials.by_state("accelerations", self.t, x, c)])
-        by_given = np.vstack([np.zeros((n, len(self.free_p))), self._by_parameters("accelerations", x, c)])
-        r.append(changes[steady])
-        by_x.append(slope[np.ix_(steady, self.free_x)])
-        by_p.append(by_given[steady])
-        return np.concatenate(r), np.hstack([np.vstack(by_x), np.vstack(by_p)])
+        linear, _ = self._linear(z, bool(self.free_p))
+        parts = linear.constraints, linear.rates.rows(self.steady)
+        by_x = np.vstack([part.by_state[:, list(self.free_x)] for part in parts])
+        by_p = np.vstack([part.by_parameters[:, list(self.free_p)] for part in parts])
+        return np.concatenate([part.value for part in parts]), np.hstack([by_x, by_p])
 
     def terms(self, z: FloatArray) -> FloatArray:
         """Return the sizes (m,) of the terms that residuals are the sum of, to first order.
 
-        They are what the residuals change by when every coordinate, rate and parameter changes by its own size.
+        They are what the residuals change by when everything they depend on changes by its own size.
         """
-        x, p = self.values(z)
-        c, n = self.constants(p), len(x) // 2
-        sizes = [
-            np.abs(self.partials.by_state(kernel, self.t, x, c)) @ np.abs(x)
-            + np.abs(self.partials.by_parameters(kernel, self.t, x, c)) @ np.abs(p)
-            for kernel in ("position_residual", "velocity_residual", "accelerations")
-        ]
-        moving = np.concatenate([np.abs(x[n:]), sizes[2]])
-        return np.concatenate([sizes[0], sizes[1], moving[list(self.steady)]])
+        linear, p = self._linear(z, True)
+        x, sizes = np.abs(linear.state), []
+        for part in (linear.constraints, linear.rates.rows(self.steady)):
+            sizes.append(np.abs(part.by_state) @ x + np.abs(part.by_parameters) @ np.abs(p))
+        return np.concatenate(sizes)
 
-    def _by_parameters(self, kernel: str, x: FloatArray, c: FloatArray) -> FloatArray:
-        if not self.free_p:
-            return np.zeros((len(self.partials.value(kernel, self.t, x, c)), 0))
-        return self.partials.by_parameters(kernel, self.t, x, c)[:, list(self.free_p)]
+    def changes(self, x: FloatArray, c: FloatArray) -> FloatArray:
+        """Return the time derivatives (n,) of coordinates, rates and states x (n,)."""
+        y = self.partials.value("initial", self.t, x, c)
+        n, further = len(self.program.layout.coordinates), len(self.program.layout.states)
+        second = self.partials.value("accelerations", self.t, x, c)
+        rates = self.partials.value("rhs", self.t, y, c) if further else np.zeros(0)
+        return np.concatenate([x[n : 2 * n], second, rates[len(rates) - further :]])
 
     def jacobian(self, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the Jacobian of the velocity constraints (n_c, n_q)."""
-        n = len(x) // 2
+        n = len(self.program.layout.coordinates)
         return self.partials.value("constraint_jacobian", self.t, x, c).reshape(-1, n)
 
     def accelerations_left(self, x: FloatArray, c: FloatArray, steady: Sequence[int]) -> tuple[int, int]:
         """Return how many independent accelerations there are, and how many of them `steady` determines."""
-        n = len(x) // 2
+        n = len(self.program.layout.coordinates)
         j = self.jacobian(x, c)
         lengths = np.linalg.norm(j, axis=1, keepdims=True)
         _, s, vt = np.linalg.svd(j / np.where(lengths > 0.0, lengths, 1.0))
         directions = vt[np.count_nonzero(s > _RANK) :]
-        rows = directions[:, [i - n for i in steady if i >= n]]
+        rows = directions[:, [i - n for i in steady if n <= i < 2 * n]]
         return len(directions), int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0

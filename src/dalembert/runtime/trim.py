@@ -40,11 +40,6 @@ def trim(
     model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
-    if model.layout.states:
-        raise OptionError(
-            f"trim does not find first-order states ({list_names(model.layout.states)}): simulate until the motion is"
-            " steady, or take the scene without them, with what they are then as parameters"
-        )
     values = run_input.given_values(model.layout, guess, plain=True)
     p = held_at(model.layout, model.parameter_vector(parameters), options.t)
     free = _free_names(model, options.free)
@@ -79,13 +74,13 @@ def _free_names(model: CompiledModel, given: Iterable[Any] | None) -> list[str]:
     """Return the names of what may change."""
     layout = model.layout
     if given is None:
-        return list(layout.coordinates)
-    known = (*layout.coordinates, *layout.rates, *layout.given, *layout.inputs)
+        return [*layout.coordinates, *layout.states]
+    known = (*layout.variables, *layout.given, *layout.inputs)
     free = list(dict.fromkeys(run_input.resolve_names("free value", given, known, layout.aliases)))
     if not free:
         raise OptionError(
-            "free names nothing that may change: name coordinates, rates, parameters or inputs, or leave it out for"
-            f" all coordinates. Known: {list_names(known)}"
+            "free names nothing that may change: name coordinates, rates, states, parameters or inputs, or leave it"
+            f" out for all coordinates and states. Known: {list_names(known)}"
         )
     return free
 
@@ -100,6 +95,12 @@ def _regular(
 ) -> tuple[CompiledModel, dict[str, float]]:
     """Return the model without constraints that follow from others, and the guess moved onto the constraints."""
     layout, program = model.layout, model.stages.program
+    lacking = [name for name in layout.states if name not in values]
+    if lacking:
+        raise InitialStateError(
+            f"values are missing for the first-order states {list_names(lacking)}: give them in the guess, roughly"
+            " where they are free"
+        )
     c = run_input.constants(program, p)
     try:
         values = values | assembled(program, c, t, values, [name for name in values if name not in free])
@@ -107,7 +108,7 @@ def _regular(
         if any(name not in values for name in layout.coordinates):
             raise
     q = np.array([values[name] for name in layout.coordinates])
-    x = np.concatenate([q, [values.get(name, 0.0) for name in layout.rates]])
+    x = np.concatenate([q, [values.get(name, 0.0) for name in (*layout.rates, *layout.states)]])
     if follow:
         _refuse_undetermined(model, t, x, c, follow)
     enforced = model.derived.enforced
@@ -155,17 +156,17 @@ def _conditions(
     follow: tuple[str, ...],
 ) -> tuple[SteadyConditions, _Chosen]:
     layout = model.layout
-    names = (*layout.coordinates, *layout.rates)
+    names = layout.variables
     given = _given_places(layout)
     nonholonomic = len(layout.constraints) > layout.holonomic
     if options.steady is None:
-        steady = [name for name in layout.rates if not (nonholonomic and name in follow)]
+        steady = [name for name in layout.rates if not (nonholonomic and name in follow)] + [*layout.states]
     else:
         steady = run_input.resolve_names("steady value", options.steady, names, layout.aliases)
         if not steady:
             raise OptionError(
-                "steady names nothing that must not change in time: name coordinates and rates, or leave it out for"
-                f" all rates. Known: {list_names(names)}"
+                "steady names nothing that must not change in time: name coordinates, rates and states, or leave it out"
+                f" for all rates and states. Known: {list_names(names)}"
             )
     changing = {*free, *follow}
     conditions = SteadyConditions(
@@ -202,11 +203,9 @@ class _Report:
         """
         layout, root = self.model.layout, self.root
         x, p = self.conditions.values(root.unknowns)
-        names = (*layout.coordinates, *layout.rates)
-        n = len(layout.coordinates)
+        names = layout.variables
         c = self.conditions.constants(p)
-        second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
-        changes = np.concatenate([x[n:], second])
+        changes = self.conditions.changes(x, c)
         initial = dict(zip(names, x.tolist(), strict=True))
         given = {name: float(p[i]) for name, i in _given_places(layout).items()}
         fault = self._fault(x, c, initial, given)
@@ -244,7 +243,7 @@ class _Report:
 
     def _unknowns(self) -> list[str]:
         layout = self.model.layout
-        names = (*layout.coordinates, *layout.rates)
+        names = layout.variables
         places = self.conditions
         given = {i: name for name, i in _given_places(layout).items()}
         return [names[i] for i in places.free_x] + [given[i] for i in places.free_p]
@@ -307,7 +306,7 @@ class _Report:
         unmet = ~(self.share <= 1.0)
         rows = np.abs(root.jacobian) @ np.maximum(1.0, np.abs(root.unknowns)) / root.scale
         tells = (rows > _RANK) | unmet
-        count = int(np.count_nonzero(tells & (groups == 2)))
+        count = int(np.count_nonzero(tells & ((groups == 2) | (groups == 4))))
         for group in (0, 1):
             own = root.jacobian[groups == group] / root.scale[groups == group, np.newaxis]
             rank = int(np.linalg.matrix_rank(own, tol=_RANK)) if own.size else 0
