@@ -18,7 +18,7 @@ NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/run
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo docs test test-all test-targets lint bench bench-quick fuzz corpus clean
+.PHONY: help demo docs test test-all test-targets test-browser lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
@@ -26,6 +26,7 @@ help:
 	@echo "make test         ruff, mypy and the tests"
 	@echo "make test-all     make test, and every ready scene in every formulation by every method on the numba backend"
 	@echo "make test-targets the numerical tests for every instruction set that the processor has"
+	@echo "make test-browser pages of animations in a headless Chromium (a part of make test where one is installed)"
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
@@ -61,6 +62,9 @@ test: lint
 test-all: test
 	@echo "==> pytest: the whole matrix of scenes"
 	@$(BIN)/python -m pytest -q -n 2 --dist=load -m matrix
+
+test-browser: $(VENV)/.installed-dev
+	@$(BIN)/python -m pytest -q -n 0 tests/browser
 
 test-targets: $(VENV)/.installed-dev
 	@for target in $$($(BIN)/python tests/targets.py all); do \

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
 from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, unknowns
+from .scene.shapes import Box, Cylinder, Disk, Ground, Path, Rod, Sphere, Spring
 from .version import __version__
 
 if TYPE_CHECKING:
@@ -16,12 +17,20 @@ if TYPE_CHECKING:
     from .textbook import LagrangeView, Screw, lagrange
 
 __all__ = [
+    "Box",
     "CoulombFriction",
+    "Cylinder",
+    "Disk",
     "Event",
+    "Ground",
     "Joint",
     "LagrangeView",
+    "Path",
+    "Rod",
     "Scene",
     "Screw",
+    "Sphere",
+    "Spring",
     "UnilateralContact",
     "__version__",
     "compile_model",

@@ -52,7 +52,20 @@ def test_a_plane_motion_is_drawn_in_its_plane(sleigh, tmp_path):
 
 
 def test_a_notebook_shows_it(sleigh):
+    assert "Plotly.newPlot" in sleigh.animate(fps=1)._repr_html_()
+
+
+def test_a_notebook_without_plotly_shows_pictures(sleigh, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    monkeypatch.delitem(sys.modules, "dalembert.results.html_animation", raising=False)
     assert "<img" in sleigh.animate(fps=1)._repr_html_()
+
+
+def test_a_page_without_plotly_is_refused_by_name(sleigh, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    monkeypatch.delitem(sys.modules, "dalembert.results.html_animation", raising=False)
+    with pytest.raises(MissingExtraError, match="plotly is needed"):
+        sleigh.animate(fps=1).save(tmp_path / "sleigh.html")
 
 
 def test_a_motion_in_space():

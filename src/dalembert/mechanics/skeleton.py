@@ -97,6 +97,9 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
             if parent not in wanted:
                 wanted.append(parent)
             links.append((wanted.index(parent), wanted.index(number)))
+    for action in model.actions:
+        if action.at is not None and action.other is not None:  # the joint closes the loop to its other body
+            links.append((wanted.index(model.bodies[action.other].centre), wanted.index(action.at)))
     framed = tuple(i for i, body in enumerate(model.bodies) if body.inertia is not None)
     nodes = [x for number in wanted for x in kinematics.between(0, number, 0)]
     graph = model.graph
@@ -109,7 +112,16 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(parameters)}
     kernel = lower_kernel(graph, "skeleton", nodes, inputs, arguments=("t", "y", "c"))
     called, bodies = tuple(known[number] for number in wanted), tuple(body.name for body in model.bodies)
-    return Skeleton(called, bodies, framed, tuple(dict.fromkeys(links)), kernel)
+    return Skeleton(called, bodies, framed, tuple(_distinct(links)), kernel)
+
+
+def _distinct(links: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return links without those of a point to itself, and each pair once."""
+    seen: dict[tuple[int, ...], tuple[int, int]] = {}
+    for link in links:
+        if link[0] != link[1]:
+            seen.setdefault(tuple(sorted(link)), link)
+    return list(seen.values())
 
 
 def _ends(model: SceneModel, names: Sequence[str]) -> set[int]:

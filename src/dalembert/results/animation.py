@@ -3,49 +3,63 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from matplotlib.animation import FuncAnimation, writers
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError
+from ..integrators.segments import Constants, constants_at
+from ..mechanics.skeleton import skeleton
+from .drawing import Drawing, Line, Surface, drawing_of, shape_points
 
 if TYPE_CHECKING:
-    from ..mechanics.skeleton import Skeleton
+    from ..scene import Scene
     from .motion import Motion
 
 __all__ = ["Animation", "animate"]
 
 _MOST_FRAMES = 5_000
-_FLAT = 1e-9
 _WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}
-_AXIS_COLORS = ("tab:red", "tab:green", "tab:blue")
+_PAGES = (".html", ".htm")
 
 
 @final
 class Animation(FuncAnimation):
-    """matplotlib's animation, which a notebook shows with buttons; ``save("motion.gif")`` writes it."""
+    """matplotlib's animation; ``save("motion.html")``, ``.gif`` or ``.mp4`` writes it, a notebook shows it.
+
+    Attributes
+    ----------
+    drawing : Drawing
+        What is shown.
+    """
+
+    def __init__(self, figure: Figure, update: _Update, drawing: Drawing, fps: float) -> None:
+        self.drawing, self._figure, self._update, self._fps = drawing, figure, update, fps
+        super().__init__(figure, update, frames=len(drawing.t), interval=1e3 / fps, blit=False)
 
     def save(self, filename: Any, writer: Any = None, *settings: Any, **options: Any) -> None:
-        """Write the animation to a file: ``.gif`` and ``.html`` by matplotlib alone, ``.mp4`` with ffmpeg.
+        """Write the animation to a file: a page ``.html``, ``.gif``, or ``.mp4`` with ffmpeg.
+
+        A page holds everything that it needs. It has controls to play, to choose a time and, in space, to turn.
 
         Parameters
         ----------
         filename : str or path
         writer : str or matplotlib.animation.AbstractMovieWriter, optional
-            By default, "pillow" for a gif, "html" for a page, "ffmpeg" for a film.
+            A writer of matplotlib; by default, plotly for a page, Pillow for a gif, "ffmpeg" for a film.
 
         Raises
         ------
         OptionError
             For another ending without a writer.
         MissingExtraError
-            When the program that writes the file is not installed.
+            When the package or program that writes the file is not installed.
         """
         ending = Path(str(filename)).suffix.lower()
         if writer is None and ending not in _WRITERS:
@@ -53,6 +67,15 @@ class Animation(FuncAnimation):
                 f"animations are written to files that end with {', '.join(_WRITERS)}, not to {str(filename)!r}; give"
                 " one of these, or writer="
             )
+        if writer is None and ending in _PAGES and not settings and not options:
+            from .html_animation import page
+
+            self._draw_was_started = True  # otherwise matplotlib warns that nothing was drawn
+            Path(filename).write_text(page(self.drawing, self._fps), encoding="utf-8")
+            return
+        if writer is None and ending == ".gif" and not settings and options.keys() <= {"dpi"}:
+            self._save_gif(filename, **options)
+            return
         chosen = _WRITERS[ending] if writer is None else writer
         if isinstance(chosen, str) and not writers.is_available(chosen):
             raise MissingExtraError(
@@ -61,36 +84,75 @@ class Animation(FuncAnimation):
             )
         super().save(filename, chosen, *settings, **options)
 
+    def _save_gif(self, filename: Any, dpi: float = 100.0) -> None:
+        """Write a gif: what does not move is drawn once."""
+        from PIL import Image
+
+        first, *others = (
+            Image.fromarray(picture).quantize(128, method=Image.Quantize.FASTOCTREE) for picture in self._pictures(dpi)
+        )
+        self._draw_was_started = True
+        first.save(filename, save_all=True, append_images=others, duration=max(20, round(1e3 / self._fps)), loop=0)
+
+    def _pictures(self, dpi: float) -> Iterator[Any]:
+        """Yield pictures (height, width, 3) of bytes."""
+        figure, update = self._figure, self._update
+        figure.set_dpi(dpi)
+        canvas: Any = figure.canvas
+        for artist in update.artists:
+            artist.set_animated(True)
+        canvas.draw()
+        background = canvas.copy_from_bbox(figure.bbox)
+        for k in range(len(self.drawing.t)):
+            update(k)
+            canvas.restore_region(background)
+            for artist in update.artists:
+                if hasattr(artist, "do_3d_projection"):
+                    artist.do_3d_projection()
+                update.panel.draw_artist(artist)
+            yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        for artist in update.artists:
+            artist.set_animated(False)
+
     def _repr_html_(self) -> str:
-        html: str = self.to_jshtml()
-        return html
+        try:
+            from .html_animation import page
+        except MissingExtraError:
+            html: str = self.to_jshtml()
+            return html
+        self._draw_was_started = True
+        return page(self.drawing, self._fps, whole=False)
 
 
-def animate(motion: Motion, drawn: Skeleton, constants: FloatArray, fps: float, speed: float) -> Animation:
+def animate(
+    motion: Motion,
+    scene: Scene,
+    constants: Constants,
+    points: Sequence[Any],
+    fps: float,
+    speed: float,
+    reactions: bool,
+) -> Animation:
     """Return the animation of a motion; see `dalembert.results.motion.Motion.animate`."""
     for name, value in (("fps", fps), ("speed", speed)):
         if not 1e-9 < value < 1e9:
             raise OptionError(f"{name} must be a positive number of moderate size, not {value!r}")
+    layout = motion._layout
+    drawn = skeleton(scene, layout.parameters, [*points, *shape_points(scene)])
     frames = _frames(motion, fps, speed)
-    positions, axes = drawn.at(frames.elapsed, frames.q, constants)
-    kept = _plane(positions)
+    c = constants_at(constants, frames.elapsed)
+    first = c if c.ndim == 1 else c[0]
+    values = dict(zip(layout.parameters, first.tolist(), strict=False))
+    values |= {symbol: values[name] for symbol, name in layout.aliases.items() if name in values}
+    drawing = drawing_of(frames, scene, drawn, c, values, reactions)
     figure = Figure(figsize=(6.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
-    panel = figure.add_subplot(projection="3d") if len(kept) == 3 else figure.add_subplot()
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
-    reach = 0.12 * float(np.max(high - low)) or 0.1
-    _frame_panel(panel, kept, low - reach, high + reach)
-    step = _draw(panel, drawn, positions[..., kept], axes[..., kept], 0.6 * reach)
-    panel.set_title("t = 0 s")
+    panel = figure.add_subplot(projection="3d") if len(drawing.plane) == 3 else figure.add_subplot()
+    _frame_panel(panel, drawing)
+    update = _Update(panel, drawing)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the place of everything is found once, and not for each picture
-    return Animation(
-        figure,
-        lambda k: (*step(k), panel.set_title(f"t = {frames.t[k]:.2f} s")),
-        frames=len(frames.t),
-        interval=1e3 / fps,
-        blit=False,
-    )
+    return Animation(figure, update, drawing, fps)
 
 
 def _frames(motion: Motion, fps: float, speed: float) -> Motion:
@@ -112,59 +174,71 @@ def _frames(motion: Motion, fps: float, speed: float) -> Motion:
     return motion.rows(nearest)
 
 
-def _plane(positions: FloatArray) -> list[int]:
-    """Return the axes along which anything is apart: two of them for a motion in a plane, else three."""
-    extent = np.ptp(positions.reshape(-1, 3), axis=0)
-    flat = [i for i in (2, 1, 0) if extent[i] <= _FLAT * max(float(extent.max()), _FLAT)]
-    return [i for i in range(3) if i != flat[0]] if flat else [0, 1, 2]
-
-
-def _frame_panel(panel: Any, kept: list[int], low: FloatArray, high: FloatArray) -> None:
-    for place, axis in zip("xyz", kept, strict=False):
-        getattr(panel, f"set_{place}lim")(low[axis], high[axis])
+def _frame_panel(panel: Any, drawing: Drawing) -> None:
+    for place, axis in zip("xyz", drawing.plane, strict=False):
+        getattr(panel, f"set_{place}lim")(drawing.low[axis], drawing.high[axis])
         getattr(panel, f"set_{place}label")(f"{'xyz'[axis]} [m]")
-    if len(kept) == 3:
-        panel.set_box_aspect(high - low)
+    if len(drawing.plane) == 3:
+        panel.set_box_aspect(drawing.high - drawing.low)
     else:
         panel.set_aspect("equal")
         panel.grid(alpha=0.3)
 
 
-def _draw(
-    panel: Any, drawn: Skeleton, positions: FloatArray, axes: FloatArray, size: float
-) -> Callable[[int], list[Any]]:
-    """Draw everything once and return what moves it to picture k: paths, links, points, axes."""
-    count = len(drawn.bodies)
-    colors = [f"C{i % 10}" for i in range(count)]
-    paths = [_line(panel, color=color, linewidth=1.0, alpha=0.6) for color in colors]
-    links = [_line(panel, color="0.35", linewidth=2.0) for _ in drawn.links]
-    centres = [_line(panel, color=c, marker="o", label=b) for c, b in zip(colors, drawn.bodies, strict=True)]
-    others = _line(panel, color="0.35", marker=".", linestyle="none")
-    arms = [[_line(panel, color=color, linewidth=1.2) for color in _AXIS_COLORS] for _ in drawn.framed]
-    panel.legend(loc="upper right", fontsize="small")
+class _Update:
+    """Draws everything once, and moves it to picture k when called."""
 
-    def step(k: int) -> list[Any]:
-        for i, path in enumerate(paths):
-            _set(path, positions[: k + 1, i])
-            _set(centres[i], positions[k, i : i + 1])
-        for link, ends in zip(links, drawn.links, strict=True):
-            _set(link, positions[k, list(ends)])
-        _set(others, positions[k, count:])
-        for three, body, frame in zip(arms, drawn.framed, axes[k], strict=True):
-            for arm, axis in zip(three, frame, strict=True):
-                _set(arm, positions[k, body] + np.outer((0.0, size), axis))
-        return [*paths, *links, *centres, others, *(arm for three in arms for arm in three)]
+    def __init__(self, panel: Any, drawing: Drawing) -> None:
+        self.panel, self.drawing = panel, drawing
+        self._plane = list(drawing.plane)
+        self._movers: list[Callable[[int], None]] = []
+        self.artists: list[Any] = []
+        for surface in drawing.surfaces:
+            self._add_surface(surface)
+        for line in drawing.lines:
+            self._add_line(line)
+        if any(line.name for line in drawing.lines):
+            panel.legend(loc="upper right", fontsize="small")
+        self._title = panel.set_title("t = 0 s")
+        self.artists.append(self._title)
 
-    return step
+    def __call__(self, k: int) -> list[Any]:
+        for move in self._movers:
+            move(k)
+        self._title.set_text(f"t = {self.drawing.t[k]:.2f} s")
+        return self.artists
 
+    def _add_line(self, line: Line) -> None:
+        style: dict[str, Any] = {"color": line.color, "label": line.name or None}
+        if line.width > 0.0:
+            style |= {"linewidth": line.width, "alpha": 0.6 if line.is_path else 1.0}
+        else:
+            style |= {"marker": "o" if line.name else ".", "linestyle": "none"}
+        artist = self.panel.plot(*([] for _ in self._plane), **style)[0]
+        points = line.points[..., self._plane]
 
-def _line(panel: Any, **style: Any) -> Any:
-    return panel.plot(*([] for _ in range(3 if hasattr(panel, "get_zlim") else 2)), **style)[0]
+        def move(k: int) -> None:
+            now = points[: k + 1] if line.is_path else points[k]
+            if len(self._plane) == 3:
+                artist.set_data_3d(*now.T)
+            else:
+                artist.set_data(*now.T)
 
+        self._movers.append(move)
+        self.artists.append(artist)
 
-def _set(line: Any, points: FloatArray) -> None:
-    """Give a line its points (k, 2) or (k, 3)."""
-    if points.shape[-1] == 3:
-        line.set_data_3d(*points.T)
-    else:
-        line.set_data(*points.T)
+    def _add_surface(self, surface: Surface) -> None:
+        triangles = surface.vertices[..., self._plane][:, surface.faces]  # (n_t, m, 3, 2 or 3)
+        style: dict[str, Any] = {"facecolor": surface.color, "edgecolor": "none", "alpha": 0.5 * surface.opacity}
+        if len(self._plane) == 3:
+            from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+            artist = Poly3DCollection(triangles[0], **style)
+            self.panel.add_collection3d(artist)
+        else:
+            artist = PolyCollection(triangles[0], **style)
+            self.panel.add_collection(artist)
+        if surface.at_rest:
+            return
+        self._movers.append(lambda k: artist.set_verts(triangles[k]))
+        self.artists.append(artist)

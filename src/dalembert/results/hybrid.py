@@ -22,6 +22,7 @@ from .trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
+    from ..integrators.segments import Constants
     from ..scene import Scene
 
 __all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
@@ -161,7 +162,7 @@ class HybridTrajectory(Motion):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Everything that can be asked for by name."""
+        """See `Motion.names`."""
         layout = self._layout
         return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
 
@@ -193,7 +194,7 @@ class HybridTrajectory(Motion):
         return all(part.motion.can_evaluate for part in self._lasting)
 
     @property
-    def _pictured(self) -> tuple[Scene, FloatArray] | None:
+    def _pictured(self) -> tuple[Scene, Constants] | None:
         return self._parts[0].motion._pictured
 
     def rows(self, some: NDArray[np.intp]) -> HybridTrajectory:

@@ -15,11 +15,13 @@ from ..arrays import FloatArray
 from ..errors import EnergyWarning, MissingExtraError, OptionError, nesting_named
 from ..ir.program import Layout, Program
 from ..methods.status import Status
-from ..values import option
+from ..values import flag, option
+from .notebook import ranges, summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..integrators.segments import Constants
     from ..scene import Scene
     from .animation import Animation
 
@@ -99,7 +101,7 @@ class Motion(ABC):
 
     @property
     @abstractmethod
-    def _pictured(self) -> tuple[Scene, FloatArray] | None:
+    def _pictured(self) -> tuple[Scene, Constants] | None:
         """The scene, and constants that begin with its parameters; None where the motion does not know them."""
 
     @abstractmethod
@@ -133,24 +135,55 @@ class Motion(ABC):
         return self._layout.coordinates
 
     @nesting_named
-    def plot(self, *names: Any) -> Figure:
+    def plot(self, *names: Any, ax: Any = None) -> Figure:
         """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+        The figure is one of pyplot, which ``plt.show()`` shows.
+
+        Parameters
+        ----------
+        *names : str or symbol
+        ax : matplotlib.axes.Axes or sequence of Axes, optional
+            Where to draw: all names on one, with a legend, or each on its own.
 
         Raises
         ------
         MissingExtraError
             Without matplotlib.
+        OptionError
+            For as many axes as there are no names.
         """
         from .plots import plot
 
-        return plot(self, [str(name) for name in names] or list(self.coordinates))
+        return plot(self, [str(name) for name in names] or list(self.coordinates), ax)
+
+    def _repr_html_(self) -> str:
+        facts = [("status", f"{self.status.name}. {self.message}")]
+        if len(self.t):
+            facts.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} times"))
+        facts.append(("method", f"{self.stats.method}, {self.stats.steps} steps, {self.stats.rejected} rejected"))
+        names = dict.fromkeys((*self._layout.coordinates, *self._layout.rates, *self._layout.outputs))
+        rows = ranges(names, (self[name] for name in names)) if len(self.t) else []
+        return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last"), rows)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.names)
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked for by name."""
 
     @nesting_named
-    def animate(self, *, fps: float = 25.0, speed: float = 1.0, points: Sequence[Any] = ()) -> Animation:
-        """Return a moving picture: bodies with their paths and axes, points of joints and loads, and what joins them.
+    def animate(
+        self, *, fps: float = 25.0, speed: float = 1.0, points: Sequence[Any] = (), reactions: bool = False
+    ) -> Animation:
+        """Return a moving picture of the bodies: their shapes (`Scene.add_shapes`), paths, links and points.
 
-        A motion in a plane is drawn in it, any other in space. A notebook shows the animation; its ``save`` writes it
-        to a file, such as ``save("motion.gif")``.
+        Bodies without a shape are drawn by their mass centre, their axes, and lines to the points of joints. A motion
+        in a plane is drawn in it, any other in space. A notebook shows the animation. Its ``save`` writes it to a file:
+        ``save("motion.html")`` makes one page that opens without a network, with controls to play, to choose a time and
+        to turn.
 
         Parameters
         ----------
@@ -160,25 +193,28 @@ class Motion(ABC):
             Seconds of the motion that pass in one second of the picture.
         points : sequence of Point or str
             Further points to draw.
+        reactions : bool
+            Whether to draw the forces of joints as lines from their points, the largest a third of the picture long.
+            Their components must be among the outputs of the model.
 
         Raises
         ------
         MissingExtraError
             Without matplotlib.
         OptionError
-            For points that are not known, options that are not positive, and scenes that have no positions.
+            For points that are not known, options that are not positive, shapes of bodies that do not exist, reactions
+            that are no outputs, and scenes that have no positions.
         """
         try:
             from .animation import animate
         except ImportError:
             raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
-        from ..mechanics.skeleton import skeleton
-
         if self._pictured is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
         scene, constants = self._pictured
-        drawn = skeleton(scene, self._layout.parameters, points)
-        return animate(self, drawn, constants, option("fps", fps), option("speed", speed))
+        return animate(
+            self, scene, constants, points, option("fps", fps), option("speed", speed), flag("reactions", reactions)
+        )
 
 
 def reaction_hint(layout: Layout, name: str) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import MissingExtraError
+from ..errors import MissingExtraError, OptionError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,22 +19,36 @@ __all__ = ["plot"]
 _POINTS_PER_STEP = 20
 
 
-def plot(trajectory: Motion, names: Sequence[str]) -> Figure:
+def plot(trajectory: Motion, names: Sequence[str], ax: Any = None) -> Figure:
     """Return a figure with one panel a name, drawn smoothly between the recorded times where that is possible."""
     try:
-        from matplotlib.figure import Figure
+        import matplotlib.pyplot as plt
     except ImportError:
         raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
     smooth = trajectory
     if trajectory.can_evaluate and len(trajectory.t) > 1:
         count = min(20_000, _POINTS_PER_STEP * len(trajectory.t))
         smooth = trajectory(np.linspace(trajectory.t[0], trajectory.t[-1], count))
-    figure = Figure(figsize=(7.0, 1.2 + 1.4 * len(names)), layout="constrained")
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, name in zip(panels, names, strict=True):
-        panel.plot(smooth.t, smooth[name], linewidth=1.4)
-        panel.plot(trajectory.t, trajectory[name], ".", markersize=3)
-        panel.set_ylabel(name)
+    columns = [(smooth[name], trajectory[name]) for name in names]  # unknown names are refused before a figure is made
+    panels = list(np.ravel(ax)) if ax is not None else []
+    if ax is None:
+        figure = plt.figure(figsize=(7.0, 1.2 + 1.4 * len(names)), layout="constrained")
+        panels = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
+    shared = ax is not None and len(panels) == 1
+    if shared:
+        panels = panels * len(names)
+    if len(panels) != len(names):
+        raise OptionError(f"ax must be one Axes, or one for each of the {len(names)} names, not {len(panels)}")
+    for panel, name, (between, recorded) in zip(panels, names, columns, strict=True):
+        (line,) = panel.plot(smooth.t, between, linewidth=1.4, label=name)
+        panel.plot(trajectory.t, recorded, ".", markersize=3, color=line.get_color() if shared else None)
+        if not shared:
+            panel.set_ylabel(name)
         panel.grid(alpha=0.3)
+    if shared and len(names) > 1:
+        panels[0].legend()
+    elif shared:
+        panels[0].set_ylabel(names[0])
     panels[-1].set_xlabel("t [s]")
-    return figure
+    drawn: Figure = panels[0].figure
+    return drawn

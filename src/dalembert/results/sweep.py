@@ -17,6 +17,7 @@ from ..ir.program import Layout, Program
 from ..methods.status import Status
 from .estimate import ErrorEstimate
 from .motion import ENERGIES, warn_of_energy, xarray_package
+from .notebook import ranges, summary
 
 if TYPE_CHECKING:
     import xarray
@@ -164,6 +165,17 @@ class CaseResults(ABC):
 
     def __repr__(self) -> str:
         return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
+
+    def _repr_html_(self) -> str:
+        kinds, counts = np.unique(self.status, return_counts=True)
+        facts = [(Status(kind).name, f"{count:,} cases") for kind, count in zip(kinds, counts, strict=True)]
+        varied = [(name, v) for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1]
+        columns = [*varied, *self.reduced.items()]
+        rows = ranges((name for name, _ in columns), (np.asarray(values, dtype=float) for _, values in columns))
+        return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last case"), rows)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(dict.fromkeys(self._names()))
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -21,6 +22,7 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..transforms.periodic import angles_in
 from ..values import times_of
+from ..version import __version__
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy, xarray_package
@@ -164,9 +166,13 @@ class Trajectory(Motion):
         return self
 
     @property
-    def _pictured(self) -> tuple[Scene, FloatArray] | None:
-        first = self._c.first if isinstance(self._c, Segments) else self._c
-        return None if self._scene is None else (self._scene, first)
+    def _first(self) -> FloatArray:
+        """The constants at the start, of which the first are the parameters."""
+        return constants_at(self._c, self.elapsed[:1])[0] if isinstance(self._c, Segments) else self._c
+
+    @property
+    def _pictured(self) -> tuple[Scene, Constants] | None:
+        return None if self._scene is None else (self._scene, self._c)
 
     def with_near(self, near: FloatArray | None) -> Trajectory:
         """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
@@ -212,7 +218,7 @@ class Trajectory(Motion):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Everything that can be asked for by name."""
+        """See `Motion.names`."""
         layout = self._program.layout
         rates = (*layout.rates, *layout.state_rates)
         listed = (*layout.coordinates, *rates, *layout.state, *layout.outputs, *ENERGIES)
@@ -358,6 +364,9 @@ class Trajectory(Motion):
                 "scene": self._program.name,
                 "formulation": self._program.formulation,
                 "status": self.status.name,
+                "method": self.stats.method,
+                "parameters": json.dumps(dict(zip(layout.given, self._first.tolist(), strict=False))),
+                "dalembert_version": __version__,
             },
         )
         return dataset

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any, cast, final
 
 import numpy as np
@@ -233,6 +234,9 @@ class CompiledModel(Evaluated):
 
     def __repr__(self) -> str:
         return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.explain())}</pre>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _compiled_again, (self.stages.scene, self.stages.options, self.stages.mode, self.stages.kept)

@@ -18,6 +18,7 @@ from ..errors import SceneError, nesting_named
 from . import release_impose
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import FreeOrientation
+from .shapes import Shape, checked_shapes
 
 __all__ = [
     "Joint",
@@ -131,6 +132,7 @@ class Scene:
         self.releases: tuple[release_impose.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
+        self.shapes: tuple[tuple[str, Shape], ...] = ()
         self.speeds: tuple[Expr, ...] = ()
         self.kinematic_equations: tuple[Expr, ...] = ()
         self.inputs: tuple[Expr, ...] = ()
@@ -282,6 +284,28 @@ class Scene:
         """Add unilateral constraints: they push, do not pull, and may open and close."""
         self.contacts += contacts
 
+    def add_shapes(self, shapes: Mapping[str, Shape | Sequence[Shape]]) -> None:
+        """Add shapes for pictures; the motion does not depend on them.
+
+        Parameters
+        ----------
+        shapes : mapping of str to shape or sequence of shapes
+            `Sphere`, `Disk`, `Box` and `Cylinder` move with the body whose name is their key. `Rod`, `Spring`,
+            `Path` and `Ground` have any name.
+
+        Raises
+        ------
+        OptionError
+            For what is no shape, and for arguments of shapes of the wrong kind.
+
+        Examples
+        --------
+        A wheel::
+
+            scene.add_shapes({"wheel": da.Disk(radius=r, axis=W.y), "floor": da.Ground(normal=N.z)})
+        """
+        self.shapes += checked_shapes(shapes)
+
     def apply_uniform_gravity(self, acceleration: Vector) -> None:
         """Add a uniform gravitational field with the given acceleration [m/s^2], such as ``-g*N.z``."""
         self.gravity = acceleration
@@ -350,6 +374,11 @@ class Scene:
     def body_names(self) -> Iterable[str]:
         """Return the names of the bodies, in order."""
         return (str(getattr(body, "name", body)) for body in self.bodies)
+
+    def _repr_markdown_(self) -> str:
+        from .notebook import description
+
+        return description(self)
 
     def __repr__(self) -> str:
         return f"<Scene {self.name!r}: {len(self.bodies)} bodies, {len(self.coordinates)} coordinates>"

@@ -1,0 +1,116 @@
+"""Triangles and lines of shapes, in the frame of their body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+__all__ = ["Mesh", "box", "coil", "cylinder", "disk", "frame_of", "sphere", "square"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface.
+
+    Attributes
+    ----------
+    vertices : ndarray (n, 3)
+    faces : ndarray (m, 3)
+        Numbers of the vertices of each triangle.
+    marks : tuple of ndarray (k, 3)
+        Lines on the surface that show how it turns.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.intp]
+    marks: tuple[FloatArray, ...] = ()
+
+
+def frame_of(axis: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) whose third column is along an axis (3,)."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _circle(radius: float, count: int) -> FloatArray:
+    angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
+
+
+def sphere(radius: float, rings: int = 10, count: int = 20) -> Mesh:
+    """Return a sphere, marked by two great circles."""
+    polar, around = np.linspace(0.0, np.pi, rings + 1), 2.0 * np.pi * np.arange(count) / count
+    p, a = (x.ravel() for x in np.meshgrid(polar, around, indexing="ij"))
+    vertices = radius * np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=1)
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(rings), np.arange(count), indexing="ij"))
+    here, right = i * count + j, i * count + (j + 1) % count
+    faces = np.concatenate(
+        [np.stack([here, right, here + count], 1), np.stack([right, right + count, here + count], 1)]
+    )
+    equator = _circle(1.003 * radius, 40)
+    return Mesh(vertices, faces, (equator, equator[:, [2, 0, 1]]))
+
+
+def disk(radius: float, axis: FloatArray, count: int = 36) -> Mesh:
+    """Return a disk, marked by its rim and two spokes."""
+    turned = frame_of(axis)
+    rim = _circle(radius, count)
+    vertices = np.concatenate([np.zeros((1, 3)), rim[:-1]])
+    k = np.arange(count)
+    faces = np.stack([0 * k, 1 + k, 1 + (k + 1) % count], axis=1)
+    spokes = [np.array([rim[0], rim[count // 2]]), np.array([rim[count // 4], rim[3 * count // 4]])]
+    return Mesh(vertices @ turned.T, faces, tuple(line @ turned.T for line in (rim, *spokes)))
+
+
+def box(edges: FloatArray) -> Mesh:
+    """Return a box with edges (3,) along the axes, marked by these."""
+    corners = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)]) * edges
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    path = corners[[0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2]]
+    return Mesh(corners, np.array(faces), (path,))
+
+
+def cylinder(radius: float, length: float, axis: FloatArray, count: int = 24) -> Mesh:
+    """Return a closed cylinder, marked by its rims and a line along it."""
+    turned, ring = frame_of(axis), _circle(radius, count)
+    up = np.array([0.0, 0.0, 0.5 * length])
+    vertices = np.concatenate([ring[:-1] - up, ring[:-1] + up, [-up], [up]])
+    k = np.arange(count)
+    n = (k + 1) % count
+    lower, upper = np.full(count, 2 * count), np.full(count, 2 * count + 1)
+    parts = [(k, n, k + count), (n, n + count, k + count), (lower, n, k), (upper, k + count, n + count)]
+    marks = (ring - up, ring + up, np.array([ring[0] - up, ring[0] + up]))
+    return Mesh(
+        vertices @ turned.T, np.concatenate([np.stack(p, 1) for p in parts]), tuple(m @ turned.T for m in marks)
+    )
+
+
+def square(size: float, normal: FloatArray) -> Mesh:
+    """Return a square around the origin."""
+    half = 0.5 * size
+    corners = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
+    return Mesh(corners @ frame_of(normal).T, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def coil(start: FloatArray, end: FloatArray, radius: float, coils: int) -> FloatArray:
+    """Return helices (n_t, k, 3) from points (n_t, 3) to others, straight for a tenth of the way at both ends."""
+    share = np.linspace(0.0, 1.0, 16 * coils + 1)
+    angle = 2.0 * np.pi * coils * share
+    place = np.concatenate([[0.0], 0.1 + 0.8 * share, [1.0]])
+    across = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across = np.concatenate([np.zeros((1, 2)), across, np.zeros((1, 2))])
+    out = np.empty((len(start), len(place), 3))
+    for k, (a, b) in enumerate(zip(start, end, strict=True)):
+        along = b - a
+        turned = frame_of(along) if np.linalg.norm(along) > 0.0 else np.eye(3)
+        out[k] = a + place[:, np.newaxis] * along + across @ turned[:, :2].T
+    return out

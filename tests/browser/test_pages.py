@@ -1,0 +1,116 @@
+"""Pages of animations in a browser: they load without errors, show something, and their slider moves the body."""
+
+import shutil
+import time
+
+import numpy as np
+import pytest
+from sympy import symbols
+from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
+
+selenium = pytest.importorskip("selenium")
+Image = pytest.importorskip("PIL.Image")
+pytest.importorskip("plotly")
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+if BROWSER is None or DRIVER is None:
+    pytest.skip("chromium and chromedriver are not installed", allow_module_level=True)
+
+ARGUMENTS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--no-first-run",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--window-size=900,700",
+)
+GRAPH = "document.querySelector('.plotly-graph-div')"
+TITLE = f"return {GRAPH}.layout.title.text"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    phi, theta = dynamicsymbols("phi theta")
+    m, l = symbols("m l", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    A = N.orientnew("A", "Axis", (phi, N.z))
+    B = A.orientnew("B", "Axis", (theta, A.x))
+    G = O.locatenew("G", l * B.y)
+    scene = da.Scene("arm", frame=N, origin=O, coordinates=[phi, theta])
+    scene.add_bodies(RigidBody("arm", G, B, m, (inertia(B, 1, 1, 1), G)))
+    scene.add_shapes({"arm": da.Box(x=0.2 * l, y=0.5 * l, z=0.1 * l, color="#ff0000"), "floor": da.Ground(N.z)})
+    start = {phi: 0, theta: 0.5, phi.diff(): 1.5, theta.diff(): 0.3}
+    motion = da.compile_model(scene, backend="numpy").simulate((0, 2), start, {m: 1, l: 1})
+    path = tmp_path_factory.mktemp("pages") / "arm.html"
+    motion.animate(fps=10).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser(page):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+
+    options = Options()
+    for argument in ARGUMENTS:
+        options.add_argument(argument)
+    options.binary_location = BROWSER
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with webdriver.Chrome(options=options, service=Service(DRIVER)) as driver:
+        driver.get(page.as_uri())
+        deadline = time.monotonic() + 60
+        while not driver.execute_script("return document.querySelectorAll('.gl-canvas, canvas').length"):
+            assert time.monotonic() < deadline, "no canvas appeared"
+            time.sleep(0.2)
+        time.sleep(2.0)
+        yield driver
+
+
+def red_pixels(driver, path):
+    """Return where the body is on the screen: rows and columns of its colour."""
+    driver.save_screenshot(str(path))
+    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return np.argwhere((picture[..., 0] > 150) & (picture[..., 1] < 110) & (picture[..., 2] < 110))
+
+
+def slide(driver, share):
+    """Click on the slider at a share of its length."""
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+
+    rail = driver.find_element(By.CSS_SELECTOR, ".slider-rail-touch-rect")
+    across = round((share - 0.5) * rail.size["width"])
+    ActionChains(driver).move_to_element_with_offset(rail, across, 0).click().perform()
+    time.sleep(1.5)
+
+
+def test_the_page_loads_without_errors(browser):
+    severe = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert not severe
+
+
+def test_the_slider_moves_the_body(browser, tmp_path):
+    before = red_pixels(browser, tmp_path / "before.png")
+    assert len(before) > 200, "the body is not visible"
+    slide(browser, 0.9)
+    after = red_pixels(browser, tmp_path / "after.png")
+    assert len(after) > 200
+    assert np.linalg.norm(after.mean(axis=0) - before.mean(axis=0)) > 20
+    assert browser.execute_script(TITLE) != "t = 0.00 s"
+
+
+def test_play_runs(browser):
+    from selenium.webdriver.common.by import By
+
+    slide(browser, 0.02)
+    first = browser.execute_script(TITLE)
+    browser.find_elements(By.CSS_SELECTOR, ".updatemenu-button")[0].click()
+    deadline = time.monotonic() + 30
+    while browser.execute_script(TITLE) == first:
+        assert time.monotonic() < deadline, "the animation does not play"
+        time.sleep(0.2)

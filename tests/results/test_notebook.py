@@ -1,0 +1,81 @@
+"""What notebooks show: scenes, models, trajectories, sweeps; completion of names; pictures on axes of the user."""
+
+import json
+
+import numpy as np
+import pytest
+from sympy.physics.mechanics import dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import OptionError, UnknownNameError
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+P = {"m": 1, "b": 0.3, "I_C": 0.5}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", cache=False, outputs=["X"])
+
+
+@pytest.fixture(scope="module")
+def run(model):
+    return model.simulate((0, 2), START, P)
+
+
+def test_a_scene_is_shown_with_its_constraints():
+    text = da.scenes.chaplygin_sleigh()._repr_markdown_()
+    assert "**Scene chaplygin_sleigh**" in text
+    assert r"\theta" in text and "Nonholonomic constraints: $0 =" in text and "blade of sleigh" in text
+    assert "Contacts" not in text and "Inputs" not in text
+
+
+def test_a_model_is_shown_by_its_explanation(model):
+    text = model._repr_html_()
+    assert text.startswith("<pre>") and "formulation" in text and "<built" not in text
+
+
+def test_a_trajectory_is_shown_with_its_ranges(run):
+    text = run._repr_html_()
+    assert "SUCCESS" in text and "<td>theta</td>" in text
+    assert f"<td>{run['theta'].max():.6g}</td>" in text
+
+
+def test_a_sweep_is_shown_with_its_statuses(model):
+    sweep = model.sweep((0, 1), START, {**P, "b": [0.1, 0.2, 0.3]}, reduce={"most": da.maximum("x")})
+    text = sweep._repr_html_()
+    assert "SUCCESS: 3 cases" in text and "<td>b</td><td>0.1</td><td>0.3</td>" in text and "<td>most</td>" in text
+    assert {"x", "theta_dot", "X", "energy"} <= set(sweep._ipython_key_completions_())
+
+
+def test_names_are_completed(run):
+    assert {"x", "x_dot", "X", "energy"} <= set(run._ipython_key_completions_())
+    for name in run._ipython_key_completions_():
+        assert len(run[name]) == len(run.t)
+
+
+def test_labelled_arrays_know_where_they_come_from(run):
+    pytest.importorskip("xarray")
+    attributes = run.to_xarray().attrs
+    assert json.loads(attributes["parameters"]) == {"m": 1.0, "b": 0.3, "I_C": 0.5}
+    assert attributes["method"] == run.stats.method and attributes["dalembert_version"] == da.__version__
+
+
+def test_plots_belong_to_pyplot_and_take_axes(run):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure = run.plot("x")
+    assert figure.number in plt.get_fignums()
+    own, ax = plt.subplots()
+    assert run.plot("x", "y", ax=ax) is own
+    assert [line.get_label() for line in ax.lines if not line.get_label().startswith("_")] == ["x", "y"]
+    own, two = plt.subplots(2)
+    run.plot("x", "y", ax=two)
+    assert [panel.get_ylabel() for panel in two] == ["x", "y"]
+    with pytest.raises(OptionError, match="one for each of the 3 names, not 2"):
+        run.plot("x", "y", dynamicsymbols("theta"), ax=two)
+    before = plt.get_fignums()
+    with pytest.raises(UnknownNameError):
+        run.plot("thetta")
+    assert plt.get_fignums() == before
+    np.testing.assert_array_equal(two[0].lines[1].get_ydata(), run["x"])
+    plt.close("all")
