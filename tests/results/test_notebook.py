@@ -79,3 +79,8 @@ def test_plots_belong_to_pyplot_and_take_axes(run):
     assert plt.get_fignums() == before
     np.testing.assert_array_equal(two[0].lines[1].get_ydata(), run["x"])
     plt.close("all")
+
+
+def test_a_status_is_written_by_its_name(run):
+    assert str(run.status) == f"{run.status}" == "SUCCESS" and f"{run.status:>9}" == "  SUCCESS"
+    assert run.status == 0 and int(run.status) == 0

@@ -25,6 +25,11 @@ class Status(enum.IntEnum):
     ASSUMPTION = 15
     TIMES_IN_NO_ORDER = 16
 
+    def __str__(self) -> str:
+        return self.name
+
+    __format__ = enum.Enum.__format__  # that of numbers would print the number
+
     @property
     def success(self) -> bool:
         """Whether the run ended as it should: at the end of its span, or at a terminal event."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
 from ..methods.status import Status
+from ..version import __version__
 from .estimate import ErrorEstimate
 from .motion import ENERGIES, warn_of_energy, xarray_package
 from .notebook import ranges, summary
@@ -211,7 +213,14 @@ class CaseResults(ABC):
             for part in ("count", "first", "last"):
                 key = f"{name}_{part}"
                 data[f"{key}_of_event" if key in taken else key] = (dims, getattr(happened, part).reshape(shape))
-        attrs = {"scene": self._name, "formulation": self._formulation}
+        fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
+        attrs = {
+            "scene": self._name,
+            "formulation": self._formulation,
+            "method": self.stats.method,
+            "parameters": json.dumps(fixed),
+            "dalembert_version": __version__,
+        }
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
         return dataset
 
