@@ -11,6 +11,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .compiler import compile_model
     from .integrators.event_code import Event
+    from .integrators.samples import samples
     from .results.grid import grid
     from .runtime.reductions import final_value as final
     from .runtime.reductions import first_crossing, maximum, mean, minimum
@@ -43,6 +44,7 @@ __all__ = [
     "maximum",
     "mean",
     "minimum",
+    "samples",
     "scenes",
     "unknowns",
 ]
@@ -59,6 +61,7 @@ _ELSEWHERE = {
     "maximum": ("runtime.reductions", "maximum"),
     "mean": ("runtime.reductions", "mean"),
     "minimum": ("runtime.reductions", "minimum"),
+    "samples": ("integrators.samples", "samples"),
 }
 """Name -> module and name of what is imported when it is first asked for: a scene is written without it."""
 

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import FormulationError
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
+from ..integrators.chaining import blocks_between_knots
 from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.segments import Segments
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -187,7 +190,15 @@ class Engine(ABC):
 
     def course(self, problem: IntegrationProblem) -> Any:
         """Return the constants along a run: those of the problem, or of its segments where they change."""
-        return problem.constants
+        if problem.inputs is None:
+            return problem.constants
+        edges = np.array([problem.t0, problem.t1])
+        return Segments(edges, problem.constants[np.newaxis], problem.inputs)
+
+    @property
+    def follows_inputs(self) -> bool:
+        """Whether `integrate`, `sweeper` and `prepared` end steps at knots of inputs, and change constants there."""
+        return False
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better.
@@ -310,8 +321,12 @@ def watched_case(
     assert block.watch is not None
 
     def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-        return engine.step_blocks(part, method) if len(part.y0) or engine.cuts else iter([prescribed(part)])
+        blocks = partial(engine.step_blocks, method=method)
+        if not (len(part.y0) or engine.cuts):
+            return iter([prescribed(part)])
+        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
+    watch = block.watch
     constants = engine.course(problem)
     watched = block.watch.watched(constants)
     solution, occurrences = integrate_watched(step_blocks, replace(problem, t_eval=None, dense=True), watched)

@@ -14,6 +14,7 @@ from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.reductions import KINDS
+from ..integrators.segments import constants_at
 from ..integrators.stiffness import Rates, fitting, radau_pays, still_stiff
 from ..integrators.workspace import POINT_LANES, EventKernels, aligned, no_events
 from ..ir.interpret import interpret_rows
@@ -75,6 +76,11 @@ class CompiledEngine(Engine):
         self._extra_kernels: dict[int, tuple[Kernel, int]] = {}
         self._taylor_codes: dict[int, StepCode] = {}
         self._event_kernels: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+
+    @property
+    def follows_inputs(self) -> bool:
+        """See `Engine.follows_inputs`: multipliers that a formulation solves for are those of the start of a run."""
+        return "stages" not in self._sizes
 
     @property
     def functions(self) -> Any:
@@ -194,7 +200,8 @@ class CompiledEngine(Engine):
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
-        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, problem.constants)
+        course = self.course(problem)
+        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, constants_at(course, t))
 
     @property
     def _operations(self) -> int:
@@ -219,6 +226,8 @@ class CompiledEngine(Engine):
         wanted, lanes = len(cases.t_eval), self.steps.lanes
         dense = wanted > 0 or watched is not None
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
+        if cases.inputs is not None and (watched is not None or (wanted and (position or velocity))):
+            return None  # what is watched, and samples that are projected, belong to inputs within the step
         with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
             with_series = len(watched.events)

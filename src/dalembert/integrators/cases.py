@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.status import Status
+from .input_records import InputRecords
 from .problem import IntegrationProblem
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ __all__ = ["BlockResult", "CaseBlock", "CaseColumns"]
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
-    ``watch`` are events and reductions, or None.
+    ``watch`` are events and reductions, ``inputs`` those that have knots, or None.
     """
 
     y: FloatArray
@@ -37,6 +38,7 @@ class CaseBlock:
     max_step: float
     max_steps: int
     watch: EventCode | None = None
+    inputs: InputRecords | None = None
 
     def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
         """Return a case alone."""
@@ -51,6 +53,7 @@ class CaseBlock:
             max_step=self.max_step,
             max_steps=self.max_steps,
             dense=dense,
+            inputs=None if self.inputs is None else self.inputs.case(number),
         )
 
 
@@ -80,6 +83,7 @@ class CaseColumns:
     max_step: float
     max_steps: int
     watch: EventCode | None = None
+    inputs: InputRecords | None = None
 
 
 @final

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
+from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -167,6 +169,14 @@ class EventCode:
     plan: Mapping[str, tuple[str, int]]
     rank: int = -1
     smooth: bool = False
+
+    @cached_property
+    def reads_inputs(self) -> bool:
+        """Whether what is watched depends on inputs, and may jump or have kinks at their knots."""
+        layout, kernels = self.program.layout, (self.watch.values, self.watch.begins, self.running)
+        places = coefficient_places(layout.parameters, layout.inputs)
+        hidden = {place + i for place in places for i in range(WIDTH)}
+        return any(load.array == "c" and load.index in hidden for kernel in kernels for load in kernel.loads)
 
     @property
     def along(self) -> bool:

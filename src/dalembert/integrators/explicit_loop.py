@@ -32,6 +32,8 @@ from .recorded_runs import (
     all_finite,
     begin_status,
     block_is_full,
+    enter_first_piece,
+    enters_piece,
     evaluate,
     pending,
     planned_step,
@@ -140,6 +142,7 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
     t0, t1, progress = settings.t0, settings.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
+    enter_first_piece(settings, run)
     evaluate(codes.rhs, t0, run, 0, tableau.first)
     progress.evaluations += 1
     if not all_finite(run.work, 0, tableau.first):
@@ -174,6 +177,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t
     h, t_new = planned_step(settings, progress)
+    proposed = progress.size
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
@@ -197,4 +201,8 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     progress.retried = 0
     for m in range(n):
         work[tableau.first, m] = work[tableau.first + tableau.end, m]
+    if enters_piece(settings, run):
+        evaluate(codes.rhs, t_new, run, y_new, tableau.first)
+        progress.evaluations += 1
+        progress.size = max(progress.size, proposed)  # the knot cut the step, not its error
     return status

@@ -41,6 +41,8 @@ from .recorded_runs import (
     all_finite,
     begin_status,
     block_is_full,
+    enter_first_piece,
+    enters_piece,
     evaluate,
     pending,
     planned_step,
@@ -154,6 +156,7 @@ def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
     progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
+    enter_first_piece(settings, run)
     evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
     run.progress.evaluations += 1
     if not all_finite(run.work, 0, SLOPE):
@@ -256,6 +259,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
     h, t_new = planned_step(settings, progress)
+    proposed = progress.size
     outcome, iterations = _increments(codes, settings, space, run, h)
     if outcome != CONVERGED:
         return _diverged(settings, run, h, outcome)
@@ -279,11 +283,25 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
         quotient = _predicted(quotient, h, progress.last_size, error, progress.previous)
     growth = min(1.0 / quotient, growth_limit(progress.retried != 0))
     slow = progress.rate > _RATE_TO_KEEP_JACOBIAN
-    if slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == settings.t1:
+    if slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == progress.end:
         progress.size = abs(h) * growth
     progress.last_size, progress.previous, progress.ratio = abs(h), max(error, _SMALLEST_PREVIOUS), 1.0 / abs(h)
     progress.retried = progress.fresh = 0
+    if enters_piece(settings, run):
+        _begin_piece(codes, run, y_new, t_new, proposed)
     return status
+
+
+@compiled_subset
+def _begin_piece(codes: Addresses, run: Run, y: int, t: float, proposed: float) -> None:
+    """Forget what the last steps tell of the next, which has other inputs."""
+    progress = run.progress
+    evaluate(codes.rhs, t, run, y, SLOPE)
+    progress.evaluations += 1
+    progress.size = max(progress.size, proposed)  # the knot cut the step, not its error
+    progress.rate = progress.known_rate = 1.0
+    progress.ratio = progress.last_size = 0.0
+    progress.previous = _SMALLEST_PREVIOUS
 
 
 assert NODES[2] == 1.0

@@ -17,6 +17,7 @@ from ..interrupts import STOPPED
 from .case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
+from .lane_inputs import begin_lane_inputs, pass_lane_knots
 from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
 from .sweep_arguments import SweepArguments
 
@@ -34,8 +35,8 @@ def _pauses(arguments: SweepArguments) -> bool:
     return progress.returns != 0 or arguments.turn[0] >= STOPPED
 
 
-def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], int]:
-    """Return the loop, with or without events and reductions, and with or without projections.
+def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[SweepArguments], int]:
+    """Return the loop, with or without events and reductions, projections, and knots of inputs.
 
     It returns 1 where it has paused.
     """
@@ -43,6 +44,8 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], int]:
     @compiled_subset
     def load(arguments: SweepArguments) -> bool:
         """Hand in the cases that have ended and enter others; return whether there are any."""
+        if knots:
+            pass_lane_knots(arguments)
         left = arguments.state.progress.look
         while left != 0:
             lane = lowest(left)
@@ -51,6 +54,8 @@ def sweeping(watched: bool, projected: bool) -> Callable[[SweepArguments], int]:
                 continue
             while not resumes(arguments, lane) and next_case_is_loaded(arguments):
                 entered = enter_next(arguments, lane)
+                if knots and entered:
+                    begin_lane_inputs(arguments, lane)
                 if watched and entered:
                     watch_case(arguments, lane)
         return arguments.state.progress.active != 0

@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..methods.status import RUNNING, Status
-from ..transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
+from ..transforms.runge_kutta import CONTROLS, GROWTH_AT, PROPOSAL_AT
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
+from .input_steps import InputTable, begin_inputs, pass_knots
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, largest_step, status_after
 
@@ -47,9 +48,10 @@ class PreparedLimits(NamedTuple):
 
 
 class PreparedProgress(Record):
-    """The point at which a run pauses: time, number of steps and attempts, row of the state."""
+    """The point at which a run pauses: time, where steps must end next, steps, attempts, and row of the state."""
 
     t: float
+    end: float
     steps: int
     attempts: int
     row: int
@@ -62,7 +64,7 @@ class PreparedArguments(NamedTuple):
     ----------
     n, memory : int
         Number of components of the state, and of what a step remembers.
-    parameters, constants : (1, n_p), (1, n_c)
+    parameters, constants : (1, n_p), (n_c, 1)
         Parameters; gets the constants.
     settings : (1, ...)
         Gets the largest step; the direction of time, and what else a step reads.
@@ -70,6 +72,8 @@ class PreparedArguments(NamedTuple):
         Are overwritten.
     states : (2, ...)
         The first row begins with the state, and gets the last one.
+    inputs : InputTable
+        Records at whose knots steps end.
     """
 
     kernels: PreparedKernels
@@ -84,6 +88,7 @@ class PreparedArguments(NamedTuple):
     delta: Matrix
     mark: IntVector
     progress: PreparedProgress
+    inputs: InputTable
 
 
 @compiled_subset
@@ -108,9 +113,13 @@ def _begin(arguments: PreparedArguments) -> int:
     progress.t, progress.steps, progress.attempts, progress.row = limits.t0, 0, 0, 0
     call_code(kernels.prepare, row(arguments.parameters, 0), 0, 0, 0, row(constants, 0))
     states[0, arguments.n] = 0.0
+    progress.end = limits.t1
+    if arguments.inputs.knots.size > 0:
+        forward = limits.t1 >= limits.t0
+        progress.end = begin_inputs(arguments.inputs, constants, 0, 0, limits.t0, limits.t1, forward)
     status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
     if kernels.start != 0 and status == RUNNING:
-        clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, limits.t1, limits.largest)
+        clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, progress.end, limits.largest)
         call_code(kernels.start, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, 1))
         progress.row = 1
     return status
@@ -122,8 +131,8 @@ def _attempt(arguments: PreparedArguments) -> int:
     limits, progress, states = arguments.limits, arguments.progress, arguments.states
     constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
     t, old, new, retries = progress.t, progress.row, 1 - progress.row, arguments.memory > 0
-    rest = abs(limits.t1 - t)
-    clock[0, 0], settings[0, 0] = t, largest_step(t, limits.t1, limits.largest)
+    rest = abs(progress.end - t)
+    clock[0, 0], settings[0, 0] = t, largest_step(t, progress.end, limits.largest)
     call_code(
         arguments.kernels.step, row(clock, 0), row(states, old), row(constants, 0), row(settings, 0), row(states, new)
     )
@@ -135,7 +144,7 @@ def _attempt(arguments: PreparedArguments) -> int:
     if verdict != ACCEPTED and verdict != REJECTED:
         return verdict
     if verdict == ACCEPTED:
-        end = end_of_step(t, limits.t1, settings[0, 1], size, rest)
+        end = end_of_step(t, progress.end, settings[0, 1], size, rest)
         position, velocity = arguments.kernels.position, arguments.kernels.velocity
         if not project_row(position, velocity, end, clock, states, new, constants, arguments.delta, arguments.mark):
             smaller = blind_retry(size, t, rest, retries)
@@ -146,4 +155,27 @@ def _attempt(arguments: PreparedArguments) -> int:
         progress.t = end
         progress.steps += 1
     progress.row = new
-    return status_after(verdict == ACCEPTED and size == rest, progress.attempts, limits.attempts)
+    ended = verdict == ACCEPTED and size == rest
+    if ended and progress.t != limits.t1:
+        _enter_piece(arguments, old, new)
+        ended = False
+    return status_after(ended, progress.attempts, limits.attempts)
+
+
+@compiled_subset
+def _enter_piece(arguments: PreparedArguments, old: int, new: int) -> None:
+    """Set the inputs of the pieces that begin at the end of a step, and what the next step remembers of it."""
+    limits, progress, states = arguments.limits, arguments.progress, arguments.states
+    constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
+    progress.end = pass_knots(arguments.inputs, constants, 0, 0, progress.t, limits.t1 >= limits.t0)
+    if arguments.memory == 0:
+        return
+    # the knot cut the step, not its error
+    states[new, n + PROPOSAL_AT] = max(states[new, n + PROPOSAL_AT], states[old, n + PROPOSAL_AT])
+    if arguments.memory > CONTROLS:
+        remembered = arguments.inputs.remembered
+        clock[0, 0], settings[0, 0] = progress.t, largest_step(progress.t, progress.end, limits.largest)
+        target = row(remembered, 0)
+        call_code(arguments.kernels.start, row(clock, 0), row(states, new), row(constants, 0), row(settings, 0), target)
+        for m in range(n + 2 + CONTROLS, n + 2 + arguments.memory):
+            states[new, m] = remembered[m, 0]

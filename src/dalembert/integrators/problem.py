@@ -13,6 +13,7 @@ from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 
 from ..arrays import FloatArray
+from .input_records import InputRecords
 
 Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 
@@ -70,6 +71,8 @@ class IntegrationProblem:
         Largest number of attempted steps, rejected ones included.
     dense
         Whether the solution keeps a continuous output.
+    inputs
+        Records at whose knots steps end, where the constants change; those of the problem are for its start.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class IntegrationProblem:
     max_step: float = np.inf
     max_steps: int = 100_000
     dense: bool = False
+    inputs: InputRecords | None = None
 
     def __post_init__(self) -> None:
         validate(self)

@@ -16,6 +16,7 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
+from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 from .packed_tableaus import POINT
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .projection import project_row
@@ -28,6 +29,8 @@ __all__ = [
     "all_finite",
     "begin_status",
     "block_is_full",
+    "enter_first_piece",
+    "enters_piece",
     "evaluate",
     "pending",
     "planned_step",
@@ -65,15 +68,17 @@ class Settings(NamedTuple):
 class Progress(Record):
     """Progress of a run.
 
-    Time, the size of the next step and the error of the last; the row of the state in the work; how many steps were
-    taken and refused, evaluations made and times recorded; whether the last step was refused; the steps before the
-    present block, and those after which it is full. What follows is kept by one loop alone: steps in a row at the
-    boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian is that of the present state, the
-    size of the last step, its inverse where its polynomial can be continued, the rate of convergence of its iteration,
-    what the first correction of the next is judged by, and the step that the matrices are factored for, 0 for none.
+    Time, where steps must end next, the size of the next step and the error of the last; the row of the state in
+    the work; how many steps were taken and refused, evaluations made and times recorded; whether the last step was
+    refused; the steps before the present block, and those after which it is full. What follows is kept by one loop
+    alone: steps in a row at the boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian
+    is that of the present state, the size of the last step, its inverse where its polynomial can be continued, the
+    rate of convergence of its iteration, what the first correction of the next is judged by, and the step that the
+    matrices are factored for, 0 for none.
     """
 
     t: float
+    end: float
     size: float
     previous: float
     row: int
@@ -99,6 +104,7 @@ class Run(NamedTuple):
     ``work`` (n_rows, width) are vectors in rows: the ends of a step in turn, then those of `packing`. ``rows``
     (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the ends of the steps of a
     block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are not kept.
+    Steps end at the knots of ``inputs``, where ``constants`` (n_c, 1) change.
     """
 
     clock: Matrix
@@ -110,6 +116,7 @@ class Run(NamedTuple):
     progress: Progress
     rows: Matrix
     pieces: Matrix
+    inputs: InputTable
 
 
 @compiled_subset
@@ -155,12 +162,31 @@ def block_is_full(progress: Progress) -> bool:
 @compiled_subset
 def planned_step(settings: Settings, progress: Progress) -> tuple[float, float]:
     """Return the next step, with its sign, and where it ends."""
-    t, t1 = progress.t, settings.t1
-    size, progress.size = next_step(progress.size, t, t1, settings.max_step)
-    if size == abs(t1 - t):
-        return t1 - t, t1
-    h = size if t1 >= settings.t0 else -size
+    t, end = progress.t, progress.end
+    size, progress.size = next_step(progress.size, t, end, settings.max_step)
+    if size == abs(end - t):
+        return end - t, end
+    h = size if settings.t1 >= settings.t0 else -size
     return h, t + h
+
+
+@compiled_subset
+def enter_first_piece(settings: Settings, run: Run) -> None:
+    """Set where the first steps must end: with the run, or with the piece of an input."""
+    run.progress.end = settings.t1
+    if run.inputs.knots.size > 0:
+        forward = settings.t1 >= settings.t0
+        run.progress.end = begin_inputs(run.inputs, run.constants, 0, 0, settings.t0, settings.t1, forward)
+
+
+@compiled_subset
+def enters_piece(settings: Settings, run: Run) -> bool:
+    """Return whether a piece of an input begins at the end of the step just accepted; its coefficients are set then."""
+    progress = run.progress
+    if run.inputs.knots.size == 0 or progress.t != progress.end or progress.t == settings.t1:
+        return False
+    progress.end = pass_knots(run.inputs, run.constants, 0, 0, progress.t, settings.t1 >= settings.t0)
+    return True
 
 
 @compiled_subset
@@ -266,7 +292,8 @@ def run_in_blocks(
     samples[:first] = begin
     progress = Progress()
     progress.t, progress.size, progress.recorded = settings.t0, settings.first_step, first
-    constants = np.array(problem.constants, dtype=np.float64).reshape(1, -1)
+    constants = np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
+    inputs = no_inputs() if problem.inputs is None else problem.inputs.table(1)
     same = np.zeros((1, 1)), constants, t_eval, work, np.zeros((n, 1)), np.zeros(1, np.int64), progress
     blocks, pieces = [begin.reshape(1, -1)], []
     bounded = settings.dense or not settings.sampled
@@ -277,7 +304,7 @@ def run_in_blocks(
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))
         progress.begun, progress.limit = progress.steps, progress.steps + limit
-        status = loop(Run(*same, rows, piece))
+        status = loop(Run(*same, rows, piece, inputs))
         count = progress.steps - progress.begun
         if not settings.sampled:
             blocks.append(rows[:count])
@@ -285,7 +312,7 @@ def run_in_blocks(
             pieces.append(piece[:count])
         size = min(2 * size, LARGEST_BLOCK)
     recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
-    return status, Run(*same, recorded, samples), pieces
+    return status, Run(*same, recorded, samples, inputs), pieces
 
 
 def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[FloatArray]) -> Solution:

@@ -172,6 +172,7 @@ def _array(name: str, given: Any) -> FloatArray:
     if not np.all(np.isfinite(array)):
         where = ", ".join(map(str, np.argwhere(~np.isfinite(array))[0]))
         raise ValueInputError(f"samples: every number of {name} must be finite; {name}[{where}] is not")
+    array.flags.writeable = False
     return array
 
 
@@ -179,4 +180,6 @@ def _spline_slopes(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the derivatives at the knots of the spline with a continuous third derivative at the outermost knots."""
     from scipy.interpolate import CubicSpline
 
-    return np.ascontiguousarray(CubicSpline(t, values, axis=-1)(t, 1))
+    slopes = np.ascontiguousarray(CubicSpline(t, values, axis=-1)(t, 1))
+    slopes.flags.writeable = False
+    return slopes

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from .input_records import InputRecords
+from .problem import IntegrationProblem
 
-__all__ = ["Constants", "Segments", "constants_at"]
+__all__ = ["Constants", "KnotSegments", "Segments", "constants_at"]
 
 
 @final
@@ -24,10 +26,13 @@ class Segments:
         The start, the breaks and the end.
     constants : ndarray (m, n_c)
         Those of each segment.
+    inputs : InputRecords or None
+        Records of which the coefficients change within segments, too.
     """
 
     edges: FloatArray
     constants: FloatArray
+    inputs: InputRecords | None = None
 
     def __len__(self) -> int:
         return len(self.constants)
@@ -39,13 +44,47 @@ class Segments:
         return np.asarray(found, dtype=np.intp)
 
     def at(self, t: FloatArray) -> FloatArray:
-        """Return the constants (k, n_c) at times (k,)."""
-        return self.constants[self.number(t)]
+        """Return the constants (k, n_c) at times (k,); at a knot those of what follows, at the end those of before."""
+        times = np.asarray(t, dtype=float)
+        found = self.constants[self.number(times)]
+        if self.inputs is not None:
+            last, forward = self.edges[-1], self.edges[-1] >= self.edges[0]
+            self.inputs.write(found, times, after=(times < last) if forward else (times == last))
+        return found
 
     @property
     def first(self) -> FloatArray:
         """The constants (n_c,) of the first segment."""
         return np.asarray(self.constants[0])
+
+    def of(self, number: int, *, ending: bool = False) -> FloatArray:
+        """Return the constants (n_c,) with which a segment begins, or those with which it ends."""
+        if self.inputs is None:
+            return np.asarray(self.constants[number])
+        found = self.constants[number : number + 1].copy()
+        forward = bool(self.edges[-1] >= self.edges[0])
+        self.inputs.write(found, self.edges[number + ending, np.newaxis], after=forward != ending)
+        return np.asarray(found[0])
+
+
+@final
+class KnotSegments:
+    """Segments of a problem from knot to knot of its inputs, whose constants are made one by one."""
+
+    def __init__(self, problem: IntegrationProblem) -> None:
+        assert problem.inputs is not None
+        self.inputs, self._constants = problem.inputs, problem.constants
+        self.edges = np.concatenate([[problem.t0], self.inputs.knots(problem.t0, problem.t1), [problem.t1]])
+
+    def __len__(self) -> int:
+        return len(self.edges) - 1
+
+    def of(self, number: int, *, ending: bool = False) -> FloatArray:
+        """Return the constants (n_c,) of a segment."""
+        found = self._constants[np.newaxis].copy()
+        middle = self.edges[number] + 0.5 * (self.edges[number + 1] - self.edges[number])
+        self.inputs.write(found, np.array([middle]))
+        return np.asarray(found[0])
 
 
 Constants = FloatArray | Segments

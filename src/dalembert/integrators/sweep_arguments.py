@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
+from .input_steps import InputTable
 from .workspace import EventKernels, EventWorkspace, LaneState
 
 __all__ = ["CaseShape", "Columns", "SweepArguments", "SweepKernels"]
@@ -76,6 +77,8 @@ class SweepArguments(NamedTuple):
         Gets numbers of the events, and the times of the first and the last.
     totals : (k, n_running)
         Minima, maxima and integrals are continued in it. With events or any of these, a step writes its polynomials.
+    inputs : InputTable
+        Records at whose knots steps end.
     """
 
     kernels: SweepKernels
@@ -94,3 +97,4 @@ class SweepArguments(NamedTuple):
     workspace: EventWorkspace
     happened: Matrix
     totals: Matrix
+    inputs: InputTable

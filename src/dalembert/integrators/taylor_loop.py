@@ -16,6 +16,7 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, row
+from .input_steps import InputTable, begin_inputs, pass_knots
 from .projection import project_row
 from .step_control import ACCEPTED, attempt_verdict
 
@@ -23,10 +24,12 @@ __all__ = ["LOOP", "TaylorArguments", "TaylorProgress"]
 
 
 class TaylorProgress(Record):
-    """Time [s], which moves along, and the number of steps taken."""
+    """Time [s], which moves along, the number of steps taken, whether inputs have begun, and where their piece ends."""
 
     t: float
     steps: int
+    begun: int
+    end: float
 
 
 class TaylorArguments(NamedTuple):
@@ -44,7 +47,7 @@ class TaylorArguments(NamedTuple):
         Handed to the step (see `dalembert.transforms.taylor`).
     y : (1, n_y + 1)
         The state, and the size of the step before, 0 where there was none.
-    constants : (1, n_c)
+    constants : (n_c, 1)
     rows : (m, ...)
         Gets the outputs of step k in row k modulo m.
     times : (...,)
@@ -53,6 +56,8 @@ class TaylorArguments(NamedTuple):
         What rounding took from the state and from the time so far.
     clock, delta, mark : (1, 1), (n_y, 1), (1,)
         Are overwritten.
+    inputs : InputTable
+        Records at whose knots steps end.
     """
 
     step: Address
@@ -71,6 +76,7 @@ class TaylorArguments(NamedTuple):
     delta: Matrix
     mark: IntVector
     progress: TaylorProgress
+    inputs: InputTable
 
 
 @compiled_subset
@@ -101,10 +107,11 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
     times, low, clock, limit = arguments.times, arguments.low, arguments.clock, arguments.limit
     n = low.size - 1
     t, t1, largest = progress.t, arguments.t1, arguments.largest
+    end = _begin_inputs(arguments)
     state = row(y, 0)
     for k in range(limit):
         here = k % rows.shape[0]
-        rest = abs(t1 - t - low[n])
+        rest = abs(end - t - low[n])
         if rest == 0.0:
             return Status.SUCCESS, k
         settings[0, 0] = min(rest, largest)
@@ -120,7 +127,7 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
             _advance(rows, (k - 1) % rows.shape[0], rows, here, settings[0, 1] * size, low)
         state = row(rows, here)
         if size == rest:
-            t, low[n] = t1, 0.0
+            t, low[n] = end, 0.0
         else:
             t, low[n] = _sum(t, settings[0, 1] * size + low[n])
         if not project_row(position, velocity, t, clock, rows, here, constants, arguments.delta, arguments.mark):
@@ -130,7 +137,23 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
             times[k] = t
         if t == t1:
             return Status.SUCCESS, k + 1
+        if t == end:
+            end = pass_knots(arguments.inputs, constants, 0, 0, t, settings[0, 1] > 0.0)
+            progress.end = end
     return RUNNING, limit
+
+
+@compiled_subset
+def _begin_inputs(arguments: TaylorArguments) -> float:
+    """Return where the next steps must end: with the run, or with the piece of an input."""
+    inputs, progress = arguments.inputs, arguments.progress
+    if inputs.knots.size == 0:
+        return arguments.t1
+    if progress.begun == 0:
+        forward = arguments.settings[0, 1] > 0.0
+        progress.begun = 1
+        progress.end = begin_inputs(inputs, arguments.constants, 0, 0, progress.t, arguments.t1, forward)
+    return progress.end
 
 
 @compiled_subset

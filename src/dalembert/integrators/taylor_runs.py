@@ -15,6 +15,8 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..transforms.taylor import scale_floor
 from .arguments import address_of, pack, place_of
+from .input_records import InputRecords
+from .input_steps import no_inputs
 from .problem import IntegrationProblem, PiecewisePolynomial, Solution
 from .taylor_loop import TaylorArguments, TaylorProgress
 
@@ -77,12 +79,13 @@ _STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
 class _Workspace:
     """Memory of one run at a time, and the packed arguments that point to it."""
 
-    def __init__(self, code: StepCode, n: int, constants: int) -> None:
+    def __init__(self, code: StepCode, n: int, constants: int, inputs: InputRecords | None = None) -> None:
         self.width = n + 2 + n * (code.order + 1)
-        self.settings, self.y, self.constants = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((1, constants))
+        self.settings, self.y, self.constants = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((constants, 1))
         self.low, self.progress = np.zeros(n + 1), TaylorProgress()
         self.rows, self.times = np.empty((FIRST_BLOCK, self.width)), np.empty(FIRST_BLOCK)
         self._nothing = np.zeros(n), np.zeros(constants)
+        self._inputs = inputs
         self._arguments = TaylorArguments(
             code.step,
             code.position,
@@ -100,20 +103,21 @@ class _Workspace:
             np.empty((n, 1)),
             np.zeros(1, np.int64),
             self.progress,
+            no_inputs() if inputs is None else inputs.table(1),
         )
         self._words = pack(self._arguments)
         self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
 
     def begin(self, problem: IntegrationProblem) -> bool:
         """Take in the start of a problem; return whether its numbers are finite."""
-        y = self.y[0]
-        y[:-1], y[-1], self.constants[0], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
+        y, c = self.y[0], self.constants[:, 0]
+        y[:-1], y[-1], c[...], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
         direction = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.settings[0] = 0.0, direction, scale_floor(problem.rtol, problem.atol)
         self.progress.t = problem.t0
         self._doubles[_T1_AT], self._doubles[_LARGEST_AT] = problem.t1, problem.max_step
         state, constants = self._nothing
-        return bool(y[:-1] @ state + self.constants[0] @ constants == 0.0)
+        return bool(y[:-1] @ state + c @ constants == 0.0)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
         """Take at most `limit` steps; return the status, ends of steps (k,) and what they put out (k, width)."""
@@ -153,10 +157,13 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
         Numerical failure is its status, never an exception. Each step is one evaluation of the series. None where the
         run was stopped.
     """
+    inputs = problem.inputs
     try:
-        work = code.workspaces.pop()
+        work = None if inputs is not None else code.workspaces.pop()
     except IndexError:
-        work = _Workspace(code, len(problem.y0), len(problem.constants))
+        work = None
+    if work is None:
+        work = _Workspace(code, len(problem.y0), len(problem.constants), inputs)
     call, record = code.loop.call, _Record(problem, code.order)
     turns, angles = np.zeros(len(problem.y0)), list(code.angles)
     status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
@@ -178,7 +185,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
             state = work.y[0, :-1].copy()
             if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, state, step):
                 return None
-    if work.rows.nbytes <= _LARGEST_KEPT:
+    if inputs is None and work.rows.nbytes <= _LARGEST_KEPT:
         code.workspaces.append(work)
     return record.solution(Status(status))
 

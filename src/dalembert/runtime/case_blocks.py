@@ -226,13 +226,16 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         done.y[~good] = np.nan
         done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
     if np.any(good) and not np.all(good):
-        part, some = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good]), done[good]
+        rest = None if ready.inputs is None else ready.inputs.part(np.flatnonzero(good), len(good))
+        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest)
+        some = done[good]
         engine.integrate_block(part, settings.method, some)
         done[good] = some
     if watch is not None:
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
-        c = ready.c if cases.program.conditions is None else cases.constants_at(block, done.ends[:, :1])
+        still = cases.program.conditions is None and cases.records is None
+        c = ready.c if still else cases.constants_at(block, done.ends[:, :1])
         here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
@@ -278,6 +281,9 @@ def _columns_run(
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         if reduces:
             spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+            if columns.inputs is not None:
+                t, last = done.ends[:, 0], done.ends[:, 0] == spans[:, 1]
+                columns.inputs.write(constants, t, np.arange(count), (spans[:, 1] >= spans[:, 0]) != last)
             here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
         watch.conclude(done.ends, done.happened)
 

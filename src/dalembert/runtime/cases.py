@@ -15,6 +15,7 @@ from ..errors import OptionError, UnknownNameError, ValueInputError, list_names,
 from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.event_code import EventCode
+from ..integrators.input_records import InputRecords
 from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Layout, Program
@@ -23,6 +24,7 @@ from ..reduction.starting import Start
 from ..results.grid import Grid
 from ..values import array_of, times_of, traced_note, whole
 from . import inputs
+from .input_values import GivenInputs
 from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 
 __all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of", "with_grid"]
@@ -63,9 +65,11 @@ class Cases:
         t_span: Any,
         initial: Mapping[Any, Any],
         parameters: Mapping[Any, Any],
+        given: GivenInputs | None = None,
     ) -> None:
         layout = program.layout
         self.program = program
+        self.records = None if given is None else given.records(layout)
         self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
         inputs.refuse_inputs(layout, parameters)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
@@ -84,8 +88,9 @@ class Cases:
         self.start = start(self.initial)
 
     def _count(self) -> int:
+        known = {*self.program.layout.given, *self.initial, *self.span}  # others stand for inputs
         lengths = {
-            f"{kind} {name}": len(values)
+            f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
             for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
             for name, values in table.items()
             if len(values) != 1
@@ -131,14 +136,25 @@ class Cases:
         """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
         count, width = t.shape
         c, conditions = self.constants(block), self.program.conditions
-        if conditions is None or not conditions.decides:
-            return np.repeat(c, width, axis=0)
-        p = c[:, : len(self.program.layout.parameters)]
         t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
-        breaks = CaseBreaks.of(conditions, p, t0, t1)
-        p = np.repeat(p, width, axis=0)
-        conditions.decide_at(p, breaks.middles(np.repeat(np.arange(count), width), t.ravel()))
-        return inputs.prepare_rows(self.program, p)
+        each = np.repeat(np.arange(count), width)
+        if conditions is None or not conditions.decides:
+            rows = np.repeat(c, width, axis=0)
+        else:
+            p = c[:, : len(self.program.layout.parameters)]
+            breaks = CaseBreaks.of(conditions, p, t0, t1)
+            p = np.repeat(p, width, axis=0)
+            conditions.decide_at(p, breaks.middles(each, t.ravel()))
+            rows = inputs.prepare_rows(self.program, p)
+        records = self._records_of(block)
+        if records is not None:
+            forward, last = (t1 >= t0)[each], t.ravel() == t1[each]
+            records.write(rows, t.ravel(), each, forward != last)
+        return rows
+
+    def _records_of(self, block: slice) -> InputRecords | None:
+        """Return the inputs with knots of a block of cases, None without any."""
+        return None if self.records is None else self.records.part(block, self.count)
 
     def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
@@ -161,6 +177,7 @@ class Cases:
             settings.max_step,
             settings.max_steps,
             settings.watch,
+            self._records_of(block),
         )
 
     def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
@@ -190,7 +207,16 @@ class Cases:
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         y = np.ascontiguousarray(out[:, :size])
         return CaseBlock(
-            y, c, spans, t_eval, settings.rtol, settings.atol, settings.max_step, settings.max_steps, settings.watch
+            y,
+            c,
+            spans,
+            t_eval,
+            settings.rtol,
+            settings.atol,
+            settings.max_step,
+            settings.max_steps,
+            settings.watch,
+            self._records_of(block),
         ), status
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.problem import Solution
+from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
@@ -36,7 +37,7 @@ def locked(
     program: Program,
     found: Gimbals,
     solution: Solution,
-    c: FloatArray,
+    c: Constants,
     steps: Solution,
     span: tuple[float, float],
 ) -> tuple[Solution, str]:
@@ -47,7 +48,7 @@ def locked(
     if len(steps.t) == 0:
         return solution, ""
     failed = steps.status in _FAILED
-    values = interpret_rows(found.kernel, steps.t, steps.y, c)
+    values = interpret_rows(found.kernel, steps.t, steps.y, constants_at(c, steps.t))
     place, group = _first(values, failed=failed)
     if place < 0:
         return solution, ""
@@ -63,7 +64,7 @@ def locked(
     return cut(solution, t, span, Status.SINGULAR_COORDINATES), note
 
 
-def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: FloatArray) -> float:
+def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: Constants) -> float:
     """Return when a determinant vanishes before a step's end: by continuous output, else on a straight line."""
     low, high = float(steps.t[place - 1]), float(steps.t[place])
     before, after = abs(float(values[place - 1, group])), abs(float(values[place, group]))
@@ -72,7 +73,7 @@ def _located(found: Gimbals, group: int, steps: Solution, place: int, values: Fl
     sign = np.sign(values[place - 1, group])
     for _ in range(50):
         t = np.array([0.5 * (low + high)])
-        if interpret_rows(found.kernel, t, steps.dense(t), c)[0, group] * sign > 0.0:
+        if interpret_rows(found.kernel, t, steps.dense(t), constants_at(c, t))[0, group] * sign > 0.0:
             low = float(t[0])
         else:
             high = float(t[0])
@@ -115,11 +116,12 @@ def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
 
 
 def _singular(
-    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: Constants, value: float
 ) -> bool:
     """Return whether the mass matrix on the free directions is singular where the angle next to a state locks."""
     layout, times = program.layout, np.array([where[0]])
     n = len(layout.coordinates)
+    c = constants_at(c, times)
     x = interpret_rows(program.kernel("expand"), times, where[1][np.newaxis], c)
     x[:, n : 2 * n] = 0.0
     if found.decisive[group]:
@@ -149,11 +151,12 @@ def _lock(angle: float, value: float) -> float:
 
 
 def _where(
-    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: FloatArray, value: float
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: Constants, value: float
 ) -> str:
     """Return which angle has which value, and when."""
     layout, (t, y) = program.layout, where
-    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)[0]
+    times = np.array([t])
+    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], constants_at(c, times))[0]
     listed = [found.decisive[group]] if found.decisive[group] else list(found.angles[group])
     angles = {name: float(x[layout.coordinates.index(name)]) for name in listed}
     if found.decisive[group]:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names, unknown_name
+from ..integrators.input_records import InputRecords
 from ..integrators.samples import KINDS, Samples
-from ..ir.input_parameters import WIDTH, hidden_parameters
+from ..ir.input_parameters import WIDTH, coefficient_places, hidden_parameters
 from ..ir.program import Layout
 from ..scene.model import InputSymbol
 from ..values import array_of
@@ -49,11 +50,6 @@ class GivenInputs:
         """Return the same values for runs in the time since a start, or that of each case."""
         return replace(self, shift=self.shift + np.atleast_1d(np.asarray(start, dtype=float)))
 
-    @property
-    def records(self) -> dict[str, Samples]:
-        """The values that have knots, by name."""
-        return {name: value for name, value in self.values.items() if isinstance(value, Samples)}
-
     def refuse_span(self, t0: Any, t1: Any) -> None:
         """Refuse records that are too short for runs from t0 to t1 (k,), or not smooth enough for where they stand.
 
@@ -61,7 +57,7 @@ class GivenInputs:
         ------
         ValueInputError
         """
-        first, last = np.atleast_1d(np.asarray(t0, dtype=float)), np.atleast_1d(np.asarray(t1, dtype=float))
+        first, last = (self.shift + np.asarray(t, dtype=float) for t in (t0, t1))
         fine = np.isfinite(first) & np.isfinite(last)
         if not np.any(fine):
             return
@@ -72,15 +68,26 @@ class GivenInputs:
             if isinstance(value, Samples):
                 _refuse(symbol, value, low, high)
 
-    def parameters(self, parameters: Mapping[Any, Any], t: float) -> dict[Any, Any]:
-        """Return the parameters of one run with those of the inputs at a time of the run."""
+    def records(self, layout: Layout) -> InputRecords | None:
+        """Return the inputs that have knots, None without any."""
+        named = [(name, value) for name, value in self.values.items() if isinstance(value, Samples)]
+        if not named:
+            return None
+        places = coefficient_places(layout.parameters, tuple(name for name, _ in named))
+        return InputRecords(tuple(value for _, value in named), places, self.shift)
+
+    def parameters(self, parameters: Mapping[Any, Any], t: float, *, after: bool = True) -> dict[Any, Any]:
+        """Return the parameters of one run with those of the inputs at a time of the run.
+
+        At a knot they are those that follow in time; where not `after`, those before it.
+        """
         found = dict(parameters)
         for name in self.values:
-            row = self._rows(name, np.array([t]))[0]
+            row = self._rows(name, np.array([t]), after=after)[0]
             found |= dict(zip(hidden_parameters(name), row.tolist(), strict=True))
         return found
 
-    def case_parameters(self, parameters: Mapping[Any, Any], starts: FloatArray) -> dict[Any, Any]:
+    def case_parameters(self, parameters: Mapping[Any, Any], starts: FloatArray, ends: FloatArray) -> dict[Any, Any]:
         """Return the parameters of many cases with those of the inputs at the starts (k,) or (1,) of the cases."""
         found = dict(parameters)
         for name, value in self.values.items():
@@ -88,14 +95,21 @@ class GivenInputs:
             if not isinstance(value, Samples):
                 found |= dict.fromkeys(names, 0.0) | {names[1]: value}
                 continue
-            count = max(len(starts), len(self.shift), value.cases or 1)
-            rows = self._rows(name, np.broadcast_to(starts, count), np.arange(count))
+            counts = {len(starts), len(ends), len(self.shift), value.cases or 1} - {1}
+            if len(counts) > 1:
+                raise ValueInputError(
+                    f"input {name!r} has values for {value.cases} cases, and t_span has"
+                    f" {max(len(starts), len(ends))}; give one row a case, or one for all"
+                )
+            count = counts.pop() if counts else 1
+            begin, after = np.broadcast_to(starts, count), np.broadcast_to(ends >= starts, count)
+            rows = self._rows(name, begin, np.arange(count), after=after)
             found |= {hidden: rows[:, i].copy() for i, hidden in enumerate(names)}
         return found
 
-    def rows(self, t: float) -> FloatArray:
+    def rows(self, t: float, *, after: bool = True) -> FloatArray:
         """Return knot and coefficients (n_u, WIDTH) of all inputs at a time of one run."""
-        return np.concatenate([self._rows(name, np.array([t])) for name in self.values])
+        return np.concatenate([self._rows(name, np.array([t]), after=after) for name in self.values])
 
     def write(self, layout: Layout, p: FloatArray, t: FloatArray) -> None:
         """Write the parameters of the inputs at times (k,) of one run into parameters or constants (k, n)."""
@@ -103,12 +117,19 @@ class GivenInputs:
             place = layout.parameters.index(hidden_parameters(name)[0])
             p[:, place : place + WIDTH] = self._rows(name, t)
 
-    def _rows(self, name: str, t: FloatArray, case: NDArray[np.intp] | int = 0) -> FloatArray:
+    def _rows(
+        self,
+        name: str,
+        t: FloatArray,
+        case: NDArray[np.intp] | int = 0,
+        *,
+        after: bool | NDArray[np.bool_] = True,
+    ) -> FloatArray:
         """Return knot and coefficients (k, WIDTH) of an input at times (k,) of one run, or of as many cases."""
         value = self.values[name]
         if isinstance(value, Samples):
             start = self.shift if len(self.shift) == 1 else self.shift[case]
-            rows = value.coefficients(value.pieces(t + start), case)
+            rows = value.coefficients(value.pieces(t + start, after=after), case)
             rows[:, 0] -= start
             return rows
         rows = np.zeros((len(t), WIDTH))

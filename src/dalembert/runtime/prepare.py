@@ -42,7 +42,9 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     if options.project_invariants is not False:
         refuse_formulation(model.stages.reduced)
         refuse_unknown(options.project_invariants, model.derived.invariants)
-        return PreparedRun(_prepared_keeping(model, (t0, t1), options), method, model.layout, again, options.inputs, t0)
+        return PreparedRun(
+            _prepared_keeping(model, (t0, t1), options), method, model.layout, again, options.inputs, (t0, t1)
+        )
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
     problem = IntegrationProblem(
         t0=t0,
@@ -53,12 +55,13 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
         atol=options.atol,
         max_step=options.max_step,
         max_steps=options.max_steps,
+        inputs=None if options.inputs is None else options.inputs.records(model.layout),
     )
     if not model.layout.state:  # the constraints prescribe the motion
         still = PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
-        return PreparedRun(still, method, model.layout, again, options.inputs, t0)
+        return PreparedRun(still, method, model.layout, again, options.inputs, (t0, t1))
     run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
-    return PreparedRun(run, method, model.layout, again, options.inputs, t0)
+    return PreparedRun(run, method, model.layout, again, options.inputs, (t0, t1))
 
 
 def _prepared_in_elapsed_time(
@@ -78,7 +81,7 @@ def _prepared_in_elapsed_time(
         return final, kept.status
 
     again = partial(prepare, model, t_span, options)
-    return PreparedRun(PreparedStates(run), kept.method, model.layout, again, options.inputs, t0)
+    return PreparedRun(PreparedStates(run), kept.method, model.layout, again, options.inputs, t_span)
 
 
 def _prepared_keeping(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:

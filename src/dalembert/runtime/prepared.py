@@ -38,13 +38,14 @@ class PreparedRun:
         layout: Layout,
         again: Callable[[], PreparedRun],
         given: GivenInputs | None = None,
-        start: float = 0.0,
+        span: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self._run, self._again = run, again
         self._state, self._parameters = layout.state, layout.parameters
         self._shapes = ((len(layout.state),), (len(layout.parameters),))
         self.method = method
-        self._inputs, self._given = layout.inputs, None if given is None else (given.rows(start), given.sampled)
+        self._inputs = layout.inputs
+        self._given = None if given is None else given.rows(span[0], after=span[1] >= span[0])
         self._places = coefficient_places(layout.parameters, layout.inputs)
 
     def __call__(self, state: FloatArray, p: FloatArray, inputs: FloatArray | None = None) -> FloatArray:
@@ -80,7 +81,7 @@ class PreparedRun:
             rows = np.zeros((len(self._inputs), WIDTH))
             rows[:, 1] = self._array("inputs", inputs, self._inputs)
         elif self._given is not None:
-            rows = self._given[0]
+            rows = self._given
         else:
             rows = np.array([p[place : place + WIDTH] for place in self._places])
         for place, row in zip(self._places, rows, strict=True):

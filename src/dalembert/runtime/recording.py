@@ -9,6 +9,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.projected_states import projected
+from ..integrators.segments import Constants
 from ..ir.program import Program
 from ..methods.status import Status
 
@@ -19,8 +20,8 @@ __all__ = ["Record"]
 class Record:
     """Gathers blocks of steps with continuous output to one solution without."""
 
-    def __init__(self, program: Program, problem: IntegrationProblem) -> None:
-        self._program, self._problem = program, problem
+    def __init__(self, program: Program, problem: IntegrationProblem, course: Constants) -> None:
+        self._program, self._problem, self._course = program, problem, course
         self._times: list[FloatArray] = []
         self._states: list[FloatArray] = []
         self._steps = self._rejected = self._evaluations = 0
@@ -44,7 +45,7 @@ class Record:
             forward = 1.0 if self._problem.t1 >= self._problem.t0 else -1.0
             rest = t_eval[self._wanted :]
             inside = rest[(rest - self._end) * forward <= 0.0]
-            states = projected(self._program, self._problem.constants, inside, part.dense(inside))
+            states = projected(self._program, self._course, inside, part.dense(inside))
             for k in (0, -1):
                 states[inside == part.t[k]] = part.y[k]
             self._times.append(inside)

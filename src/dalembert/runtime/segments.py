@@ -19,15 +19,10 @@ from ..arrays import FloatArray
 from ..codegen.base import Engine, Final, Prepared, PreparedStates
 from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
-from ..integrators.problem import (
-    DenseOutput,
-    IntegrationProblem,
-    JoinedOutput,
-    PiecewisePolynomial,
-    Solution,
-    prescribed,
-)
-from ..integrators.segments import Segments
+from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
+from ..integrators.input_records import InputRecords
+from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.segments import KnotSegments, Segments
 from ..ir.conditions import Conditions
 from ..ir.interpret import interpret
 from ..ir.kernel import Assignment, Kernel, Load
@@ -41,9 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SegmentedEngine", "at_time", "segmented", "segments_of", "starting_constants"]
 
-Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
-"""From a time, a state (n_y,) and the constants (n_c,) before and after it to the state with which the run goes on."""
-
+_NO_CONDITIONS = Conditions(None, (), (), (), ())
 _FEW = 32
 _MOST_KEPT = 16
 
@@ -88,11 +81,13 @@ def at_time(program: Program, c: FloatArray, t: float) -> FloatArray:
 
 
 def segmented(engine: Engine, program: Program, landing: Landing | None = None) -> Engine:
-    """Return an engine that ends steps where conditions on time change, or the engine itself where there are none.
+    """Return an engine that ends steps where functions of time break, or the engine itself where it does so.
 
-    `landing` gives the state with which a run goes on from a break; None leaves it as it is.
+    `landing` gives the state with which a run goes on from a break of a condition; None leaves it as it is.
     """
-    return engine if program.conditions is None else SegmentedEngine(engine, program, landing)
+    if program.conditions is None and (engine.follows_inputs or not program.layout.inputs):
+        return engine
+    return SegmentedEngine(engine, program, landing)
 
 
 @final
@@ -108,11 +103,23 @@ class SegmentedEngine(Engine):
 
     @property
     def _conditions(self) -> Conditions:
-        assert self._program.conditions is not None
-        return self._program.conditions
+        return self._program.conditions or _NO_CONDITIONS
+
+    @property
+    def follows_inputs(self) -> bool:
+        """See `Engine.follows_inputs`."""
+        return True
+
+    def _following(
+        self, integrate: Callable[[IntegrationProblem], Solution]
+    ) -> Callable[[IntegrationProblem], Solution]:
+        """Return what integrates problems whose inputs have knots."""
+        return integrate if self.inner.follows_inputs else between_knots(integrate)
 
     def segments(self, problem: IntegrationProblem) -> Segments:
-        """Return the segments of a problem."""
+        """Return the segments of a problem between changes of its conditions."""
+        if self._program.conditions is None:
+            return Segments(np.array([problem.t0, problem.t1]), problem.constants[np.newaxis], problem.inputs)
         parameters = len(self._program.layout.parameters)
         p = problem.constants[:parameters].copy()
         self._conditions.decide_at(p, 0.0)
@@ -123,7 +130,7 @@ class SegmentedEngine(Engine):
             while len(self._kept) >= _MOST_KEPT:
                 self._kept.pop(next(iter(self._kept)), None)
             self._kept[key] = found
-        return found
+        return found if problem.inputs is None else replace(found, inputs=problem.inputs)
 
     def course(self, problem: IntegrationProblem) -> Segments:
         """See `Engine.course`."""
@@ -163,13 +170,15 @@ class SegmentedEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`: the first segment decides."""
-        parts = _parts(problem, self.segments(problem))
-        return self.inner.fit(replace(next(parts), t_eval=None), method)
+        part = replace(next(parts_of(problem, self.segments(problem))), t_eval=None)
+        if part.inputs is not None and not self.inner.follows_inputs:
+            part = next(parts_of(part, KnotSegments(part)))
+        return self.inner.fit(part, method)
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        run = partial(self.inner.integrate, method=method)
-        return _chained(run, problem, self.segments(problem), self.landing)
+        run = self._following(partial(self.inner.integrate, method=method))
+        return chained(run, problem, self.segments(problem), self.landing)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: what one segment found unfit the others do not try."""
@@ -182,35 +191,26 @@ class SegmentedEngine(Engine):
             solution, taken, notes = self.inner.integrate_automatic(part, method)
             return solution
 
-        return _chained(run, problem, self.segments(problem), self.landing), taken, notes
+        return chained(self._following(run), problem, self.segments(problem), self.landing), taken, notes
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`; none of them reaches beyond its segment."""
-        y, left, first = problem.y0, problem.max_steps, problem.first_step
-        whole = replace(problem, t_eval=None)
-        before: FloatArray | None = None
-        for part in _parts(whole, self.segments(problem)):
-            status = Status.SUCCESS
-            if before is not None and self.landing is not None and len(y):
-                y = self.landing(part.t0, y, before, part.constants)
-            before = part.constants
-            own = replace(part, y0=y, max_steps=left, first_step=first)
-            for block in self.inner.step_blocks(own, method) if len(y) else [prescribed(own)]:
-                status = Status(block.status)
-                left -= block.steps + block.rejected
-                y = block.y[-1] if len(block.y) else y
-                yield block
-            if status is not Status.SUCCESS or left <= 0:
-                return
-            first = None
+        segments = self.segments(problem)
+        parts = parts_of(replace(problem, t_eval=None), segments)
+
+        def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
+            if self.inner.follows_inputs:
+                return self.inner.step_blocks(part, method)
+            return blocks_between_knots(partial(self.inner.step_blocks, method=method), part)
+
+        yield from chained_blocks(parts, problem, step_blocks, self.landing, lambda k: segments.of(k, ending=True))
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
     ) -> Prepared:
         """See `Engine.prepared`: runs without a break are prepared, others are chained."""
-        conditions = self._program.conditions
-        assert conditions is not None
-        whole = self.inner.prepared(problem, method, constants)
+        conditions, knots = self._conditions, problem.inputs is not None and not self.inner.follows_inputs
+        whole = self.inner.prepared(replace(problem, inputs=None) if knots else problem, method, constants)
         middle = problem.t0 + 0.5 * (problem.t1 - problem.t0)
 
         unbroken: dict[bytes, bool] = {}
@@ -222,7 +222,7 @@ class SegmentedEngine(Engine):
             if key not in unbroken:
                 unbroken.clear()
                 unbroken[key] = len(break_times(conditions, p, problem.t0, problem.t1)) == 0
-            if unbroken.get(key):
+            if unbroken.get(key) and not knots:
                 return whole(state, p), whole.status()
             own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
             solution = self.integrate(own, method)
@@ -248,6 +248,8 @@ class SegmentedEngine(Engine):
     ) -> CaseRun | None:
         """See `Engine.sweeper`: where nothing is decided, and nothing narrow happens in any case."""
         conditions = self._conditions
+        if cases.inputs is not None and not self.inner.follows_inputs:
+            return None
         columns = [cases.parameters[i] for i in sorted(conditions.parameters)]
         if conditions.decides or any(len(column) > 1 for column in (*cases.spans, *columns)):
             return None
@@ -258,103 +260,11 @@ class SegmentedEngine(Engine):
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: side by side a segment at a time where the engine can, else one by one."""
-        if block.watch is None and _Rounds(self, block, method, result).run():
-            return
-        super().integrate_block(block, method, result)
-
-
-def _parts(problem: IntegrationProblem, segments: Segments) -> Iterator[IntegrationProblem]:
-    """Yield the problem of each segment; one with times to record records its end, too, one without its steps."""
-    edges, wanted = segments.edges, problem.t_eval
-    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    places = None if wanted is None else np.searchsorted(forward * wanted, forward * edges[1:-1], side="left")
-    bounds = None if places is None or wanted is None else [0, *places.tolist(), len(wanted)]
-    for k in range(len(segments)):
-        times = None
-        if wanted is not None and bounds is not None and bounds[k] < bounds[k + 1]:
-            times = np.append(wanted[bounds[k] : bounds[k + 1]], edges[k + 1])
-        yield replace(
-            problem,
-            t0=float(edges[k]),
-            t1=float(edges[k + 1]),
-            constants=segments.constants[k],
-            t_eval=times,
-            first_step=problem.first_step if k == 0 else None,
-        )
-
-
-def _chained(
-    integrate: Callable[[IntegrationProblem], Solution],
-    problem: IntegrationProblem,
-    segments: Segments,
-    landing: Landing | None,
-) -> Solution:
-    """Return the solution of a problem, segment by segment."""
-    if len(segments) == 1:
-        return integrate(replace(problem, constants=segments.first))
-    y, left = problem.y0, problem.max_steps
-    done: list[Solution] = []
-    recorded = problem.t_eval is not None
-    before: FloatArray | None = None
-    for part in _parts(problem, segments):
-        if before is not None and landing is not None:
-            y = landing(part.t0, y, before, part.constants)
-        before = part.constants
-        if left <= 0:
-            done[-1] = replace(done[-1], status=Status.MAX_STEPS)
-            break
-        solution = integrate(replace(part, y0=y, max_steps=left))
-        left -= solution.steps + solution.rejected
-        if not solution.success:
-            done.append(_asked(solution, part.t_eval, whole=True) if recorded else solution)
-            break
-        y = solution.y[-1]
-        done.append(_asked(solution, part.t_eval) if recorded else solution)
-    return _joined(done, recorded)
-
-
-def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
-    """Return a solution with the times that were asked for alone: without its end, and none where none were."""
-    last = 0 if times is None else len(solution.t) - (not whole)
-    near = None if solution.near is None else solution.near[:last]
-    end = solution.end
-    if end is None and len(solution.t):
-        end = float(solution.t[-1])
-    return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
-
-
-def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
-    """Return solutions that follow each other as one; what accepted steps share is kept once."""
-    first = [0 if recorded or k == 0 else 1 for k in range(len(done))]
-    near = None
-    if any(part.near is not None for part in done):
-        near = np.concatenate(
-            [(part.y if part.near is None else part.near)[i:] for i, part in zip(first, done, strict=True)]
-        )
-    return Solution(
-        status=done[-1].status,
-        t=np.concatenate([part.t[i:] for i, part in zip(first, done, strict=True)]),
-        y=np.concatenate([part.y[i:] for i, part in zip(first, done, strict=True)]),
-        steps=sum(part.steps for part in done),
-        rejected=sum(part.rejected for part in done),
-        evaluations=sum(part.evaluations for part in done),
-        dense=_dense([part.dense for part in done]),
-        near=near,
-        end=done[-1].end,
-    )
-
-
-def _dense(parts: Sequence[DenseOutput | None]) -> DenseOutput | None:
-    """Return continuous outputs that follow each other as one; None where there is none."""
-    found = [part for part in parts if part is not None and len(part.knots) > 1]
-    if not found:
-        return parts[0]
-    polynomials = [part for part in found if isinstance(part, PiecewisePolynomial)]
-    if len(polynomials) == len(found) and len({part.coefficients.shape[1] for part in polynomials}) == 1:
-        knots = np.concatenate([found[0].knots[:1], *(part.knots[1:] for part in found)])
-        return PiecewisePolynomial(knots, np.concatenate([part.coefficients for part in polynomials]))
-    edges = np.array([float(found[0].knots[0]), *(float(part.knots[-1]) for part in found)])
-    return JoinedOutput(edges, found)
+        knots = block.inputs is not None and not self.inner.follows_inputs
+        if self._program.conditions is None and not knots:
+            self.inner.integrate_block(block, method, result)
+        elif knots or block.watch is not None or not _Rounds(self, block, method, result).run():
+            super().integrate_block(block, method, result)
 
 
 def _going_on(states: int) -> Start:
@@ -415,8 +325,13 @@ class _Rounds:
         for i, end in zip(some.tolist(), ends.tolist(), strict=True):
             first = self.breaks[self.starts[i] + k - 2] if k > 1 else self.block.spans[i, 0]
             middles = 0.5 * np.array([first + now[i], now[i] + end])
-            before, after = _prepared(self.program, self.p[i], middles)
-            y[i] = self.landing(float(now[i]), y[i], before, after)
+            both = _prepared(self.program, self.p[i], middles)
+            if self.block.inputs is not None:
+                forward = self.block.spans[i, 1] >= self.block.spans[i, 0]
+                times, after = np.full(2, now[i]), np.array([not forward, forward])
+                self.block.inputs.write(both, times, np.full(2, i), after)
+            before, after_ = both
+            y[i] = self.landing(float(now[i]), y[i], before, after_)
 
     def _round(
         self, some: NDArray[np.intp], t0: FloatArray, t1: FloatArray, y: FloatArray, k: int
@@ -424,13 +339,16 @@ class _Rounds:
         block = self.block
         p = self.p[some]
         self.conditions.decide_at(p, t0 + 0.5 * (t1 - t0))
+        inputs = None if block.inputs is None else block.inputs.part(some, len(block.y))
+        if inputs is not None:
+            inputs.write(p, t0, np.arange(len(some)), t1 >= t0)
         wanted = block.t_eval
         forward = 1.0 if block.spans[0, 1] >= block.spans[0, 0] else -1.0
         lowest, highest = np.min(forward * t0), np.max(forward * t1)
         chosen = np.flatnonzero((forward * wanted >= lowest) & (forward * wanted <= highest))
         times = wanted[chosen]
         done = BlockResult.empty(len(some), y.shape[1], len(times))
-        if not self._step(p, y, t0, t1, times, done):
+        if not self._step(p, y, (t0, t1), times, done, inputs):
             return None
         if len(times):
             own = (forward * times >= forward * t0[:, np.newaxis]) & (forward * times <= forward * t1[:, np.newaxis])
@@ -440,10 +358,16 @@ class _Rounds:
         return done
 
     def _step(
-        self, p: FloatArray, y: FloatArray, t0: FloatArray, t1: FloatArray, times: FloatArray, done: BlockResult
+        self,
+        p: FloatArray,
+        y: FloatArray,
+        ends: tuple[FloatArray, FloatArray],
+        times: FloatArray,
+        done: BlockResult,
+        inputs: InputRecords | None,
     ) -> bool:
         """Run cases from states to the ends of their segments; return whether the engine does that side by side."""
-        block = self.block
+        block, (t0, t1) = self.block, ends
         limits = block.rtol, block.atol, block.max_step, block.max_steps
         columns = CaseColumns(
             len(p),
@@ -453,6 +377,7 @@ class _Rounds:
             self.start,
             times,
             *limits,
+            inputs=inputs,
         )
         run: CaseRun | None = self.inner.sweeper(columns, self.method, done, np.empty((0, 0)), len(p))
         if run is not None:
@@ -463,5 +388,5 @@ class _Rounds:
             return False
         c = prepare_rows(self.program, p)
         spans = np.stack([t0, t1], axis=1)
-        self.inner.integrate_block(CaseBlock(y, c, spans, times, *limits), self.method, done)
+        self.inner.integrate_block(CaseBlock(y, c, spans, times, *limits, inputs=inputs), self.method, done)
         return True

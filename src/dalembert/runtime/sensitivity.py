@@ -36,7 +36,8 @@ def sensitivity(
     t0, t1 = span_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
-        parameters = options.inputs.parameters(parameters, t0)
+        parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
+        options = replace(options, wrt=_inputs_of(model, options))
     other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
     if other is None:
         return _in_own_time(model, (t0, t1), initial, parameters, options)
@@ -46,7 +47,7 @@ def sensitivity(
     offsets = _offsets(model, other, wanted)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
-        given = options.inputs.parameters(given, 0.0)
+        given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
     more = replace(options, t_eval=elapsed_times(t0, t1, times), wrt=[*wanted, *(offset.name for offset in offsets)])
     try:
         found = _in_own_time(other, (0.0, t1 - t0), initial, given, more)
@@ -56,6 +57,25 @@ def sensitivity(
         p = dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
         found = through_offsets(found, offsets, t0, p)
     return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
+
+
+def _inputs_of(model: CompiledModel, options: SensitivityOptions) -> list[Any]:
+    """Return what is differentiated by, without inputs.
+
+    Raises
+    ------
+    OptionError
+        For inputs.
+    """
+    wanted = [options.wrt] if isinstance(options.wrt, str) else list(options.wrt)
+    names = [model.layout.aliases.get(str(w), str(w)) for w in wanted]
+    inputs = [name for name in names if name in model.layout.inputs]
+    if inputs:
+        raise OptionError(
+            f"derivatives by the input {inputs[0]!r} are not computed: an input is a function of time, not a number."
+            " Write it as a parameter, or as a parameter times the input, and differentiate by that"
+        )
+    return wanted
 
 
 def _offsets(model: CompiledModel, other: CompiledModel, wanted: list[Any]) -> list[Offset]:
@@ -88,6 +108,7 @@ def _in_own_time(
         atol=options.atol,
         t_eval=options.t_eval,
         max_steps=options.max_steps,
+        inputs=None if options.inputs is None else options.inputs.records(program.layout),
     )
     found = independent_model(model, problem, options.method, time.perf_counter())
     if found is not model and isinstance(found, type(model)):

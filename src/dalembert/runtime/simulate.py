@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..arrays import FloatArray
 from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
+from ..ir.program import Program
 from ..options import SimulateOptions
 from ..results.estimate import TIGHTER
 from ..results.trajectory import Trajectory
@@ -39,7 +40,7 @@ def simulate(
     t0, t1 = span_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
-        parameters = options.inputs.parameters(parameters, t0)
+        parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
     if not begins_elsewhere(t0, t1):
         return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
     other, events, _ = in_elapsed_time(model, t0, t1, options.events)
@@ -51,7 +52,7 @@ def simulate(
     given = with_offsets(model, other, t0, parameters)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
-        given = options.inputs.parameters(given, 0.0)
+        given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
     run = simulate_in_own_time(other, (0.0, t1 - t0), initial, given, options)
     return run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
@@ -90,7 +91,7 @@ def simulate_from_state(
 ) -> Trajectory:
     """Return the trajectory from a state (n_y,) with constants (n_c,), which are known to be consistent."""
     begin = time.perf_counter()
-    problem = _limited(t_span, y, c, options)
+    problem = _limited(model.stages.program, t_span, y, c, options)
     method = model.choose_method(options.method, options.rtol, options.atol)
     return integrate(model, problem, method, begin, automatic=options.automatic)
 
@@ -119,10 +120,12 @@ def _problem(
     if found is None:
         c = starting_constants(program, inputs.constants(program, p), t0, t1)
         found = inputs.initial_state(start.start, t0, values, c, program), c
-    return _limited(t_span, *found, options)
+    return _limited(program, t_span, *found, options)
 
 
-def _limited(t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions) -> IntegrationProblem:
+def _limited(
+    program: Program, t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions
+) -> IntegrationProblem:
     """Return the problem of a run over a span from a state (n_y,) with constants (n_c,)."""
     return IntegrationProblem(
         t0=t_span[0],
@@ -136,6 +139,7 @@ def _limited(t_span: tuple[float, float], y: FloatArray, c: FloatArray, options:
         max_step=options.max_step,
         max_steps=options.max_steps,
         dense=options.dense,
+        inputs=None if options.inputs is None else options.inputs.records(program.layout),
     )
 
 

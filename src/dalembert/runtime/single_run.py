@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..integrators.chaining import blocks_between_knots
 from ..integrators.event_code import EventCode
 from ..integrators.events import Occurrence, integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
@@ -93,9 +95,9 @@ def _integrated(
 def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
     """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
     program, enforced = model.stages.program, model.derived.enforced
-    record, where, span = Record(program, problem), "", (problem.t0, problem.t1)
+    record, where, span = Record(program, problem, model.engine.course(problem)), "", (problem.t0, problem.t1)
     for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
-        found, where = judged(program, part, problem.constants, enforced, part, span)
+        found, where = judged(program, part, model.engine.course(problem), enforced, part, span)
         record.add(found)
         if found.status is Status.SINGULAR_CONFIGURATION:
             break
@@ -109,9 +111,10 @@ def _watched(
     engine = model.engine
 
     def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-        if model.layout.state or engine.cuts:
-            return engine.step_blocks(part, method)
-        return iter([prescribed(part)])
+        if not (model.layout.state or engine.cuts):
+            return iter([prescribed(part)])
+        blocks = partial(engine.step_blocks, method=method)
+        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
     # what ends modes is watched again and again, so that compiling it pays
     rows = engine.rows if watch.smooth else interpret_rows
@@ -125,7 +128,8 @@ def _ended_where_singular(
     program, enforced, gimbals = model.stages.program, model.derived.enforced, model.derived.gimbals
     if gimbals is None and not enforced:
         return solution, ""
-    c, steps, span = problem.constants, _steps(model, problem, method, solution), (problem.t0, problem.t1)
+    c, steps = model.engine.course(problem), _steps(model, problem, method, solution)
+    span = problem.t0, problem.t1
     if gimbals is not None:
         solution, where = locked(program, gimbals, solution, c, steps, span)
         if where:
@@ -135,7 +139,7 @@ def _ended_where_singular(
     where = ""
     if solution.status is not Status.SINGULAR_CONFIGURATION:
         solution, where = judged(program, solution, c, enforced, steps, span)
-    loose = indeterminate(program, problem.t0, problem.y0, c)
+    loose = indeterminate(program, problem.t0, problem.y0, problem.constants)
     return solution, "; ".join(text for text in (where, loose) if text)
 
 
@@ -145,7 +149,8 @@ def _ended_where_constraints_matter(
     """Return a run ended where constraints that were dropped no longer follow from the others, and where that is."""
     tolerance = max(1e3 * (problem.rtol + problem.atol), 1e-6)
     left_out, span = model.stages.reduced.left_out, (problem.t0, problem.t1)
-    return still_redundant(model.stages.program, solution, problem.constants, left_out, tolerance, span)
+    course = model.engine.course(problem)
+    return still_redundant(model.stages.program, solution, course, left_out, tolerance, span)
 
 
 def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,11 @@ from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..errors import list_names
 from ..integrators.cases import BlockResult, CaseBlock
+from ..integrators.chaining import blocks_between_knots
 from ..integrators.event_code import SUSPECT
 from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution
+from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
@@ -61,7 +64,8 @@ def _jacobians(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, en
     return rows.reshape(len(t), len(layout.constraints), len(layout.coordinates))[:, list(enforced)]
 
 
-def _at_states(program: Program, t: FloatArray, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
+def _at_states(program: Program, t: FloatArray, y: FloatArray, c: Constants, enforced: Sequence[int]) -> FloatArray:
+    c = constants_at(c, t)
     return _jacobians(program, t, interpret_rows(program.kernel("expand"), t, y, c), c, enforced)
 
 
@@ -200,10 +204,11 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
     return x
 
 
-def _where(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+def _where(program: Program, t: float, y: FloatArray, c: Constants, enforced: Sequence[int]) -> str:
     """Return which constraints come to depend on each other, and where."""
     layout = program.layout
     times, rows = np.array([t]), y[np.newaxis]
+    c = constants_at(c, times)
     j = _at_states(program, times, rows, c, enforced)
     left, values, _ = np.linalg.svd(j[0] / _lengths(j)[:, np.newaxis])
     weights = np.abs(left[:, -1])
@@ -224,7 +229,7 @@ def singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enf
 def judged(
     program: Program,
     solution: Solution,
-    c: FloatArray,
+    c: Constants,
     enforced: Sequence[int],
     steps: Solution,
     span: tuple[float, float],
@@ -257,7 +262,7 @@ def searched(program: Program) -> bool:
 
 
 def _crossing(
-    program: Program, solution: Solution, c: FloatArray, enforced: Sequence[int]
+    program: Program, solution: Solution, c: Constants, enforced: Sequence[int]
 ) -> tuple[float, FloatArray] | None:
     """Return the first time and state at which rank is lost."""
     t, y = solution.t, solution.y
@@ -312,8 +317,9 @@ def judged_cases(
         wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
         times = forward * np.union1d(forward * solution.t, forward * wanted)
         states = solution.y if solution.dense is None else solution.dense(times)
+        course = engine.course(problem)
         found, _ = judged(
-            program, replace(solution, t=times, y=states), block.c[i], enforced, solution, (problem.t0, problem.t1)
+            program, replace(solution, t=times, y=states), course, enforced, solution, (problem.t0, problem.t1)
         )
         if found.status is not Status.SINGULAR_CONFIGURATION:
             continue
@@ -329,8 +335,9 @@ def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationPr
     """Return a case of a block with its continuous output, and with its events where it has any."""
     if block.watch is None or not block.watch.reported:
         return engine.integrate(problem, method)
-    watched = block.watch.watched(problem.constants)
-    return integrate_watched(lambda part: engine.step_blocks(part, method), problem, watched)[0]
+    watched, blocks = block.watch.watched(engine.course(problem)), partial(engine.step_blocks, method=method)
+    between = partial(blocks_between_knots, blocks) if block.watch.reads_inputs else blocks
+    return integrate_watched(between, problem, watched)[0]
 
 
 def cut(
@@ -351,7 +358,7 @@ def cut(
 def still_redundant(
     program: Program,
     solution: Solution,
-    c: FloatArray,
+    c: Constants,
     left_out: Sequence[int],
     tolerance: float,
     span: tuple[float, float],
@@ -363,6 +370,7 @@ def still_redundant(
     places = [i for i in left_out if i < program.layout.holonomic]
     if not places or len(solution.t) == 0:
         return solution, ""
+    c = constants_at(c, solution.t)
     x = interpret_rows(program.kernel("expand"), solution.t, solution.y, c)
     left = np.abs(interpret_rows(program.kernel("position_residual"), solution.t, x, c)[:, places])
     wrong = np.max(left, axis=1) > tolerance * max(1.0, float(np.max(np.abs(x), initial=0.0)))

@@ -45,7 +45,7 @@ def sweep(
     starts, lasts = spans_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(starts, lasts)
-        parameters = options.inputs.case_parameters(parameters, starts)
+        parameters = options.inputs.case_parameters(parameters, starts, lasts)
     together = len(starts) == len(lasts) == 1
     if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
         return _in_own_time(model, t_span, initial, parameters, options)
@@ -60,7 +60,7 @@ def sweep(
     own = replace(options, t_eval=since, events=events, reduce=reduce)
     if options.inputs is not None:
         own = replace(own, inputs=options.inputs.counted_from(starts))
-        given = own.inputs.case_parameters(given, begins)
+        given = own.inputs.case_parameters(given, begins, lasts - starts)
     run = _in_own_time(other, (begins, lasts - starts), initial, given, own)
     table = reduction_table(options.reduce, model.layout.aliases)
     crossings = [name for name, each in table.items() if each.kind == "first crossing"]
@@ -134,7 +134,7 @@ def begin_sweep(
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
-    cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters)
+    cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
     able = _divisible_cases(model, cases)
     if able is not model:
         return begin_sweep(able, *given, options)

@@ -24,6 +24,7 @@ from .pipelines import PRODUCT_FUSION, STEP_PASSES
 
 __all__ = [
     "CONTROL",
+    "CONTROLS",
     "GROWTH_AT",
     "PROPOSAL_AT",
     "SETTINGS",
@@ -42,6 +43,7 @@ SETTINGS = ("largest step", "direction of time", "rtol", "atol")
 CONTROL = ("size of the next attempt", "log2 of the previous error", "largest growth")
 """Outputs behind state, size and check; behind them come the slopes of the state, where they are carried."""
 
+CONTROLS = len(CONTROL)
 PROPOSAL_AT, GROWTH_AT = 2, 4
 """Places of the first and the last of `CONTROL`, counted from that of the size of the step."""
 

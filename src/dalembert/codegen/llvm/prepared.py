@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of, pack, place_of
+from ...integrators.input_steps import no_inputs
 from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...integrators.problem import IntegrationProblem
 from ...interrupts import check
@@ -67,7 +68,7 @@ def prepared_run(
     settings : sequence of float
         What the step reads behind the largest step and the direction of time.
     problem : IntegrationProblem
-        Span, largest step and number of steps.
+        Span, largest step, number of steps, and records of inputs.
     steps : object
         What keeps the code at these addresses.
     """
@@ -83,13 +84,14 @@ def prepared_run(
             n=n,
             memory=memory,
             parameters=p,
-            constants=np.zeros((1, n_c)),
+            constants=np.zeros((n_c, 1)),
             settings=np.array([[0.0, direction, *settings]]),
             clock=np.zeros((1, 1)),
             states=states,
             delta=np.zeros((n, 1)),
             mark=np.zeros(1, np.int64),
             progress=PreparedProgress(),
+            inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1, n + 2 + memory),
         )
         begun = pack(arguments)
         going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))

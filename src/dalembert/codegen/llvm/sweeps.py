@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of, pack
 from ...integrators.cases import BlockResult, CaseColumns
+from ...integrators.input_steps import no_inputs
 from ...integrators.sample_projection import SampleArguments
 from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
 from ...integrators.workspace import EventKernels, LaneState, aligned, event_workspace, lane_state, no_event_workspace
@@ -79,6 +80,9 @@ def case_run(
     size = more + 2 + shape.memory
     rows = size + (more * (shape.degree + 1) if shape.dense else 0)
     loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop")
+    if cases.inputs is not None:
+        assert not watched
+        loop = loop_named("input_lane_loop")
 
     def arguments(turn: NDArray[np.int64]) -> SweepArguments:
         n_s, parameters = 2 + len(settings), len(cases.parameters)
@@ -100,6 +104,7 @@ def case_run(
             workspace=event_workspace(events, *sizes) if watched else no_event_workspace(),
             happened=result.happened,
             totals=result.totals,
+            inputs=no_inputs() if cases.inputs is None else cases.inputs.table(shape.lanes, n + 2 + shape.memory),
         )
 
     def call(turn: NDArray[np.int64]) -> LoopCall:

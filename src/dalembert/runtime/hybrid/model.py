@@ -33,7 +33,7 @@ from .. import inputs as run_input
 from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
-from ..input_values import read_inputs, with_inputs
+from ..input_values import GivenInputs, read_inputs, with_inputs
 from ..inputs import span_of
 from ..linearize import linearize
 from ..model import CompiledModel
@@ -274,6 +274,22 @@ class HybridModel(Evaluated):
         start = dict(zip((*self.layout.coordinates, *self.layout.rates), state.x[0].tolist(), strict=True))
         return linearize(self._model(mode), time, start, values, states, outputs)
 
+    def _read_inputs(self, inputs: Mapping[Any, Any] | None, *, many: bool = False) -> GivenInputs | None:
+        """Return the values of the inputs.
+
+        Raises
+        ------
+        OptionError
+            For records.
+        """
+        given = read_inputs(self.layout, self._inputs, inputs, many=many)
+        if given is not None and given.sampled:
+            raise OptionError(
+                f"samples of inputs are not yet followed in a scene with contacts ({self.name!r}): give numbers, or"
+                " write the function of time as a Piecewise in the scene"
+            )
+        return given
+
     def _refuse(self, project_invariants: Any) -> None:
         if project_invariants is not False:
             raise OptionError(
@@ -338,10 +354,10 @@ class HybridModel(Evaluated):
         self._refuse(project_invariants)
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
-        given_inputs = read_inputs(self.layout, self._inputs, inputs)
+        given_inputs = self._read_inputs(inputs)
         if given_inputs is not None:
             given_inputs.refuse_span(t0, t1)
-            parameters = given_inputs.parameters(parameters, t0)
+            parameters = given_inputs.parameters(parameters, t0, after=t1 >= t0)
         options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=given_inputs)
         other, own, _ = self._counting(t0, t1, events) if begins_elsewhere(t0, t1) else (None, events, None)
         if other is None:
@@ -354,7 +370,7 @@ class HybridModel(Evaluated):
             given = {**parameters, **offset_values(other._equations.symbols.offsets, t0, values)}
         if given_inputs is not None:
             given_inputs = given_inputs.counted_from(t0)
-            given = given_inputs.parameters(given, 0.0)
+            given = given_inputs.parameters(given, 0.0, after=t1 >= t0)
         options = replace(options, t_eval=wanted, events=own, inputs=given_inputs)
         run = other._simulate((0.0, t1 - t0), initial, given, options)
         if times is not None and wanted is not None:
@@ -467,12 +483,12 @@ class HybridModel(Evaluated):
             events=events,
             reduce=reduce,
             error_estimate=error_estimate,
-            inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
+            inputs=self._read_inputs(inputs, many=True),
         )
         starts, lasts = spans_of(t_span)
         if options.inputs is not None:
             options.inputs.refuse_span(starts, lasts)
-            parameters = options.inputs.case_parameters(parameters, starts)
+            parameters = options.inputs.case_parameters(parameters, starts, lasts)
         together = len(starts) == len(lasts) == 1
         other, own, table = None, events, reduce
         if begins_elsewhere(starts, lasts) and (together or t_eval is None):
@@ -491,7 +507,7 @@ class HybridModel(Evaluated):
         options = replace(options, t_eval=wanted, events=own, reduce=table)
         if options.inputs is not None:
             options = replace(options, inputs=options.inputs.counted_from(starts))
-            given = options.inputs.case_parameters(given, starts - starts)
+            given = options.inputs.case_parameters(given, starts - starts, lasts - starts)
         run = other._sweep(spans, initial, given, options)
         reductions = reduction_table(reduce, self.layout.aliases)
         crossings = [name for name, each in reductions.items() if each.kind == "first crossing"]
@@ -590,7 +606,7 @@ class HybridModel(Evaluated):
             atol=atol,
             max_step=max_step,
             max_steps=max_steps,
-            inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
+            inputs=None if inputs is None else self._read_inputs(inputs),
         )
         if options.inputs is not None:
             options.inputs.refuse_span(*span_of(t_span))
@@ -610,10 +626,10 @@ class HybridModel(Evaluated):
         if offsets:
             run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
         layout = replace(self.layout, state=(*self.layout.coordinates, *self.layout.rates))
-        start, given = t_span[0] if other is None else 0.0, options.inputs
+        given = options.inputs
         if given is not None and other is not None:
             given = given.counted_from(t0)
-        return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, start)
+        return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, span)
 
     def _complete(self, given: Iterable[str]) -> bool:
         """Return whether values give all coordinates and rates, by themselves or by what stands for them."""

@@ -1,0 +1,115 @@
+"""Records of the inputs of one run, or of many cases: coefficients at given times, knots, and what loops are given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..ir.input_parameters import WIDTH
+from ..methods.step_constants import SMALLEST_OF_TIME
+from .arguments import address_of
+from .input_steps import InputTable
+from .samples import KINDS, Samples
+
+__all__ = ["InputRecords"]
+
+IntArray = NDArray[np.intp]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class InputRecords:
+    """The inputs of a program that have knots.
+
+    Attributes
+    ----------
+    records : tuple of Samples
+    places : tuple of int
+        Where the parameters of each begin, among parameters and constants.
+    shift : ndarray (1,) or (k,)
+        Time [s] at which the clock of the run is zero, or that of each case.
+    rows : ndarray (n_case,) or None
+        Which rows of records and shifts belong to the cases; None where row i is that of case i.
+    """
+
+    records: tuple[Samples, ...]
+    places: tuple[int, ...]
+    shift: FloatArray
+    rows: NDArray[np.int64] | None = None
+
+    def part(self, cases: slice | IntArray, count: int) -> InputRecords:
+        """Return the records of some of so many cases."""
+        rows = np.arange(count) if self.rows is None else self.rows
+        return replace(self, rows=np.ascontiguousarray(rows[cases], np.int64))
+
+    def case(self, number: int) -> InputRecords:
+        """Return the records of one case."""
+        row = number if self.rows is None else int(self.rows[number])
+        return replace(self, rows=np.array([row]))
+
+    def write(
+        self,
+        constants: FloatArray,
+        t: FloatArray,
+        cases: IntArray | int = 0,
+        after: bool | NDArray[np.bool_] = True,
+    ) -> None:
+        """Write knots and coefficients at times (m,) of cases (m,) into constants or parameters (m, n).
+
+        At a knot they are those of the piece that follows in time; where not `after`, of the piece before it.
+        """
+        rows = np.asarray(cases) if self.rows is None else self.rows[cases]
+        shift = self.shift if len(self.shift) == 1 else self.shift[rows]
+        for record, place in zip(self.records, self.places, strict=True):
+            found = record.coefficients(record.pieces(t + shift, after=after), rows)
+            found[:, 0] -= shift
+            constants[:, place : place + WIDTH] = found
+
+    def knots(self, t0: float, t1: float, case: int = 0) -> FloatArray:
+        """Return the knots (m,) strictly between two times of a case, in the direction from one to the other."""
+        row = case if self.rows is None else int(self.rows[case])
+        shift = float(self.shift[0] if len(self.shift) == 1 else self.shift[row])
+        low, high = min(t0, t1), max(t0, t1)
+        found = []
+        for record in self.records:
+            times = record.t[record.first + 1 : record.last + 1] - shift
+            found.append(times[(times > low) & (times < high)])
+        every = np.unique(np.concatenate([np.zeros(0), *found]))
+        close = SMALLEST_OF_TIME * np.abs(every)
+        every = every[(every - low > close) & (high - every > close)]
+        apart = np.ones(len(every), bool)
+        apart[1:] = np.diff(every) > SMALLEST_OF_TIME * np.abs(every[1:])
+        return every[apart] if t1 >= t0 else every[apart][::-1]
+
+    def table(self, lanes: int, remembered: int = 0) -> InputTable:
+        """Return what a loop over so many lanes is given; a step of it remembers so many numbers.
+
+        The records must live as long as the table is used.
+        """
+        records, count = self.records, len(self.records)
+
+        def each(numbers: list[int]) -> NDArray[np.int64]:
+            return np.array(numbers, np.int64)
+
+        return InputTable(
+            knots=each([address_of(record.t) for record in records]),
+            counts=each([len(record.t) for record in records]),
+            values=each([address_of(record.values) for record in records]),
+            slopes=each([0 if record.slopes is None else address_of(record.slopes) for record in records]),
+            strides=each([0 if record.cases is None else len(record.t) for record in records]),
+            kinds=each([KINDS.index(record.kind) for record in records]),
+            first=each([record.first for record in records]),
+            last=each([record.last for record in records]),
+            beyond=each([int(record.extrapolate == "linear") for record in records]),
+            places=each(list(self.places)),
+            shift=each([address_of(self.shift), int(len(self.shift) > 1)]),
+            rows=np.zeros(0, np.int64) if self.rows is None else self.rows,
+            pieces=np.zeros((count, lanes), np.int64),
+            edges=np.zeros((count, lanes)),
+            ends=np.zeros((1, lanes)),
+            remembered=np.zeros((remembered, lanes)),
+        )

@@ -1,0 +1,63 @@
+"""Inputs with knots in lanes: the end of a lane's next steps is its next knot, from which its case goes on."""
+
+from __future__ import annotations
+
+from ..methods.status import Status
+from ..transforms.runge_kutta import CONTROLS, PROPOSAL_AT
+from .compiled_subset import call_code, compiled_subset, lowest, row
+from .input_steps import begin_inputs, pass_knots
+from .step_control import status_after
+from .sweep_arguments import SweepArguments
+from .workspace import ATTEMPTS, END, NEXT, NOW
+
+__all__ = ["begin_lane_inputs", "pass_lane_knots"]
+
+
+@compiled_subset
+def begin_lane_inputs(arguments: SweepArguments, lane: int) -> None:
+    """Set the inputs of the case that has entered a lane, and where its first steps must end."""
+    state = arguments.state
+    t, t1, forward = state.clock[NOW, lane], state.clock[END, lane], state.settings[1, lane] > 0.0
+    case = state.numbers.case[lane]
+    end = begin_inputs(arguments.inputs, state.constants, lane, case, t, t1, forward)
+    state.clock[END, lane], state.clock[NEXT, lane] = end, end
+
+
+@compiled_subset
+def pass_lane_knots(arguments: SweepArguments) -> None:
+    """Let the cases go on that have reached a knot, with the inputs from there on."""
+    state, shape = arguments.state, arguments.shape
+    left, passed = state.progress.look, 0
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        if _passes(arguments, lane):
+            passed += 1 << lane
+    if passed == 0 or shape.memory <= CONTROLS:
+        return
+    old, remembered = state.progress.old, arguments.inputs.remembered  # slopes that were carried are of other inputs
+    clock, states, settings = row(state.clock, 0), row(state.states, old), row(state.settings, 0)
+    call_code(arguments.kernels.begin, clock, states, row(state.constants, 0), settings, row(remembered, 0))
+    while passed != 0:
+        lane = lowest(passed)
+        passed &= passed - 1
+        for m in range(shape.n + 2 + CONTROLS, shape.n + 2 + shape.memory):
+            state.states[old + m, lane] = remembered[m, lane]
+
+
+@compiled_subset
+def _passes(arguments: SweepArguments, lane: int) -> bool:
+    """Return whether the case of a lane has reached a knot; the inputs and the end of its next steps are set then."""
+    state, inputs, numbers = arguments.state, arguments.inputs, arguments.state.numbers
+    t = state.clock[NOW, lane]
+    if numbers.status[lane] != Status.SUCCESS or t == inputs.ends[0, lane]:
+        return False
+    end = pass_knots(inputs, state.constants, lane, numbers.case[lane], t, state.settings[1, lane] > 0.0)
+    state.clock[END, lane], state.clock[NEXT, lane] = end, end
+    numbers.status[lane] = status_after(False, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
+    if arguments.shape.memory > 0:
+        place, old = arguments.shape.n + PROPOSAL_AT, state.progress.old
+        before = state.states.shape[0] // 2 - old
+        # the knot cut the step, not its error
+        state.states[old + place, lane] = max(state.states[old + place, lane], state.states[before + place, lane])
+    return True
