@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,7 @@ def compile_model(
     *,
     backend: str = "llvm",
     formulation: str = "auto",
-    outputs: Sequence[Any] = (),
+    outputs: Sequence[Any] | Mapping[str, Any] = (),
     cache: bool = True,
     gains: tuple[float, float] | None = None,
     orientation: str = "scene",
@@ -50,10 +50,12 @@ def compile_model(
     formulation : str
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
-    outputs : sequence of str, SymPy expressions or Points
+    outputs : sequence of str, SymPy expressions, Points or Vectors, or mapping of names to them
         What to record beside coordinates, rates and energy: names of unknown reaction components, expressions of the
-        scene's symbols, or points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's
-        origin on its frame. Nothing else is computed.
+        scene's symbols, points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's origin
+        on its frame, or vectors, of which a mapping ``{"v": vector}`` gives the components ``"v_x"``, ``"v_y"`` and
+        ``"v_z"`` on that frame. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is
+        called ``"x_ddot"``. Nothing else is computed.
     cache : bool
         Whether the generated module and its compiled code may be kept on disk.
     gains : (float, float), optional

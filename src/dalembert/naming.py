@@ -7,9 +7,10 @@ import re
 from collections.abc import Iterable
 from typing import final
 
-__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "rate_name", "unwritable"]
+__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "acceleration_input", "acceleration_name", "rate_name", "unwritable"]
 
 RATE_SUFFIX = "_dot"
+_ACCELERATION_SUFFIX = "_ddot"
 _LONGEST = 500
 """Characters of an identifier; LLVM takes those that differ only beyond 1,024 for one."""
 
@@ -20,6 +21,16 @@ GENERATED = frozenset({"abs", "c", "float", "fn", "jnp", "math", "max", "min", "
 def rate_name(coordinate: str) -> str:
     """Return the name of the rate of a coordinate: ``"x" -> "x_dot"``."""
     return coordinate + RATE_SUFFIX
+
+
+def acceleration_name(coordinate: str) -> str:
+    """Return the name of the second rate of a coordinate as an output: ``"x" -> "x_ddot"``."""
+    return coordinate + _ACCELERATION_SUFFIX
+
+
+def acceleration_input(coordinate: str) -> str:
+    """Return what the second rate of a coordinate is called on the graph, a name that no symbol of a user has."""
+    return f"second rate of {coordinate}"
 
 
 def unwritable(name: str) -> bool:

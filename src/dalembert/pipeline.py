@@ -17,7 +17,7 @@ from typing import Any, TypeVar, final
 
 from .codegen import backend_named
 from .codegen.base import Engine, RenderedModule
-from .errors import EnergyWarning, SceneError, warn_caller
+from .errors import EnergyWarning, OptionError, SceneError, list_names, warn_caller
 from .hybrid.automaton import HybridAutomaton
 from .hybrid.modes import Mode, always, mode_equations
 from .ir.program import Program
@@ -213,6 +213,7 @@ def compile_equations(
         equations = watch("mode", lambda: mode_equations(whole, single))
         names += [point.output for point in equations.guards]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
+    _require_names_beside_the_state(derivation.model, reduced)
     if kept:
         unprojected = reduced
         reduced = watch("project", lambda: project_invariants(unprojected, kept))
@@ -238,6 +239,17 @@ def compile_equations(
         tuple(records),
     )
     return Compiled(stages, engine, methods)
+
+
+def _require_names_beside_the_state(model: SceneModel, reduced: ReducedSystem) -> None:
+    """Raise for outputs that are called like a component of the state of the formulation."""
+    known = (*model.symbols.coordinates, *model.symbols.rates)
+    taken = [name for name in model.chosen if name in reduced.state and name not in known]
+    if taken:
+        raise OptionError(
+            f"scene {model.name!r}: the outputs {list_names(taken)} have the names of components of the state in the"
+            f" formulation {reduced.formulation!r}; give them other names"
+        )
 
 
 def output_names(outputs: Sequence[Any]) -> list[str]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from ..errors import SceneError
+from ..errors import OptionError, SceneError
 from ..ir.graph import Node
+from ..naming import acceleration_input, acceleration_name
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
+from ..scene.symbols import RESERVED_OUTPUTS
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
 from ..transforms.nonsmooth import nonanalytic
@@ -46,6 +48,8 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     states = tuple(map(model.graph.input, model.symbols.states))
     terms += model.state_rates
     moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot, *states)
+    outputs = {**model.outputs, **_places(kinematics)}
+    _require_names_of_their_own(model, outputs)
     return EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -59,7 +63,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.potential_energy,
         groups=_groups(kinematics),
-        outputs={**model.outputs, **_places(kinematics)},
+        outputs=outputs,
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
         nonanalytic=nonanalytic(model.graph, terms, moving),
         load_energy=load_energy(kinematics, power, silent, rows),
@@ -78,9 +82,33 @@ def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
 
 
 def _places(kinematics: Kinematics) -> dict[str, Node]:
-    """Return the positions of points that were asked for, on the frame of the scene."""
-    places = kinematics.model.places.items()
-    return {name: kinematics.between(0, point, 0)[axis] for name, (point, axis) in places}
+    """Return components of vectors and of the positions of points that were asked for, on the frame of the scene."""
+    places, vectors = kinematics.model.places.items(), kinematics.model.vectors.items()
+    found = {name: kinematics.between(0, point, 0)[axis] for name, (point, axis) in places}
+    return found | {name: kinematics.resolve(pieces, 0)[axis] for name, (pieces, axis) in vectors}
+
+
+def _require_names_of_their_own(model: SceneModel, outputs: Mapping[str, Node]) -> None:
+    """Raise for outputs that have the name of something else.
+
+    Raises
+    ------
+    OptionError
+    """
+    symbols = model.symbols
+    kinds = {"time": (symbols.time,), "a coordinate": symbols.coordinates, "a rate": symbols.rates}
+    kinds |= {"a parameter": symbols.parameters, "a reaction": symbols.unknowns}
+    kinds["an output of every model"] = RESERVED_OUTPUTS
+    kinds["an acceleration"] = tuple(acceleration_name(name) for name in symbols.coordinates)
+    kinds["a symbol of the scene"] = tuple(symbols.aliases)
+    for name in model.chosen:
+        own = acceleration_input(name.removesuffix(acceleration_name("")))
+        kind = next((kind for kind, names in kinds.items() if name in names), None)
+        if kind is not None and outputs[name] not in (model.graph.input(name), model.graph.input(own)):
+            raise OptionError(
+                f"scene {model.name!r}: the output {name!r} has the name of {kind}, which is something else; give it"
+                " another name: outputs={'name': expression, vector or point}"
+            )
 
 
 def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:

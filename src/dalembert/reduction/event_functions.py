@@ -15,7 +15,7 @@ from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_n
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON
-from ..naming import rate_name, unwritable
+from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from ..once import once_property
 from ..scene.scene import Scene
 from ..scene.symbols import RESERVED_OUTPUTS, reader_of
@@ -174,6 +174,7 @@ class _Reader:
         named = zip(RESERVED_OUTPUTS, (kinetic + potential, kinetic, potential), strict=True)
         rates = dict(zip(map(rate_name, self.symbols.states), self.graph.adopt(system.state_rates), strict=True))
         self.table = state | rates | dict(named) | outputs | self.table
+        self._accelerations = system.accelerations
 
     def define(self, named: Mapping[str, Node]) -> None:
         """Give names to nodes of the equations."""
@@ -195,16 +196,26 @@ class _Reader:
             name = self.symbols.aliases.get(expression, expression)
             if name in ("energy", "potential_energy") and self.energy_note:
                 warnings.warn(self.energy_note, EnergyWarning, stacklevel=2)
+            if name in map(acceleration_name, self.symbols.coordinates) and name not in self.table:
+                name = acceleration_input(name.removesuffix(acceleration_name("")))
+                self._define_accelerations()
             node = self.graph.input(name if name in self.table else expression)
         else:
-            node = self.expressions.read(expression, place, unknowns=True)
+            node = self.expressions.read(expression, place, unknowns=True, accelerations=True)
         if self.expressions.faults:
             raise ExpressionError("\n".join(self.expressions.faults))
+        if any(node.deps & self.graph.known_mask(acceleration_input(name)) for name in self.symbols.coordinates):
+            self._define_accelerations()
         known = {*self.table, *self.symbols.parameters, self.symbols.time}
         for leaf in self.graph.topological([node]):
             if leaf.op == "input" and leaf.payload not in known:
                 raise UnknownNameError(self._unknown(str(leaf.payload), place))
         return self._on_state([node])[0]
+
+    def _define_accelerations(self) -> None:
+        """Let second rates have their values in terms of the state; few expressions contain them."""
+        names = map(acceleration_input, self.symbols.coordinates)
+        self.table |= dict(zip(names, self.graph.adopt(self._accelerations), strict=True))
 
     def _unknown(self, name: str, place: str) -> str:
         if name in self.symbols.unknowns:

@@ -8,7 +8,7 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -17,7 +17,7 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
-from ..naming import rate_name
+from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
@@ -75,10 +75,12 @@ def requested_outputs(
     graph, symbols = equations.graph, equations.symbols
     undetermined = undetermined_unknowns(equations)
     energies: dict[str, Node] = {}
-    if set(requested) & {"energy", "kinetic_energy", "potential_energy"}:
+    held = _inputs_of(equations.outputs[name] for name in requested if name in equations.outputs)
+    if {*requested, *held} & {"energy", "kinetic_energy", "potential_energy"}:
         kinetic, potential = equations.energies(graph)
         energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
     state_rates = dict(zip(map(rate_name, symbols.states), equations.state_rates, strict=True))
+    seconds = {acceleration_name(name): acceleration_input(name) for name in symbols.coordinates}
     nodes: dict[str, Node] = {}
     for name in requested:
         if name in equations.outputs:
@@ -89,21 +91,40 @@ def requested_outputs(
             nodes[name] = state_rates[name]
         elif name in energies:
             nodes[name] = energies[name]
+        elif name in seconds:
+            nodes[name] = graph.input(seconds[name])
         else:
-            known = [*symbols.unknowns, *symbols.variables, *state_rates]
+            known = [*symbols.unknowns, *symbols.variables, *state_rates, *seconds]
             raise UnknownNameError(
                 unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is"
                 " (not its name), which gives its position."
             )
+    if energies and held:
+        nodes = dict(zip(nodes, _with_energies(graph, list(nodes.values()), energies), strict=True))
     needed = _needed_unknowns(equations, nodes)
     lost = [name for name in needed if name in undetermined and not equations.minimum_norm]
     if lost:
         raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
+    held = _inputs_of(nodes.values())
+    replace |= {graph.input(x): a for x, a in zip(seconds.values(), accelerations, strict=True) if x in held}
+    if held & set(state_rates):
+        rates = graph.substitute(list(state_rates.values()), values)
+        replace |= dict(zip(map(graph.input, state_rates), rates, strict=True))
     if needed:
         replace.update(_solve(equations, values, accelerations, plain))
     found = graph.substitute(list(nodes.values()), replace)
     return Requested(dict(zip(nodes, found, strict=True)), undetermined)
+
+
+def _inputs_of(nodes: Iterable[Node]) -> set[str]:
+    """Return the names of the inputs that nodes depend on."""
+    return {str(node.payload) for node in Graph.topological(list(nodes)) if node.op == "input"}
+
+
+def _with_energies(graph: Graph, nodes: Sequence[Node], energies: Mapping[str, Node]) -> list[Node]:
+    """Return nodes with energies in place of inputs that are called like them."""
+    return graph.substitute(nodes, {graph.input(name): node for name, node in energies.items()})
 
 
 def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:

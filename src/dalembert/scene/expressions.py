@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import Any, final
@@ -18,6 +18,7 @@ from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ..ir.graph import Graph, Node
 from ..naming import unwritable
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
+from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
 from .unknowns import Unknown
 
@@ -105,10 +106,16 @@ class ExpressionReader:
         self._known: dict[Any, Node] = {}
         self._place = ""
         self._allow_unknowns = False
+        self._allow_accelerations = False
+        self.flow: Callable[[], Mapping[Node, Node]] = dict
 
-    def read(self, expression: Any, place: str, *, unknowns: bool = False) -> Node:
-        """Return the node of `expression`, met at `place`; `unknowns` says whether reactions may occur in it."""
-        self._place, self._allow_unknowns = place, unknowns
+    def read(self, expression: Any, place: str, *, unknowns: bool = False, accelerations: bool = False) -> Node:
+        """Return the node of `expression`, met at `place`.
+
+        `unknowns` says whether reactions may occur in it, `accelerations` whether second rates may, which `flow`
+        gives with the rates of coordinates, rates and time. What is read after it must allow them too.
+        """
+        self._place, self._allow_unknowns, self._allow_accelerations = place, unknowns, accelerations
         try:
             e = (
                 None if isinstance(expression, str | bytes) else sp.sympify(expression)
@@ -248,9 +255,20 @@ class ExpressionReader:
         done = e.doit()
         if done != e:
             return self._read(done)
-        inner = e.expr
-        if inner in self.leaves and e.derivative_count > 1:
-            return self.fault(f"{e} is an acceleration; only coordinates and their first rates may be used")
+        inner, time = e.expr, dynamicsymbols._t
+        count = e.derivative_count if set(e.variables) == {time} else 0
+        before = inner if count == 1 else sp.Derivative(inner, (time, count - 1)) if count else None
+        if before in self.leaves and self._allow_accelerations:
+            return tangents(self.graph, [self.leaves[before]], self.flow())[0]
+        if inner in self.leaves and count > 1:
+            if self._allow_accelerations:
+                return self.fault(
+                    f"{e} is the rate of an acceleration; outputs contain second rates of coordinates at most, and first ones of states"
+                )
+            return self.fault(
+                f"{e} is an acceleration, which may stand in outputs, events and reductions; here only coordinates and"
+                " their first rates may be used"
+            )
         return self.fault(f"{e} is the rate of something that is no coordinate of the scene")
 
     def _function(self, e: Any) -> Node:

@@ -312,7 +312,8 @@ class SceneModel:
 
     Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
     gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
-    of the scene say themselves. `places` are outputs: number of a point, and of an axis. `conditions` are those that
+    of the scene say themselves. `places` and `vectors` are outputs: number of a point or pieces of a vector, and of an
+    axis. `chosen` are names of outputs that are not the text of what they are. `conditions` are those that
     depend on time and parameters alone. `stored` are candidates for the potential energies of the actuators.
     `state_rates` are the rates of the first-order states.
     """
@@ -337,3 +338,5 @@ class SceneModel:
     conditions: tuple[Condition, ...] = ()
     stored: tuple[Node | None, ...] = ()
     state_rates: tuple[Node, ...] = ()
+    vectors: Mapping[str, tuple[Pieces, int]] = field(default_factory=dict)
+    chosen: tuple[str, ...] = ()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, final
 
-import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 
 from ..errors import TOO_DEEP, SceneError, list_names
@@ -21,8 +20,9 @@ from .expressions import short
 from .geometry import GeometryReader
 from .joint_checks import foreign_points
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
+from .output_reading import names_as_nodes, read_outputs
 from .prescribed_velocities import located, read_given
-from .scene import Joint, Place, Scene
+from .scene import Joint, Scene
 from .symbols import Requirement
 from .velocity_checks import velocity_faults
 
@@ -86,18 +86,8 @@ class _SceneReader(GeometryReader):
         self._without_states(potentials, "potential energy of bodies")
         holonomic = [self._holonomic(c, i) for i, c in enumerate(scene.holonomic_constraints)]
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
-        extra = {
-            str(item): self.expressions.read(item, f"output {item}", unknowns=True)
-            for item in outputs
-            if isinstance(item, sp.Basic)
-        }
-        places = {
-            str(item): (self._point(item.point, f"output {item}"), item.axis)
-            for item in outputs
-            if isinstance(item, Place)
-        }
         contacts, closing = self._contacts()
-        extra |= self._named_outputs(outputs)
+        wanted = read_outputs(self, outputs)
         symbols = self._symbols(self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian))
         if not self.faults:
             self.faults += foreign_points(
@@ -114,6 +104,9 @@ class _SceneReader(GeometryReader):
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
+        named = self._named_values()
+        chosen = tuple(x for x in wanted.chosen if x not in named or wanted.values.get(x) is not named[x])
+        named = {name: node for name, node in named.items() if name in outputs}
         return SceneModel(
             name=scene.name,
             graph=self.graph,
@@ -126,12 +119,14 @@ class _SceneReader(GeometryReader):
             potentials=potentials,
             holonomic=(*holonomic, *closing),
             nonholonomic=tuple(nonholonomic),
-            outputs=extra,
+            outputs={**wanted.values, **named, **names_as_nodes(self, symbols, outputs)},
             contacts=tuple(contacts),
             speeds=self.speeds,
             given=given,
             lagrangian=lagrangian,
-            places=places,
+            places=wanted.places,
+            vectors=wanted.vectors,
+            chosen=chosen,
             conditions=tuple(self.expressions.conditions),
             stored=stored,
             state_rates=state_rates,

@@ -12,7 +12,7 @@ from sympy.physics.vector import dynamicsymbols
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.input_parameters import DEGREE, hidden_parameters
-from ..naming import rate_name
+from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
@@ -58,6 +58,7 @@ class SymbolReader:
         self.states = state_symbols(scene, self.coordinates, self.faults.append)
         clock = None if scene.elapsed is None else ElapsedTime()
         self.expressions = ExpressionReader(self.graph, self._leaves(), clock, time=self.graph.input(TIME))
+        self.expressions.flow = self._flow
         self._impose()
         for e in scene.elapsed or ():
             self.expressions.watch(e)
@@ -104,14 +105,23 @@ class SymbolReader:
             value = value * elapsed + coefficient
         return value
 
-    def _named_outputs(self, outputs: Sequence[Any]) -> dict[str, Node]:
-        """Return angles that quaternions stand for, their rates, and speeds, by name, where they are asked for."""
+    def _flow(self) -> dict[Node, Node]:
+        """Return the rates of coordinates, rates, states and time."""
+        flow = {self.graph.input(TIME): self.graph.one}
+        flow |= {self.graph.input(z.func.__name__): self.graph.input(rate_name(z.func.__name__)) for z in self.states}
+        for name in (q.func.__name__ for q in self.coordinates):
+            rate = self.graph.input(rate_name(name))
+            flow |= {self.graph.input(name): rate, rate: self.graph.input(acceleration_input(name))}
+        return flow
+
+    def _named_values(self) -> dict[str, Node]:
+        """Return angles that quaternions stand for, their rates, speeds and inputs, by name."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
         found: dict[str, Node] = {u.func.__name__: leaves[u] for u in (*self.scene.speeds, *self.inputs)}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
-        return {name: node for name, node in found.items() if name in outputs}
+        return found
 
     def _leaves(self) -> dict[Any, Node]:
         time = dynamicsymbols._t
@@ -172,6 +182,7 @@ class SymbolReader:
         for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
             aliases[str(q)] = name
             aliases[str(sp.Derivative(q, time))] = rate
+            aliases[str(sp.Derivative(q, (time, 2)))] = acceleration_name(name)
         for z, name in zip(self.states, states, strict=True):
             aliases |= {name: name, str(z): name, str(sp.Derivative(z, time)): rate_name(name)}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
