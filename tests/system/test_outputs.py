@@ -256,7 +256,7 @@ def test_model_can_be_pickled():
         ({"h": 3}, OptionError, "'h' is 3"),
         ({"h": "nothing"}, UnknownNameError, r"output 'h': unknown name 'nothing'. Known: a, b, a_dot"),
         ([3], OptionError, "names, expressions of the scene's symbols, Vectors or Points, or a mapping"),
-        ({"jerk": a.diff(T, 3)}, SceneError, "is the rate of an acceleration; outputs contain second rates at most"),
+        ({"jerk": a.diff(T, 3)}, SceneError, "is beyond what outputs contain: second rates of coordinates"),
         ({"v": ReferenceFrame("F").x}, SceneError, "frame 'F' is not oriented in 'N'"),
     ],
 )

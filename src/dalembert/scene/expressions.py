@@ -262,9 +262,7 @@ class ExpressionReader:
             return tangents(self.graph, [self.leaves[before]], self.flow())[0]
         if inner in self.leaves and count > 1:
             if self._allow_accelerations:
-                return self.fault(
-                    f"{e} is the rate of an acceleration; outputs contain second rates of coordinates at most, and first ones of states"
-                )
+                return self.fault(f"{e} is beyond what outputs contain: second rates of coordinates, rates of states")
             return self.fault(
                 f"{e} is an acceleration, which may stand in outputs, events and reductions; here only coordinates and"
                 " their first rates may be used"
