@@ -148,8 +148,6 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
     if contacts:
         mode = always(contacts)
         if mode is None:
-            if derivation.equations.states:
-                raise SceneError(scene.name, ["first-order states beside contacts with several modes"])
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
     return compile_equations(derivation, options, mode, seconds=derivation.seconds)
 

@@ -50,7 +50,7 @@ def contact_data(equations: EquationsOfMotion) -> ContactData:
         nodes += [nothing if node is None else node for node in numbers]
     inputs: dict[Node, tuple[str, int | None]] = {graph.input(equations.symbols.time): ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(equations.symbols.parameters)}
-    state = (*equations.symbols.coordinates, *equations.symbols.rates)
+    state = equations.symbols.variables
     inputs |= {graph.input(name): ("y", i) for i, name in enumerate(state)}
     kernel = lower_kernel(graph, "contact_data", graph.adopt(nodes), inputs, arguments=("t", "y", "c"))
     return ContactData(

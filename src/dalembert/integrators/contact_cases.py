@@ -87,8 +87,8 @@ class ContactCases(NamedTuple):
 
     Attributes
     ----------
-    x : (k, 2 n_q)
-        Coordinates and rates; the rates change.
+    x : (k, 2 n_q + n_z)
+        Coordinates, rates and first-order states; the rates change.
     directions, sides : (k, 2 c), (k, c)
         Directions of slip; signs of normal reactions.
     speeds, approach : (k, c)
@@ -125,9 +125,12 @@ class ContactCases(NamedTuple):
     motion: Matrix
 
 
-def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: int) -> ContactCases:
-    """Return cases that start from states x (k, 2 n_q), which change, with signed spans (k,)."""
-    k, n = len(x), x.shape[1] // 2
+def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: int, states: int = 0) -> ContactCases:
+    """Return cases that start from x (k, 2 n_q + n_z), which changes, with signed spans (k,).
+
+    `states` is n_z, the number of first-order states.
+    """
+    k, n = len(x), (x.shape[1] - states) // 2
     directions = np.tile(np.array([1.0, 0.0]), (k, contacts))
     undecided = np.full((2, k, contacts), UNDECIDED)
     return ContactCases(

@@ -58,8 +58,8 @@ class HybridTrajectory(Motion):
         Recorded times [s]; without ``t_eval`` those of the ends of phases are there twice.
     q, qdot : ndarray (n_t, n_q)
         Coordinates and their rates.
-    y : ndarray (n_t, 2 n_q)
-        Both, side by side.
+    y : ndarray (n_t, 2 n_q + n_z)
+        Both, and the first-order states, side by side.
     status : Status
         How the run ended.
     t_end : float
@@ -95,7 +95,12 @@ class HybridTrajectory(Motion):
         self.t = self.elapsed = self._joined(lambda part: part.motion.elapsed)
         self.q = self._joined(lambda part: part.motion.q)
         self.qdot = self._joined(lambda part: part.motion.qdot)
-        self.y = np.hstack([self.q, self.qdot])
+        self.y = self._joined(lambda part: part.motion.variables)
+
+    @property
+    def variables(self) -> FloatArray:
+        """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
+        return self.y
 
     def _joined(self, value: Callable[[Part], Any]) -> Any:
         """Return what all parts give, in the order of the recorded times."""
@@ -164,7 +169,7 @@ class HybridTrajectory(Motion):
     def names(self) -> tuple[str, ...]:
         """See `Motion.names`."""
         layout = self._layout
-        return (*layout.coordinates, *layout.rates, *layout.outputs, *ENERGIES)
+        return tuple(dict.fromkeys((*layout.variables, *layout.state_rates, *layout.outputs, *ENERGIES)))
 
     @property
     def invariants(self) -> dict[str, FloatArray]:

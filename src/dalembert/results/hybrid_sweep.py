@@ -22,7 +22,7 @@ __all__ = ["HybridSweep", "States"]
 @final
 @dataclass(frozen=True, eq=False)
 class States:
-    """States of cases: times (k,), (q, q_dot) (k, 2 n_q), the numbers of their cases and modes (-1: none).
+    """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
     What they slip with: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
     numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes of the
@@ -40,10 +40,10 @@ class States:
 
     @classmethod
     def nothing_yet(cls, count: int, size: int, contacts: int) -> States:
-        """Return states to write to."""
+        """Return states to write to, of so many variables each."""
         case, mode, history = np.arange(count), np.full(count, -1), np.zeros(count, np.int64)
         directions, sides, rest = np.zeros((count, contacts, 2)), *np.ones((2, count, contacts))
-        t, x = np.full(count, np.nan), np.full((count, 2 * size), np.nan)
+        t, x = np.full(count, np.nan), np.full((count, size), np.nan)
         return cls(t, x, case, mode, history, directions, sides, rest)
 
     def part(self, some: NDArray[np.intp]) -> States:

@@ -162,12 +162,17 @@ class Motion(ABC):
         if len(self.t):
             facts.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} times"))
         facts.append(("method", f"{self.stats.method}, {self.stats.steps} steps, {self.stats.rejected} rejected"))
-        names = dict.fromkeys((*self._layout.coordinates, *self._layout.rates, *self._layout.outputs))
+        names = dict.fromkeys((*self._layout.variables, *self._layout.outputs))
         rows = ranges(names, (self[name] for name in names)) if len(self.t) else []
         return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last"), rows)
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self.names)
+
+    @property
+    @abstractmethod
+    def variables(self) -> FloatArray:
+        """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
 
     @property
     @abstractmethod

@@ -100,7 +100,7 @@ class Trajectory(Motion):
         return x[:, :size], near[:, rates]
 
     @property
-    def _variables(self) -> FloatArray:
+    def variables(self) -> FloatArray:
         """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
         return np.hstack([self.q, self.qdot, self.y[:, self.y.shape[1] - len(self._layout.states) :]])
 
@@ -196,7 +196,7 @@ class Trajectory(Motion):
         """
         if self._monitors is None:
             raise OptionError("this motion does not know its scene; ask one that simulate returned")
-        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self._variables)
+        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.variables)
 
     @property
     def error_estimate(self) -> ErrorEstimate:
@@ -255,7 +255,7 @@ class Trajectory(Motion):
     def _on_scene(self, kernel: str) -> FloatArray:
         if kernel not in self._program:
             return np.empty((len(self.t), 0))
-        x, layout = self._variables, self._program.layout
+        x, layout = self.variables, self._program.layout
         if self._near is not None:
             for i in angles_in(self._program.kernel(kernel)):
                 if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:

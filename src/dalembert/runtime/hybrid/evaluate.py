@@ -53,9 +53,9 @@ def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatAr
         says what then does not exist.
     """
     equations = decisions.automaton.equations
-    state = HybridState.starting(t, x, c, np.ones(len(t)), len(equations.contacts))
+    state = HybridState.starting(t, x, c, np.ones(len(t)), len(equations.contacts), len(equations.states))
     decisions.decide(state, np.arange(len(t)))
-    names = (*equations.symbols.coordinates, *equations.symbols.rates)
+    names = equations.symbols.variables
     faults = []
     for i, status in enumerate(state.cases.status):
         place = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, x[i], strict=True))

@@ -43,7 +43,7 @@ class EventJumps:
     def __call__(
         self, label: str, t: FloatArray, x: FloatArray, p: FloatArray, names: Sequence[str]
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return coordinates and rates (k, 2 n_q) after an event, and whether the constraints allow them (k,).
+        """Return variables (k, 2 n_q + n_z) after an event, and whether the constraints allow them (k,).
 
         Parameters
         ----------

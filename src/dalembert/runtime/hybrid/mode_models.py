@@ -86,7 +86,7 @@ class ModeModels:
         return [armed(Event(output, terminal=True, direction=-1, name=output)) for output in outputs]
 
     def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
-        """Return coordinates and rates (k, 2 n_q) of states (k, n_y) of a mode at times (k,).
+        """Return coordinates, rates and first-order states (k, 2 n_q + n_z) of states (k, n_y) of a mode at times (k,).
 
         `columns` are the parameters of the mode's model in their order, (k,) or (1,) each.
         """
@@ -96,10 +96,10 @@ class ModeModels:
         return self.model(mode).engine.rows(self.expansion(mode), t, y, p)
 
     def states(self, mode: Mode, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
-        """Return the states (k, n_y) of a mode with coordinates and rates (k, 2 n_q), for its constants (k, n_c)."""
+        """Return the states (k, n_y) of a mode at variables (k, 2 n_q + n_z), for its constants (k, n_c)."""
         model = self.model(mode)
-        start = model.derived.start((*model.layout.coordinates, *model.layout.rates))
-        names = [*model.layout.coordinates, *model.layout.rates]
+        start = model.derived.start(model.layout.variables)
+        names = model.layout.variables
         given = x[:, [names.index(name) for name in start.given]]
         return np.ascontiguousarray(model.engine.rows(start.kernel, t, given, c)[:, : len(model.layout.state)])
 

@@ -51,7 +51,7 @@ class GatheredRows:
         names += [rest_name(contact) or "" for contact in contacts]
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
-        states = {name: row for row, name in enumerate((*layout.coordinates, *layout.rates), first)}
+        states = {name: row for row, name in enumerate(layout.variables, first)}
         return cls(parameters, states, first + len(states))
 
 

@@ -220,7 +220,7 @@ class HybridModel(Evaluated):
         t: float = 0.0,
         inputs: Mapping[Any, Any] | None = None,
     ) -> FloatArray:
-        """Return consistent coordinates and rates (2 n_q,), as `simulate` starts from them."""
+        """Return consistent coordinates, rates and states (2 n_q + n_z,), as `simulate` starts from them."""
         parameters = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
         given = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
         return self._start(option("t", t), run_input.given_values(self.layout, initial), given)
@@ -271,7 +271,7 @@ class HybridModel(Evaluated):
         cases = state.cases
         added = self._modes.added(mode, state.directions()[0], cases.sides[0], cases.rest[0])
         values = given | {name: float(value) for name, value in added.items()}
-        start = dict(zip((*self.layout.coordinates, *self.layout.rates), state.x[0].tolist(), strict=True))
+        start = dict(zip(self.layout.variables, state.x[0].tolist(), strict=True))
         return linearize(self._model(mode), time, start, values, states, outputs)
 
     def _read_inputs(self, inputs: Mapping[Any, Any] | None, *, many: bool = False) -> GivenInputs | None:
@@ -579,8 +579,9 @@ class HybridModel(Evaluated):
     ) -> PreparedRun:
         """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
 
-        States are coordinates and rates (2 n_q,), as `state` makes them, and as the run returns them. Contacts that
-        touch are taken to be at rest, or struck, as where any motion starts: what they did before is not known.
+        States are coordinates, rates and first-order states (2 n_q + n_z,), as `state` makes them, and as the run
+        returns them. Contacts that touch are taken to be at rest, or struck, as where any motion starts: what they did
+        before is not known.
 
         Parameters
         ----------
@@ -625,7 +626,7 @@ class HybridModel(Evaluated):
         run = prepared(own._modes, own.layout, span, options)
         if offsets:
             run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
-        layout = replace(self.layout, state=(*self.layout.coordinates, *self.layout.rates))
+        layout = replace(self.layout, state=self.layout.variables)
         given = options.inputs
         if given is not None and other is not None:
             given = given.counted_from(t0)
@@ -637,10 +638,10 @@ class HybridModel(Evaluated):
         for entry in self._equations.symbols.entries:
             if known.issuperset((*entry.names, *entry.needs)):
                 known |= set(entry.targets)
-        return known.issuperset((*self.layout.coordinates, *self.layout.rates))
+        return known.issuperset(self.layout.variables)
 
     def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
-        """Return consistent coordinates and rates (2 n_q,)."""
+        """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
         model = self._model(self._plain(OPEN if self._complete(values) else CLOSED))
         y = model.state(values, parameters, t=t)
         return model.expand(t, y, parameters)

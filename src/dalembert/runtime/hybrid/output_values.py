@@ -45,7 +45,7 @@ class OutputValues:
     def __call__(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""
         layout = self.layout
-        name, names = layout.aliases.get(key, key), (*layout.coordinates, *layout.rates)
+        name, names = layout.aliases.get(key, key), layout.variables
         if name in names:
             return states.x[:, names.index(name)]
         values = np.full(len(states.t), np.nan)
@@ -57,6 +57,10 @@ class OutputValues:
             if name in ENERGIES:
                 kinetic, potential = interpret_rows(program.kernel("energy"), part.t, part.x, c).T
                 values[here] = dict(zip(ENERGIES, (kinetic + potential, kinetic, potential), strict=True))[name]
+                continue
+            if name in layout.state_rates:
+                place = len(layout.state_rates) - layout.state_rates.index(name)
+                values[here] = interpret_rows(program.kernel("rhs"), part.t, y, c)[:, -place]
                 continue
             outputs = program.layout.outputs
             column = outputs.index(key if key in outputs else name)

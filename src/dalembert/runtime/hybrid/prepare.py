@@ -31,7 +31,7 @@ _NOTHING: dict[str, Reduction] = {}
 
 
 def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
-    """Return a function from coordinates and rates (2 n_q,), and parameters of the scene (n_p,), to the final state.
+    """Return a function from variables (2 n_q + n_z,) and parameters of the scene (n_p,) to the final variables.
 
     The loop over phases runs each motion, with memory that every thread keeps. Motions that it cannot run go phase by
     phase as in a sweep.
@@ -71,10 +71,10 @@ class _OneCase:
     def __init__(self, modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> None:
         self.modes, self.layout = modes, layout
         contacts, nothing = len(modes.equations.contacts), PhaseReductions(_NOTHING, ())
-        sizes = 2 * len(layout.coordinates), len(layout.parameters)
+        sizes = len(layout.variables), len(layout.parameters)
         t0, t1 = (np.array([t]) for t in t_span)
         x, c = (np.zeros((1, size)) for size in sizes)
-        self.state = HybridState.starting(t0, x, c, t1 - t0, contacts)
+        self.state = HybridState.starting(t0, x, c, t1 - t0, contacts, len(layout.states))
         table = case_table(self.state, t1, nothing, np.zeros(0), no_samples(), np.empty((0, 0)))
         self.executor = PhaseExecutor(modes, layout, options, 0, nothing, self.state, table, fits=False)
         self.numbers = table.numbers
@@ -132,5 +132,5 @@ def _swept(
         axes={},
     )
     found = sweep(modes, request)
-    final = np.array([found[name][0] for name in (*layout.coordinates, *layout.rates)])
+    final = np.array([found[name][0] for name in layout.variables])
     return final, Status(found.status[0])

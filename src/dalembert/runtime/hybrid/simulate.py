@@ -97,7 +97,7 @@ class _Run:
         self.forward = 1.0 if request.t1 >= request.t0 else -1.0
         t, x, c = np.array([request.t0]), request.x[np.newaxis], request.c[np.newaxis]
         self.t, t1 = request.t0, np.array([request.t1])
-        self.now = HybridState.starting(t, x, c, t1 - t, len(modes.equations.contacts))
+        self.now = HybridState.starting(t, x, c, t1 - t, len(modes.equations.contacts), len(modes.equations.states))
         self.breaks = modes.breaks(c, t, t1)
         self.mode: Mode | None = None
         self.parts: list[Part] = []
@@ -180,9 +180,7 @@ class _Run:
     def _where(self) -> str:
         """Return where the run ended, for the note."""
         symbols = self.modes.equations.symbols
-        place = ", ".join(
-            f"{n} = {v:.6g}" for n, v in zip((*symbols.coordinates, *symbols.rates), self.now.x[0], strict=True)
-        )
+        place = ", ".join(f"{n} = {v:.6g}" for n, v in zip(symbols.variables, self.now.x[0], strict=True))
         return f"at t = {self.t:.6g} with {place}"
 
     # -- phases ----------------------------------------------------------------------------
@@ -199,7 +197,7 @@ class _Run:
     def _run(self, mode: Mode, t1: float, events: Sequence[Event]) -> Trajectory:
         """Run the model of a mode from where the motion is, up to a time or what ends it."""
         equations = self.modes.equations
-        names = (*equations.symbols.coordinates, *equations.symbols.rates)
+        names = equations.symbols.variables
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
         before = time.perf_counter()
         model = self.modes.model(mode)
@@ -315,7 +313,7 @@ class _Run:
         if not ended:
             return self._failed(run, mode)
         last = run.events[happened[0]].after
-        x = np.concatenate([last.q[-1], last.qdot[-1]])[np.newaxis]
+        x = last.variables[-1:]
         self.now.t[:], self.now.x[:], self.now.cases.passed[:] = self.t, x, self.t - before
         status = self._too_soon(abs(self.t - before))
         if status is not None:
@@ -351,7 +349,7 @@ class _Run:
         if status in BROKEN and SLIP in mode:
             if not run["uniqueness of reactions"][-1] > JAMMED:
                 status = Status.CONTACT_IMPOSSIBLE
-                self.now.x[:] = np.hstack([run.q[-1], run.qdot[-1]])
+                self.now.x[:] = run.variables[-1]
                 self.note = self._where()
         return status
 
@@ -375,7 +373,7 @@ class _Run:
         """Record the start of a motion that cannot go on from it."""
         mode = self._sliding_mode()
         model = self.modes.model(mode)
-        names = (*model.layout.coordinates, *model.layout.rates)
+        names = model.layout.variables
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
         options = SimulateOptions(method=self.request.options.method)
         run = simulate_in_own_time(model, (self.t, self.t), initial, self.request.parameters, options)

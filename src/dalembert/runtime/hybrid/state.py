@@ -36,14 +36,19 @@ class HybridState:
     cases: ContactCases
 
     @classmethod
-    def starting(cls, t: FloatArray, x: FloatArray, c: FloatArray, span: FloatArray, contacts: int) -> HybridState:
-        """Return cases before their first decision, with states x (k, 2 n_q) and signed spans (k,)."""
+    def starting(
+        cls, t: FloatArray, x: FloatArray, c: FloatArray, span: FloatArray, contacts: int, states: int = 0
+    ) -> HybridState:
+        """Return cases before their first decision, with x (k, 2 n_q + n_z) and signed spans (k,).
+
+        `states` is n_z, the number of first-order states.
+        """
         own = [np.array(values, dtype=float, order="C") for values in (t, x, c, span)]
-        return cls(own[0], own[2], contact_cases(own[1], own[3], contacts))
+        return cls(own[0], own[2], contact_cases(own[1], own[3], contacts, states))
 
     @property
     def x(self) -> FloatArray:
-        """Coordinates and rates (k, 2 n_q)."""
+        """Coordinates, rates and first-order states (k, 2 n_q + n_z)."""
         return self.cases.x
 
     def copied_from(self, other: HybridState) -> None:

@@ -55,11 +55,11 @@ class _Sweep:
         self.modes, self.request = modes, request
         self.begin = time.perf_counter()
         count, k = len(request.t), len(modes.equations.contacts)
-        self.names = (*request.layout.coordinates, *request.layout.rates)
+        self.names = request.layout.variables
         self.span = request.t1 - request.t
-        self.now = HybridState.starting(request.t, request.x, request.p, self.span, k)
+        self.now = HybridState.starting(request.t, request.x, request.p, self.span, k, len(request.layout.states))
         wanted = 0 if request.t_eval is None else len(request.t_eval)
-        self.samples = samples = States.nothing_yet(count * wanted, len(request.layout.coordinates), k)
+        self.samples = samples = States.nothing_yet(count * wanted, len(self.names), k)
         slipping = samples.directions.reshape(len(samples.t), 2 * k), samples.sides, samples.rest
         t_eval = np.empty(0) if request.t_eval is None else request.t_eval
         recorded = (samples.t, samples.x, samples.mode, samples.history, *slipping)
