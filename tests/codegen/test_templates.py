@@ -17,11 +17,16 @@ from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm.assembly import assembly
+from dalembert.codegen.llvm.tables import with_tables
 from dalembert.codegen.numba import texts
+from dalembert.codegen.numba.tables import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.transforms.recurrences import recurrences
+from table_cases import spring
 
 FOLDER = template_directory()
 ALL = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
@@ -36,6 +41,7 @@ def render_everything():
         texts.module(program)
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
+    render_tables()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
     with mock.patch.object(order_loops, "_LARGEST_FRAME", 0):
@@ -50,6 +56,16 @@ def render_numba(rhs):
         for dense in (True, False):
             texts.taylor_step("step", recurrences(rhs), 8, dense=dense)
             texts.attempt(rhs, TABLEAUS[0], dense=dense, carried=True)
+
+
+def render_tables():
+    """Render what modules use of tables."""
+    key = float(spring("linear").curve.table.key)
+    body = (Assignment("i", "piece", ("x", key)), Assignment("f", "entry", ("i", key, 0.0)))
+    kernel = Kernel("k", ("y",), (Load("x", "y", 0),), body, ("f",))
+    for lanes in (1, 4):
+        with_tables(assembly([("k", kernel)], lanes))
+    table_definitions(texts.kernel("k", kernel))
 
 
 def render_jax(program):

@@ -336,7 +336,7 @@ class CompiledEngine(Engine):
         )
 
     def _kernels(self) -> list[int]:
-        return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity")]
+        return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity", "knots")]
 
     @once_property
     def _explicit(self) -> ExplicitCode:
@@ -350,8 +350,9 @@ class CompiledEngine(Engine):
 
         loop = loop_named("implicit_loop")
         if "stages" in self._sizes:
-            states = len(self._program.layout.states)
-            return ImplicitCode(loop, self.steps.kernel("stages"), *self.steps.derivative("stages"), states=states)
+            states, knots = len(self._program.layout.states), self.steps.kernel("knots")
+            stages = self.steps.kernel("stages"), *self.steps.derivative("stages")
+            return ImplicitCode(loop, *stages, states=states, knots=knots)
         rhs, *projections = self._kernels()
         return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
 

@@ -174,6 +174,11 @@ class KernelLibrary(ABC):
         """Whether the slopes at the end of a step are those at the start of the next: where no projection moves it."""
         return "project_position" not in self._program and "project_velocity" not in self._program
 
+    @property
+    def knots(self) -> Kernel | None:
+        """The kernel of the limits of steps at knots of tables, None where there are none."""
+        return self._program.kernel("knots") if "knots" in self._program else None
+
     def control(self, order: int) -> tuple[int, int]:
         """Return the cost of the control of a Taylor step (`dalembert.transforms.residual_control.cost`)."""
         return cost(self._recurrences, order)

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
+from ..ir.ops import TABLE_OPERATIONS
 from ..transforms.nonsmooth import only_in_branches
 
 __all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMBA", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
 
 
-_UNGUARDED = ("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor")
+_UNGUARDED = (
+    *("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor"),
+    *("piece", "entry"),
+)
 """Operations whose derivatives are numbers wherever they are taken, or that have none."""
 
 
@@ -54,7 +58,13 @@ class Printer:
 
     def assignment(self, line: Assignment) -> str:
         """Return the line of an operation."""
-        return f"{line.target} = " + self.formats[line.op].format(*map(self.operand, line.args))
+        return f"{line.target} = " + self.expression(line.op, *map(self.operand, line.args))
+
+    def expression(self, op: str, *operands: str) -> str:
+        """Return an operation on operands that are printed; names of tables are whole numbers."""
+        if op in TABLE_OPERATIONS:
+            operands = (operands[0], *(str(int(float(number))) for number in operands[1:]))
+        return self.formats[op].format(*operands)
 
     def guarded(self, line: Assignment) -> str:
         """Return the line of an operation that only branches of selections use."""
@@ -119,9 +129,11 @@ PYTHON = Printer(
         "less": "(1.0 if {} < {} else 0.0)",
         "less_equal": "(1.0 if {} <= {} else 0.0)",
         "select": "({1} if {0} != 0.0 else {2})",
+        "piece": "tables.piece({}, {})",
+        "entry": "tables.entry({}, {}, {})",
     },
 )
-"""Scalar Python with the ``math`` module."""
+"""Scalar Python with the ``math`` module, and `dalembert.ir.tables`."""
 
 NUMBA = Printer(
     "numba",
@@ -134,6 +146,8 @@ NUMBA = Printer(
         "less": "_less({}, {})",
         "less_equal": "_less_equal({}, {})",
         "select": "_select({}, {}, {})",
+        "piece": "_piece_{1}({0})",
+        "entry": "_table_{1}_{2}(int({0}))",
         "fma": "_fma({}, {}, {})",
         "rough_log2": "_rough_log2({})",
         "rough_exp2": "_rough_exp2({})",
@@ -141,7 +155,16 @@ NUMBA = Printer(
 )
 """Scalar Python for numba, with the functions that ``numba/prelude.py.j2`` defines under names that no value has."""
 
-NUMPY = Printer("numpy", {**PYTHON.formats, "div": "math.divide({}, {})", "floor": "math.floor({})"})
+NUMPY = Printer(
+    "numpy",
+    {
+        **PYTHON.formats,
+        "div": "math.divide({}, {})",
+        "floor": "math.floor({})",
+        "piece": "math.piece({}, {})",
+        "entry": "math.entry({}, {}, {})",
+    },
+)
 """Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""
 
 _JNP_NAMES = {"atan": "arctan"}
@@ -164,6 +187,8 @@ JAX = Printer(
         "less": "jnp.where({} < {}, 1.0, 0.0)",
         "less_equal": "jnp.where({} <= {}, 1.0, 0.0)",
         "select": "jnp.where({} != 0.0, {}, {})",
+        "piece": "fn.piece({}, {})",
+        "entry": "fn.entry({}, {}, {})",
     },
     guard="fn.guarded",
     products="fn.product({}, {})",

@@ -105,6 +105,7 @@ def banner_lines(program: Program) -> list[str]:
 _MEANING = {
     "prepare": "Constants c from parameters p",
     "rhs": "Rate of the state",
+    "knots": "Largest size of the next step, forward and backward, at knots of tables",
     "expand": "q and q_dot from the state",
     "outputs": "Requested outputs from the state",
     "project_position": "Correction of the state onto the position constraints",

@@ -38,6 +38,7 @@ from .recorded_runs import (
     pending,
     planned_step,
     project,
+    proposed_after,
     record,
     retry,
     run_in_blocks,
@@ -53,11 +54,12 @@ _STOPPED = RUNNING - 1
 
 
 class Addresses(NamedTuple):
-    """Addresses of the right-hand side and of the projections; 0 where there is none."""
+    """Addresses of the right-hand side, the projections and the limits at knots of tables; 0 where there is none."""
 
     rhs: Address
     position: Address
     velocity: Address
+    knots: Address
 
 
 @final
@@ -69,6 +71,7 @@ class ExplicitCode:
     rhs: int
     position: int = 0
     velocity: int = 0
+    knots: int = 0
 
 
 @final
@@ -112,7 +115,7 @@ def integrate(
         Numerical failure is its status, never an exception. `StiffnessStop` where the run was stopped.
     """
     settings, packed = settings_of(problem, tableau.degree, stop_if_stiff=stop_if_stiff), packed_tableau(tableau)
-    n, codes = settings.kept, Addresses(code.rhs, code.position, code.velocity)
+    n, codes = settings.kept, Addresses(code.rhs, code.position, code.velocity, code.knots)
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
     work[0, :n] = problem.y0
 
@@ -176,7 +179,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     """Attempt a step, and accept or reject it; return the status."""
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t
-    h, t_new = planned_step(settings, progress)
+    h, t_new = planned_step(settings, run, codes.knots)
     proposed = progress.size
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
@@ -196,7 +199,8 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     if progress.at_boundary == STIFF_STEPS:
         progress.size = abs(h)
         return _STOPPED
-    progress.size = abs(h) * growth(error, progress.previous, progress.retried != 0, tableau.exponent)
+    size = abs(h) * growth(error, progress.previous, progress.retried != 0, tableau.exponent)
+    progress.size = proposed_after(run, size)
     progress.previous = max(error, SMALLEST_PREVIOUS)
     progress.retried = 0
     for m in range(n):

@@ -47,6 +47,7 @@ from .recorded_runs import (
     pending,
     planned_step,
     project,
+    proposed_after,
     record,
     retry,
     run_in_blocks,
@@ -78,6 +79,7 @@ class Addresses(NamedTuple):
     tangent: Address
     position: Address
     velocity: Address
+    knots: Address
 
 
 @final
@@ -96,6 +98,7 @@ class ImplicitCode:
     tangent: int
     position: int = 0
     velocity: int = 0
+    knots: int = 0
     states: int = 0
 
 
@@ -128,7 +131,7 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
     work = np.zeros((ROWS, len(y0)))
     work[0] = y0
-    codes = Addresses(code.rhs, code.jacobian, code.tangent, code.position, code.velocity)
+    codes = Addresses(code.rhs, code.jacobian, code.tangent, code.position, code.velocity, code.knots)
     paired = len(problem.y0) - code.states
     settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
 
@@ -258,7 +261,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     """Attempt a step, and accept or reject it; return the status."""
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
-    h, t_new = planned_step(settings, progress)
+    h, t_new = planned_step(settings, run, codes.knots)
     proposed = progress.size
     outcome, iterations = _increments(codes, settings, space, run, h)
     if outcome != CONVERGED:
@@ -283,9 +286,13 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
         quotient = _predicted(quotient, h, progress.last_size, error, progress.previous)
     growth = min(1.0 / quotient, growth_limit(progress.retried != 0))
     slow = progress.rate > _RATE_TO_KEEP_JACOBIAN
-    if slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == progress.end:
+    if progress.unlimited != 0.0:
+        progress.size = proposed_after(run, abs(h) * growth)
+    elif slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == progress.end:
         progress.size = abs(h) * growth
     progress.last_size, progress.previous, progress.ratio = abs(h), max(error, _SMALLEST_PREVIOUS), 1.0 / abs(h)
+    if progress.unlimited != 0.0:  # no polynomial of so short a step foretells a longer one
+        progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
     if enters_piece(settings, run):
         _begin_piece(codes, run, y_new, t_new, proposed)

@@ -32,12 +32,15 @@ class Kernels:
     jacobian
         Writes the derivatives of dy/dt by y, row by row (n_y * n_y,), into ``out``; implicit methods form differences
         where it is absent.
+    knots
+        Writes the largest sizes (2,) of the next step that knots of tables allow, forward and backward in time.
     """
 
     rhs: Kernel
     project_position: Kernel | None = None
     project_velocity: Kernel | None = None
     jacobian: Kernel | None = None
+    knots: Kernel | None = None
 
     @property
     def projected(self) -> bool:

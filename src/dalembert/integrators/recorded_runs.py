@@ -35,6 +35,7 @@ __all__ = [
     "pending",
     "planned_step",
     "project",
+    "proposed_after",
     "record",
     "retry",
     "run_in_blocks",
@@ -75,6 +76,7 @@ class Progress(Record):
     is that of the present state, the size of the last step, its inverse where its polynomial can be continued, the
     rate of convergence of its iteration, what the first correction of the next is judged by, and the step that the
     matrices are factored for, 0 for none.
+    The last is the size that was proposed where a knot of a table cuts the step.
     """
 
     t: float
@@ -96,6 +98,7 @@ class Progress(Record):
     rate: float
     known_rate: float
     factored: float
+    unlimited: float
 
 
 class Run(NamedTuple):
@@ -105,6 +108,7 @@ class Run(NamedTuple):
     (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the ends of the steps of a
     block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are not kept.
     Steps end at the knots of ``inputs``, where ``constants`` (n_c, 1) change.
+    ``knot`` (1, 2) gets the limits of a step at knots of tables.
     """
 
     clock: Matrix
@@ -114,6 +118,7 @@ class Run(NamedTuple):
     delta: Matrix
     mark: IntVector
     progress: Progress
+    knot: Matrix
     rows: Matrix
     pieces: Matrix
     inputs: InputTable
@@ -160,10 +165,20 @@ def block_is_full(progress: Progress) -> bool:
 
 
 @compiled_subset
-def planned_step(settings: Settings, progress: Progress) -> tuple[float, float]:
-    """Return the next step, with its sign, and where it ends."""
-    t, end = progress.t, progress.end
+def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float]:
+    """Return the next step, with its sign, and where it ends; `knots` is the kernel of its limits at knots of tables.
+
+    What was proposed stays in ``progress.unlimited`` where a knot cuts the step, and is 0 where none does.
+    """
+    progress, t, end = run.progress, run.progress.t, run.progress.end
     size, progress.size = next_step(progress.size, t, end, settings.max_step)
+    if knots != 0:
+        if progress.retried == 0:
+            progress.unlimited = 0.0
+        limit = _limit_at_knots(settings, run, knots)
+        if limit < size:
+            progress.unlimited = max(progress.size, progress.unlimited)
+            size = limit
     if size == abs(end - t):
         return end - t, end
     h = size if settings.t1 >= settings.t0 else -size
@@ -187,6 +202,25 @@ def enters_piece(settings: Settings, run: Run) -> bool:
         return False
     progress.end = pass_knots(run.inputs, run.constants, 0, 0, progress.t, settings.t1 >= settings.t0)
     return True
+
+
+@compiled_subset
+def _limit_at_knots(settings: Settings, run: Run, knots: int) -> float:
+    """Return the largest size of a step from the present state that knots of tables allow."""
+    t, out = run.progress.t, row(run.knot, 0)
+    run.clock[0, 0] = t
+    call_code(knots, row(run.clock, 0), row(run.work, run.progress.row), row(run.constants, 0), 0, out)
+    limit = run.knot[0, 0] if settings.t1 >= settings.t0 else run.knot[0, 1]
+    return max(limit, 4.0 * smallest_step(t, abs(settings.t1 - t)))
+
+
+@compiled_subset
+def proposed_after(run: Run, size: float) -> float:
+    """Return the size of the next step where `size` is that which the error of the last allows.
+
+    After a step that a knot has cut, it is what was proposed before, if that is more.
+    """
+    return max(size, run.progress.unlimited)
 
 
 @compiled_subset
@@ -294,7 +328,8 @@ def run_in_blocks(
     progress.t, progress.size, progress.recorded = settings.t0, settings.first_step, first
     constants = np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
     inputs = no_inputs() if problem.inputs is None else problem.inputs.table(1)
-    same = np.zeros((1, 1)), constants, t_eval, work, np.zeros((n, 1)), np.zeros(1, np.int64), progress
+    delta, mark, knot = np.zeros((n, 1)), np.zeros(1, np.int64), np.zeros((1, 2))
+    same = np.zeros((1, 1)), constants, t_eval, work, delta, mark, progress, knot
     blocks, pieces = [begin.reshape(1, -1)], []
     bounded = settings.dense or not settings.sampled
     status, size = RUNNING, FIRST_BLOCK

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .node import Node, UnitName
-from .ops import OPERATIONS
+from .ops import GRAPH_OPERATIONS
 
 __all__ = ["LOSS", "Probed", "loses", "probed", "probed_form"]
 
@@ -183,10 +183,19 @@ def _chosen(name: str) -> Callable[..., Probed]:
                 return np.where(first, a[0], b[0]), np.where(first, a[1], b[1])
             case _:
                 values = [operand[0] for operand in operands]
-                value = np.array([OPERATIONS[name].evaluate(*map(float, row)) for row in zip(*values, strict=True)])
+                evaluate = GRAPH_OPERATIONS[name].evaluate
+                value = np.array([evaluate(*map(float, row)) for row in zip(*values, strict=True)])
                 return value, np.zeros(_COUNT)
 
     return rule
+
+
+def _table(x: Probed, key: Probed, order: Probed) -> Probed:
+    def at(more: float) -> NDArray[np.float64]:
+        rows = zip(x[0], key[0], order[0], strict=True)
+        return np.array([GRAPH_OPERATIONS["table"].evaluate(a, k, o + more) for a, k, o in rows])
+
+    return _rounded(at(0.0), np.abs(at(1.0)) * x[1])
 
 
 _RULES: dict[str, Callable[..., Probed]] = {
@@ -210,5 +219,9 @@ _RULES: dict[str, Callable[..., Probed]] = {
     "cosh": _function(np.cosh, lambda x, y: np.sinh(x)),
     "tanh": _function(np.tanh, lambda x, y: 1.0 - y * y),
     "abs": lambda a: (np.abs(a[0]), a[1]),
-    **{name: _chosen(name) for name in ("sign", "floor", "less", "less_equal", "min", "max", "select")},
+    **{
+        name: _chosen(name)
+        for name in ("sign", "floor", "less", "less_equal", "min", "max", "select", "piece", "entry")
+    },
+    "table": _table,
 }

@@ -18,7 +18,7 @@ from fractions import Fraction
 from . import accuracy
 from . import fingerprint as fp
 from .node import Node, UnitName
-from .ops import OPERATIONS
+from .ops import GRAPH_OPERATIONS
 
 __all__ = ["TOLERANCE", "Algebra"]
 
@@ -294,7 +294,7 @@ class Algebra:
 
     def _intern(self, op: str, args: tuple[Node, ...], value: int) -> Node:
         """Return the node with this value, which adopts the new form if that is cheaper."""
-        cost = OPERATIONS[op].cost
+        cost = GRAPH_OPERATIONS[op].cost
         for arg in args:
             cost += arg.cost
         known = self._by_value.get(value)
@@ -340,7 +340,7 @@ class Algebra:
             node = risen.pop()
             self._errors.pop(node.index, None)
             for user in users.get(node.index, ()):
-                least = OPERATIONS[user.op].cost + sum(arg.cost for arg in user.args)
+                least = GRAPH_OPERATIONS[user.op].cost + sum(arg.cost for arg in user.args)
                 if user.cost < least:
                     user.cost = least
                     risen.append(user)

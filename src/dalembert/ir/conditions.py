@@ -119,7 +119,11 @@ class Conditions:
         return Conditions(self.place, *(tuple(column[i] for i in kept) for column in columns))  # type: ignore[arg-type]
 
     @property
+    def kernels(self) -> tuple[Kernel, ...]:
+        """All kernels."""
+        return (*self.functions, *(kernel for kernel in self.sharpness if kernel is not None))
+
+    @property
     def parameters(self) -> frozenset[int]:
         """Numbers of the parameters that the times of breaks depend on."""
-        kernels = [*self.functions, *(kernel for kernel in self.sharpness if kernel is not None)]
-        return frozenset(load.index or 0 for kernel in kernels for load in kernel.loads if load.array == "p")
+        return frozenset(load.index or 0 for kernel in self.kernels for load in kernel.loads if load.array == "p")

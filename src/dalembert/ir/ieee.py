@@ -1,7 +1,7 @@
 """Functions of ``math`` with results of IEEE 754: NaN or infinity where Python raises.
 
 Generated Python that is not compiled imports this module under the name ``math``, so that a branch not
-taken, such as log(a) beside a < 0, does no harm.
+taken, such as log(a) beside a < 0, does no harm. What it reads of tables stands here too.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from .tables import entry, piece
+
 __all__ = ["acos", "asin", "atan", "atan2", "cos", "cosh", "divide", "exp", "floor", "log", "pow", "sin", "sinh"]
-__all__ += ["sqrt", "tan", "tanh"]
+__all__ += ["entry", "piece", "sqrt", "tan", "tanh"]
 
 Function = Callable[[float], float]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .kernel import Kernel
 from .ops import ALL_OPERATIONS
+from .tables import array_entry, array_piece
 
 __all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows"]
 
@@ -82,8 +83,10 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
     "less": lambda a, b: np.where(a < b, 1.0, 0.0),
     "less_equal": lambda a, b: np.where(a <= b, 1.0, 0.0),
     "select": lambda c, a, b: np.where(c != 0.0, a, b),
+    "piece": array_piece,
+    "entry": array_entry,
 }
-"""The operations on arrays of many states at once."""
+"""The operations on arrays of many states at once; those on tables that kernels have are among them."""
 
 
 @final

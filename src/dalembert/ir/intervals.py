@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .interpret import ARRAY_OPERATIONS
+from .tables import array_piece, table_of
 
 __all__ = ["INTERVAL_OPERATIONS", "Interval"]
 
@@ -264,6 +265,22 @@ def _select(c: Interval, a: Interval, b: Interval) -> Interval:
     return Interval(*(np.where(first, x, np.where(second, y, z)) for x, y, z in parts))
 
 
+def _number(a: Interval) -> float:
+    """Return an operand that is a number."""
+    return float(np.ravel(a.low)[0])
+
+
+def _entry(place: Interval, key: Interval, row: Interval) -> Interval:
+    """Return the bounds of a number of all pieces from the lowest to the highest."""
+    numbers = table_of(_number(key)).row(int(_number(row)))
+    ends = np.atleast_1d(place.low).astype(int), np.atleast_1d(place.high).astype(int)
+    pairs = list(zip(*ends, strict=True))
+    low = np.array([np.min(numbers[i : j + 1]) for i, j in pairs]).reshape(np.shape(place.low))
+    high = np.array([np.max(numbers[i : j + 1]) for i, j in pairs]).reshape(np.shape(place.low))
+    rest = np.where(low == high, 0.0, np.inf)
+    return Interval(low, high, -rest, rest)
+
+
 _exp = _monotone(np.exp, lambda a: (np.exp(a[0]), np.exp(a[1])))
 _log = _monotone(np.log, lambda a: (1.0 / a[1], np.where(a[0] > 0.0, 1.0 / a[0], np.inf)))
 _asin = _monotone(lambda x: np.arcsin(np.clip(x, -1.0, 1.0)), _arc_slope)
@@ -297,6 +314,8 @@ _RULES: dict[str, Callable[..., Interval]] = {
     "less": _less,
     "less_equal": _less,
     "select": _select,
+    "piece": lambda x, key: _stepped(lambda end: array_piece(end, _number(key)))(x),
+    "entry": _entry,
 }
 
 

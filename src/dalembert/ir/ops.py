@@ -12,9 +12,9 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from . import ieee
+from . import ieee, tables
 
-__all__ = ["ALL_OPERATIONS", "OPERATIONS", "STEP_OPERATIONS", "Operation"]
+__all__ = ["ALL_OPERATIONS", "GRAPH_OPERATIONS", "OPERATIONS", "STEP_OPERATIONS", "TABLE_OPERATIONS", "Operation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,5 +92,19 @@ STEP_OPERATIONS: dict[str, Operation] = {
 """What steps of integrators need besides. ``fma(a, b, c)`` is a*b + c, rounded once where the target can; the rough
 functions are good to 0.005 and to a share of 1e-4, enough to choose a step."""
 
-ALL_OPERATIONS: dict[str, Operation] = OPERATIONS | STEP_OPERATIONS
+TABLE_OPERATIONS: dict[str, Operation] = {
+    operation.name: operation
+    for operation in (
+        Operation("table", 3, 30.0, 0, tables.generic),
+        Operation("piece", 2, 20.0, 0, tables.piece),
+        Operation("entry", 3, 2.0, 0, tables.entry),
+    )
+}
+"""Operations on tables, whose operands but the first are numbers (see `dalembert.ir.tables`). Kernels have pieces and
+entries in place of ``table``, which at random points is a function of which nothing is known."""
+
+GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS
+"""Everything that a graph may contain."""
+
+ALL_OPERATIONS: dict[str, Operation] = GRAPH_OPERATIONS | STEP_OPERATIONS
 """Everything that a kernel may contain."""

@@ -12,7 +12,10 @@ from .conditions import CONDITION_TIME, Conditions
 from .input_parameters import hidden_parameters
 from .kernel import Kernel
 from .notation import Reader, word
+from .ops import TABLE_OPERATIONS
 from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields
+from .table_text import read_table, table_text
+from .tables import Table, table_of
 
 __all__ = [
     "Layout",
@@ -115,9 +118,17 @@ class Program:
     energy_note: str = ""
     conditions: Conditions | None = None
 
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """The tables that kernels read, in the order in which they occur."""
+        functions = self.kernels if self.conditions is None else (*self.kernels, *self.conditions.kernels)
+        keys = [line.args[1] for kernel in functions for line in kernel.body if line.op in TABLE_OPERATIONS]
+        return tuple(table_of(key) for key in dict.fromkeys(keys) if not isinstance(key, str))
+
     def __str__(self) -> str:
         fields = field_lines(PROGRAM_FIELDS, self) + field_lines(LAYOUT_FIELDS, self.layout)
         parts = ["\n".join([f"program {word(self.name)}", *fields])]
+        parts += map(table_text, self.tables)
         parts += [kernel.text(_output_labels(self.layout, kernel)) for kernel in self.kernels]
         if self.conditions is not None:
             parts.append(str(self.conditions))
@@ -138,12 +149,14 @@ class Program:
         reader.end_line()
         values = read_fields(reader, {**PROGRAM_FIELDS, **LAYOUT_FIELDS})
         layout = Layout(**{key: value for key, value in values.items() if key in LAYOUT_FIELDS})
+        while reader.sees("table"):
+            read_table(reader)
         kernels = []
         while reader.sees("kernel"):
             kernels.append(Kernel.read(reader))
         conditions = Conditions.read(reader) if reader.sees("conditions") else None
         if not reader.done:
-            reader.fail("'kernel', 'conditions' or the end")
+            reader.fail("'table', 'kernel', 'conditions' or the end")
         own = {key: value for key, value in values.items() if key in PROGRAM_FIELDS}
         return cls(name=name, layout=layout, kernels=tuple(kernels), conditions=conditions, **own)
 

@@ -133,7 +133,7 @@ def field_lines(fields: Mapping[str, _Field], values: object) -> list[str]:
 def read_fields(reader: Reader, fields: Mapping[str, _Field]) -> dict[str, Any]:
     """Return the values of the fields that come next in a text, one a line, and the defaults of those left out."""
     values: dict[str, Any] = {}
-    while not (reader.done or reader.sees("kernel") or reader.sees("conditions")):
+    while not (reader.done or any(map(reader.sees, ("table", "kernel", "conditions")))):
         left = [key for key in fields if key not in values]
         key = next((key for key in left if reader.take(key)), None)
         if key is None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph, Node
-from .ops import OPERATIONS
+from .ops import GRAPH_OPERATIONS
 
 __all__ = ["Probe", "constant_value", "directions", "lost_at_zero", "match", "probe", "random_inputs", "values_of"]
 
@@ -65,7 +65,7 @@ def _operation(node: Node, known: Mapping[int, float]) -> float:
     if node.op == "select":
         return weighted_select(*(known[arg.index] for arg in node.args))
     try:
-        return float(OPERATIONS[node.op].evaluate(*[known[arg.index] for arg in node.args]))
+        return float(GRAPH_OPERATIONS[node.op].evaluate(*[known[arg.index] for arg in node.args]))
     except (OverflowError, ValueError, ZeroDivisionError):
         return math.nan
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from .algebra import TOLERANCE, Algebra
 from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph, Node, UnitName
-from .ops import OPERATIONS
+from .ops import GRAPH_OPERATIONS, TABLE_OPERATIONS
 
 __all__ = ["TOLERANCE", "agree", "magnitude", "terms_of", "vanishes"]
 
@@ -175,11 +175,12 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
         value = a / b if b else math.nan
         return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
     x = [arg[0] for arg in args]
-    function: Callable[..., float] = weighted_select if op == "select" else OPERATIONS[op].evaluate
+    function: Callable[..., float] = weighted_select if op == "select" else GRAPH_OPERATIONS[op].evaluate
     value = float(function(*x))
     size = _ROUNDING * abs(value)
     for place, (point, error, _) in enumerate(args):
-        if error and op not in DECIDED and not (op == "select" and place == 0):
+        named = op in TABLE_OPERATIONS and place > 0
+        if error and op not in DECIDED and not named and not (op == "select" and place == 0):
             step = _STEP * max(1.0, abs(point))
             moved = float(function(*x[:place], point + step, *x[place + 1 :]))
             size += abs(moved - value) / step * error

@@ -11,6 +11,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
 from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
+from ..transforms.knot_limits import knot_limits
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
 
@@ -70,6 +71,9 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
     kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still), records=records)]
+    limits = knot_limits(graph, system.rhs, system.inputs, equations.time, ~graph.mask(symbols.parameters))
+    if limits is not None:
+        on_state["knots"] = limits
     kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:

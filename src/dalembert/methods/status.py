@@ -24,6 +24,7 @@ class Status(enum.IntEnum):
     SINGULAR_COORDINATES = 14
     ASSUMPTION = 15
     TIMES_IN_NO_ORDER = 16
+    OUTSIDE_TABLE = 17
 
     def __str__(self) -> str:
         return self.name
@@ -113,6 +114,10 @@ _MESSAGES = {
     ),
     Status.TIMES_IN_NO_ORDER: (
         "The times of the run are not finite or not monotone: give finite times in increasing or in decreasing order."
+    ),
+    Status.OUTSIDE_TABLE: (
+        "The argument of a table left its knots, outside of which the table has no values: give it more knots, or "
+        'extrapolate="hold" or "linear".'
     ),
     Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

@@ -18,6 +18,7 @@ from .partials import Partials
 from .quick_start import QuickStart
 from .reductions import reduction_table
 from .symbol_assumptions import signed_names
+from .table_range import TableRange, table_range
 from .variation import Variation, vary
 
 __all__ = ["Derived"]
@@ -108,6 +109,11 @@ class Derived:
     def gimbals(self) -> Gimbals | None:
         """The angles that may lock."""
         return gimbals(self._stages.reduced)
+
+    @derived_property
+    def tables(self) -> TableRange | None:
+        """The tables that have values within their knots only."""
+        return table_range(self._stages.program)
 
     @derived_property
     def invariants(self) -> Candidates:

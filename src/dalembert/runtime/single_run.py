@@ -22,6 +22,7 @@ from .gimbal import locked, remedy
 from .recording import Record
 from .singular import indeterminate, judged, searched, still_redundant
 from .symbol_assumptions import warn_of_motion
+from .table_range import ended_outside
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -47,8 +48,9 @@ def integrate(
         model.engine.prepare(problem, method)
     compiled = time.perf_counter() - ready
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic)
+    solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.course(problem))
     solution, where = _ended_where_singular(model, problem, method, solution)
-    notes = [note, where]
+    notes = [note, beyond, where]
     if model.dropped:
         solution, broken = _ended_where_constraints_matter(model, problem, solution)
         notes = [model.note, *notes, broken]

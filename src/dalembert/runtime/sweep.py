@@ -29,6 +29,7 @@ from .reductions import reduction_table
 from .simulate import NO_ESTIMATE
 from .singular import judged_cases, searched, unlike
 from .symbol_assumptions import warn_of_motion
+from .table_range import outside_cases
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -242,7 +243,7 @@ def _begin_cases(
     model: CompiledModel, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
 ) -> Callable[..., Sweep]:
     """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
-    if model.derived.gimbals is not None or _ranked(model):
+    if model.derived.gimbals is not None or model.derived.tables is not None or _ranked(model):
         settings = replace(settings, judge=lambda block, part: _judge(model, settings.method, block, part))
     waiting = begin_cases(model.engine, cases, settings)
 
@@ -286,7 +287,8 @@ def _results(
 def runs_unchecked(model: CompiledModel) -> bool:
     """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
     derived = model.derived
-    return bool(model.layout.state) and not derived.enforced and not model.dropped and derived.gimbals is None
+    checked = derived.enforced or model.dropped or derived.gimbals is not None or derived.tables is not None
+    return bool(model.layout.state) and not checked
 
 
 def _ranked(model: CompiledModel) -> bool:
@@ -297,6 +299,8 @@ def _ranked(model: CompiledModel) -> bool:
 def _judge(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
     """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
     program = model.stages.program
+    if model.derived.tables is not None:
+        outside_cases(model.derived.tables, block, done)
     if _ranked(model):
         judged_cases(program, model.engine, method, model.derived.enforced, block, done)
     if model.derived.gimbals is not None:

@@ -3,6 +3,7 @@
 from .contacts import CoulombFriction, UnilateralContact
 from .orientation import free_orientation
 from .scene import Joint, Scene
+from .tables import table
 from .unknowns import Unknown, unknowns
 
 __all__ = [
@@ -12,5 +13,6 @@ __all__ = [
     "UnilateralContact",
     "Unknown",
     "free_orientation",
+    "table",
     "unknowns",
 ]

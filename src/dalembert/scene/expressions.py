@@ -20,6 +20,7 @@ from ..naming import unwritable
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
+from .tables import TableFunction, outside
 from .unknowns import Unknown
 
 __all__ = ["ExpressionReader", "short"]
@@ -190,6 +191,8 @@ class ExpressionReader:
             return self._power(e)
         if isinstance(e, sp.Derivative):
             return self._derivative(e)
+        if isinstance(e, TableFunction):
+            return self._table(e)
         if isinstance(e, AppliedUndef):
             if str(e) in map(str, self.leaves):
                 return self.fault(f"{e} {_OTHER}")
@@ -199,6 +202,16 @@ class ExpressionReader:
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
             )
         return self._function(e)
+
+    def _table(self, e: TableFunction) -> Node:
+        x, curve = self._read(e.args[0]), e.curve
+        if x.number is not None and outside(float(x.number), curve.table):
+            first, last = curve.table.first, curve.table.last
+            return self.fault(
+                f"{e} is outside of the knots of the table {curve.table.name!r}, which go from {first:g} to {last:g};"
+                ' give it extrapolate="hold" or "linear", or more knots'
+            )
+        return self.graph.call("table", x, self.graph.const(curve.table.key), self.graph.const(curve.order))
 
     def _decimal(self, e: Any) -> Node:
         """Return a decimal number: the binary fraction that SymPy holds, all its digits."""

@@ -24,6 +24,7 @@ from .output_reading import names_as_nodes, read_outputs
 from .prescribed_velocities import located, read_given
 from .scene import Joint, Scene
 from .symbols import Requirement
+from .table_checks import rough_tables
 from .velocity_checks import velocity_faults
 
 __all__ = ["read"]
@@ -88,7 +89,8 @@ class _SceneReader(GeometryReader):
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
         contacts, closing = self._contacts()
         wanted = read_outputs(self, outputs)
-        symbols = self._symbols(self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian))
+        requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian)
+        symbols = self._symbols(requirements)
         if not self.faults:
             self.faults += foreign_points(
                 self.graph,
@@ -101,6 +103,7 @@ class _SceneReader(GeometryReader):
             )
         if not self.faults and placed:
             self.faults += velocity_faults(scene, self.frames, self.points, self._met)
+        self.faults += rough_tables(self.graph, requirements)
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(scene.name, faults)
@@ -157,31 +160,28 @@ class _SceneReader(GeometryReader):
         given: GivenMotion | None,
         lagrangian: Node | None,
     ) -> list[Requirement]:
-        """Return how often inputs must have a continuous derivative: velocities may not jump."""
+        """Return how often inputs and tables must have a continuous derivative: velocities may not jump."""
         found: list[Requirement] = []
-        if self.inputs:
-            found += [(1, f"the {row.label}", [row.expression]) for row in holonomic]
-            found += [
-                (1, f"the position of point {point.name!r}", [x for piece in point.position for x in piece.components])
-                for point in self.point_models.values()
-            ]
-            found += [
-                (1, f"the orientation of frame {frame.name!r}", [x for row in frame.rotation or () for x in row])
-                for frame in self.frame_models.values()
-            ]
-            leaves = self.expressions.leaves
-            found += [(1, f"the imposed coordinate {q.func.__name__!r}", [leaves[q]]) for q, _ in self.scene.imposed]
-            found += [(0, f"the {row.label}", [row.expression]) for row in nonholonomic]
-            found += [
-                (0, f"the kinematic equation of {u.func.__name__!r}", [leaves[u]])
-                for u in self.scene.speeds
-                if u in leaves
-            ]
-            for body in () if given is None else given.bodies:
-                pieces = (*body.velocity, *body.spin)
-                found.append((0, f"the velocity of body {body.name!r}", [x for p in pieces for x in p.components]))
-            if lagrangian is not None:
-                found.append((1, "the Lagrangian", [lagrangian]))
+        found += [(1, f"the {row.label}", [row.expression]) for row in holonomic]
+        found += [
+            (1, f"the position of point {point.name!r}", [x for piece in point.position for x in piece.components])
+            for point in self.point_models.values()
+        ]
+        found += [
+            (1, f"the orientation of frame {frame.name!r}", [x for row in frame.rotation or () for x in row])
+            for frame in self.frame_models.values()
+        ]
+        leaves = self.expressions.leaves
+        found += [(1, f"the imposed coordinate {q.func.__name__!r}", [leaves[q]]) for q, _ in self.scene.imposed]
+        found += [(0, f"the {row.label}", [row.expression]) for row in nonholonomic]
+        found += [
+            (0, f"the kinematic equation of {u.func.__name__!r}", [leaves[u]]) for u in self.scene.speeds if u in leaves
+        ]
+        for body in () if given is None else given.bodies:
+            pieces = (*body.velocity, *body.spin)
+            found.append((0, f"the velocity of body {body.name!r}", [x for p in pieces for x in p.components]))
+        if lagrangian is not None:
+            found.append((1, "the Lagrangian", [lagrangian]))
         return found
 
     def _rows(self, matrix: Any, place: str) -> tuple[Components, Components, Components]:

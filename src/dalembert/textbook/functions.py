@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ..ir.tables import array_value
+from ..scene.tables import TABLE, TableFunction
+
 __all__ = ["function_of"]
 
 _CALLS = {
@@ -46,9 +49,9 @@ def function_of(arguments: Sequence[Any], expressions: Sequence[Any]) -> Callabl
     try:
         results = [_written(sp.sympify(e), names, lines) for e in expressions]
     except (KeyError, TypeError):
-        return sp.lambdify(arguments, list(expressions), modules="numpy", cse=False)
+        return sp.lambdify(arguments, list(expressions), modules=[{TABLE: array_value}, "numpy"], cse=False)
     body = "".join(f"    {line}\n" for line in lines)
-    space: dict[str, Any] = dict(_NAMES)
+    space: dict[str, Any] = {**_NAMES, TABLE: array_value}
     exec(f"def f({', '.join(heads)}):\n{body}    return [{', '.join(results)}]\n", space)
     return space["f"]
 
@@ -61,7 +64,8 @@ def _written(expression: Any, names: dict[Any, str], lines: list[str]) -> str:
         if e in names:
             stack.pop()
             continue
-        pending = [part for part in e.args if part not in names] if not e.is_number else []
+        parts = e.args[:1] if isinstance(e, TableFunction) else e.args
+        pending = [part for part in parts if part not in names] if not e.is_number else []
         if pending:
             stack.extend(pending)
             continue
@@ -69,7 +73,7 @@ def _written(expression: Any, names: dict[Any, str], lines: list[str]) -> str:
         if e.is_number:
             names[e] = str(e) if e.is_Integer and e >= 0 else _number(e)
             continue
-        text = _line(e, [names[part] for part in e.args])
+        text = _line(e, [names[part] for part in parts])
         names[e] = f"x{len(lines)}"
         lines.append(f"{names[e]} = {text}")
     return names[expression]
@@ -83,6 +87,8 @@ def _number(e: Any) -> str:
 
 
 def _line(e: Any, parts: list[str]) -> str:
+    if isinstance(e, TableFunction):
+        return e.call(parts[0])
     if e.is_Add:
         return " + ".join(parts)
     if e.is_Mul:

@@ -1,6 +1,6 @@
 """Small linear systems with trigonometric entries, solved in closed form.
 
-Entries become elements of the field of rational functions in the symbols and rates that occur and
+Entries become elements of the field of rational functions in the symbols, rates and tables that occur and
 in u = tan(angle / 2) for every angle, with sin = 2 u / (1 + u^2) and cos = (1 - u^2) / (1 + u^2). Common
 factors cancel there, sin^2 + cos^2 is 1, and a pivot is zero exactly when it is identically zero. Matrices too
 large for that are eliminated as they stand, with pivots tested numerically.
@@ -15,6 +15,7 @@ import sympy as sp
 from sympy.polys.fields import sfield
 
 from ..scene.identity import vanishes
+from ..scene.tables import TableFunction
 
 __all__ = ["Field", "Plain", "arithmetic", "null_space", "row_echelon", "solve"]
 
@@ -39,7 +40,7 @@ class Field:
         table: dict[Any, Any] = {}
         for u, angle in self._angles.items():
             table[sp.sin(angle)], table[sp.cos(angle)] = 2 * u / (1 + u**2), (1 - u**2) / (1 + u**2)
-        kinds = (sp.Derivative, sp.core.function.AppliedUndef)
+        kinds = (sp.Derivative, sp.core.function.AppliedUndef, TableFunction)
         found = {a for e in plain for a in e.xreplace(table).atoms(*kinds)}
         rates = sorted(found, key=lambda a: (not isinstance(a, sp.Derivative), sp.default_sort_key(a)))
         leaves = {leaf: sp.Symbol(f"v_{i}") for i, leaf in enumerate(rates)}

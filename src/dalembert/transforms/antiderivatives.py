@@ -54,6 +54,14 @@ def _unary(g: Graph, name: str, u: Node) -> Node | None:
     return table[name]() if name in table else None
 
 
+def _named(g: Graph, op: str, args: tuple[Node, ...]) -> Node | None:
+    """Return the antiderivative of an elementary function, or of a table, by its argument."""
+    if op != "table":
+        return _unary(g, op, args[0])
+    x, key, order = args
+    return None if order.number == -1 else g.call("table", x, key, order - 1)
+
+
 def _parallel(pair: tuple[float, float], slopes: Probe) -> bool:
     """Whether two covectors agree along two directions, but for a factor."""
     left, right = pair[0] * slopes.b, pair[1] * slopes.a
@@ -93,7 +101,7 @@ class Antiderivatives:
 
     def _jumps(self, h: Node) -> bool:
         """Whether an expression has jumps: what a rule finds on either side of one need not meet there."""
-        jumping = ("select", "sign", "floor", "less", "less_equal")
+        jumping = ("select", "sign", "floor", "less", "less_equal", "table")
         mask = sum(x.deps for x in self.moving)
         return any(node.op in jumping and node.deps & mask for node in self.graph.topological([h]))
 
@@ -267,10 +275,10 @@ class Antiderivatives:
         return None
 
     def _elementary(self, f: Node, x: Node, depth: int) -> Node | None:
-        if len(f.args) != 1:
+        if len(f.args) != 1 and f.op != "table":
             return None
         slope = self._free(self.slope(f.args[0], x), [x])
-        found = None if slope is None else _unary(self.graph, f.op, f.args[0])
+        found = None if slope is None else _named(self.graph, f.op, f.args)
         return None if found is None or slope is None else found / slope
 
     def _inner(self, f: Node, x: Node, depth: int) -> Node | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from ..ir.graph import Graph, Node
+from ..ir.tables import table_of
 
 __all__ = ["GUARDED", "RULES", "cotangents", "jacobian", "tangents"]
 
@@ -37,6 +38,14 @@ def _power(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     if not tangent[1].is_zero:
         result = result + node.node * graph.call("log", base) * tangent[1]
     return result
+
+
+def _table(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    x, key, order = node.args
+    assert key.number is not None and order.number is not None
+    if order.number >= table_of(float(key.number)).degree:
+        return graph.zero
+    return graph.call("table", x, key, order + 1) * tangent[0]
 
 
 def _atan2(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
@@ -72,10 +81,13 @@ RULES: dict[str, Rule] = {
     "less": _piecewise_zero,
     "less_equal": _piecewise_zero,
     "select": lambda g, n, d: g.call("select", n.args[0], d[1], d[2]),
+    "table": _table,
+    "piece": _piecewise_zero,
+    "entry": _piecewise_zero,
 }
 """The derivative of each operation: (graph, node, tangents of its operands) -> tangent of the node.
 
-Operations that jump (sign, floor, comparisons) have derivative zero, which holds between their jumps.
+Operations that jump (sign, floor, comparisons, pieces of tables) have derivative zero, which holds between their jumps.
 """
 
 

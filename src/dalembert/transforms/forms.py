@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import final
 
 from ..ir.graph import Graph, Node
-from ..ir.ops import OPERATIONS
+from ..ir.ops import GRAPH_OPERATIONS
 from .polynomial import Form
 
 __all__ = ["Forms"]
@@ -61,12 +61,12 @@ class Forms:
         if not args:
             return 0.0
         if op in ("add", "sub", "neg"):
-            return OPERATIONS[op].cost
+            return GRAPH_OPERATIONS[op].cost
         if op == "mul" and args[0].deps & self.moving and args[1].deps & self.moving:
             return _SQUARE if args[0] is args[1] else _PRODUCT
         if op == "mul" or (op == "div" and not args[1].deps & self.moving):
             return 1.0
-        return OPERATIONS[op].cost + _PRODUCT
+        return GRAPH_OPERATIONS[op].cost + _PRODUCT
 
     def work(self, nodes: Sequence[Node]) -> float:
         """Return the cost of `nodes` and all that they depend on, shared values counted once."""

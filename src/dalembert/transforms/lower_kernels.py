@@ -10,7 +10,9 @@ from fractions import Fraction
 from ..errors import ExpressionError
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Assignment, Kernel, Load, Operand
-from ..ir.ops import OPERATIONS
+from ..ir.ops import GRAPH_OPERATIONS
+from ..ir.tables import ORIGIN, coefficient_row, table_of
+from ..ir.tables import value as table_value
 from ..naming import Namer
 from .forms import Forms
 from .pipelines import KERNEL_PASSES, PassRecord
@@ -88,12 +90,35 @@ def _kernel(
             operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
         else:
             args = tuple(operands[arg.index] for arg in values)
+            if op == "table":
+                operands[node.index] = _table(namer, body, *args)
+                continue
             target = namer(_wish(op, args))
             body.append(Assignment(target, op, args))
             operands[node.index] = target
     loads.sort(key=lambda load: (load.array, load.index or 0))
     outputs = tuple(operands[node.index] for node in nodes)
     return Kernel(name, arguments, tuple(loads), tuple(body), outputs)
+
+
+def _table(namer: Namer, body: list[Assignment], x: Operand, key: Operand, order: Operand) -> Operand:
+    """Write a table, or a derivative of it, as the polynomial of the piece that x lies in; return its value."""
+
+    def write(name: str, op: str, *args: Operand) -> Operand:
+        target = namer(name)
+        body.append(Assignment(target, op, args))
+        return target
+
+    assert not isinstance(key, str) and not isinstance(order, str)
+    place = write("piece", "piece", x, key)
+    rows = [coefficient_row(int(order), power) for power in range(table_of(key).degree - int(order) + 1)]
+    value = write("entry", "entry", place, key, float(rows[-1]))
+    if len(rows) == 1:
+        return value
+    s = write("z", "sub", x, write("origin", "entry", place, key, float(ORIGIN)))
+    for row in rows[-2::-1]:
+        value = write("z", "add", write("z", "mul", value, s), write("entry", "entry", place, key, float(row)))
+    return value
 
 
 def _literal(node: Node, args: list[Operand]) -> float:
@@ -107,7 +132,8 @@ def _literal(node: Node, args: list[Operand]) -> float:
                 "a constant is beyond the range of double precision (1.8e308), in which models are computed; choose"
                 " units in which the numbers of the scene are smaller"
             ) from None
-    value = float(OPERATIONS[node.op].evaluate(*args))
+    evaluate = table_value if node.op == "table" else GRAPH_OPERATIONS[node.op].evaluate
+    value = float(evaluate(*map(float, args)))
     if not math.isfinite(value):
         raise ExpressionError(f"the constant {node.op}({', '.join(map(str, args))}) is not finite")
     return value

@@ -51,6 +51,8 @@ class Recurrences:
         Whether steps do not grow at once, so that what happens is not passed over.
     nonsmooth : bool
         Whether there are kinks or jumps in state or time.
+    tables : tuple of (str, float)
+        Arguments of tables that vary, and the keys of these: a step ends where an argument leaves a piece.
     """
 
     kernel: Kernel
@@ -63,6 +65,7 @@ class Recurrences:
     poles: tuple[str, ...] = ()
     step_growth_limited: bool = False
     nonsmooth: bool = False
+    tables: tuple[tuple[str, float], ...] = ()
 
     @property
     def angles(self) -> frozenset[str]:
@@ -97,8 +100,8 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
     kinks = nonsmooth_values(hidden)
     flat = reached_from(kernel, kinks)
     for line in kernel.body:
-        if not any(arg in varying for arg in line.args):
-            items.append(line)
+        if line.op in ("piece", "entry") or not any(arg in varying for arg in line.args):
+            items.append(line)  # steps end where pieces of tables do
             continue
         new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
         items += _without_fixed_terms(line, new, varying)
@@ -118,6 +121,11 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
         poles,
         step_growth_limited or bool(controlled),
         bool(kinks),
+        tuple(
+            (str(line.args[0]), float(line.args[1]))
+            for line in kernel.body
+            if line.op == "piece" and line.args[0] in varying
+        ),
     )
 
 

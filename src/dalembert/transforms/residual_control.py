@@ -15,6 +15,7 @@ and ends between two points is not seen. Steps therefore grow by a factor at mos
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from ..ir.kernel import Operand
 from ..ir.lines import Lines
@@ -63,6 +64,7 @@ def reached(
     direction: Operand,
     scale: Operand,
     tolerance: float,
+    arguments: Mapping[Operand, Operand],
 ) -> Operand:
     """Return how far a step may go: up to the last point before the first where its polynomial is not a solution.
 
@@ -74,6 +76,8 @@ def reached(
         Of the step that is proposed, which is returned as it is where all is fine.
     scale, tolerance
         What errors are measured by, and the share of it that the order of the step stands for.
+    arguments : mapping of str to Operand
+        Arguments of tables at the beginning of the step, which stays in the pieces that they are in.
     """
     kernel = recurrences.kernel
     needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
@@ -102,7 +106,8 @@ def reached(
             if load.array == "t":
                 values[load.target] = lines.op("add", load.target, x)
         for line in body:
-            values[line.target] = lines.op(line.op, *(values.get(arg, arg) for arg in line.args))
+            known = arguments if line.op == "piece" else values
+            values[line.target] = lines.op(line.op, *(known.get(arg, arg) for arg in line.args))
         for i in recurrences.controlled:
             found = values[recurrences.rates[i]]
             gap = lines.op("abs", lines.sub(found, polynomial(rates[i])))

@@ -62,15 +62,16 @@ def memory_size(n: int, carried: bool) -> int:
     return len(CONTROL) + (n if carried else 0)
 
 
-def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> Kernel:
+def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> Kernel:
     """Return one attempt as a kernel of the arguments (t, y, c, s), s holding `SETTINGS`.
 
     Its outputs are the new state (n_y), the size of the step (0 where it is rejected), a number that is not 0 where
     the attempt left the finite numbers, what is remembered (`CONTROL`, then the slopes (n_y) if `carried`), and,
     where `dense`, the coefficients of each component in turn, in powers of the fraction of the step. The slopes can be
-    carried from the end of a step to the next where nothing moves the state in between.
+    carried from the end of a step to the next where nothing moves the state in between. `knots` gives the largest sizes
+    of a step, forward and backward in time, that knots of tables allow.
     """
-    return _straight("attempt", rhs, _Attempt(rhs, tableau, carried=carried, dense=dense))
+    return _straight("attempt", rhs, _Attempt(rhs, tableau, carried=carried, dense=dense, knots=knots), knots)
 
 
 def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
@@ -82,12 +83,13 @@ def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
     return _straight("start", rhs, _Start(rhs, tableau, carried=carried))
 
 
-def _straight(name: str, rhs: Kernel, parts: _Parts) -> Kernel:
+def _straight(name: str, rhs: Kernel, parts: _Parts, knots: Kernel | None = None) -> Kernel:
     evaluate = inlined(parts.lines, PRODUCT_FUSION(rhs))
     for stage in parts.stages():
         parts.slopes[stage] = evaluate(parts.time(stage), parts.point(stage))
     outputs = tuple(parts.outputs())
-    kernel = Kernel(name, _ARGUMENTS, (*parts.loads, *_constants(rhs)), tuple(parts.lines.body), outputs)
+    constants = dict.fromkeys([*_constants(rhs), *(_constants(knots) if knots else ())])
+    kernel = Kernel(name, _ARGUMENTS, (*parts.loads, *constants), tuple(parts.lines.body), outputs)
     return STEP_PASSES(kernel)
 
 
@@ -242,9 +244,12 @@ class _Start(_Parts):
 class _Attempt(_Parts):
     """One attempt."""
 
-    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool, dense: bool) -> None:
+    def __init__(
+        self, rhs: Kernel, tableau: Tableau, *, carried: bool, dense: bool, knots: Kernel | None = None
+    ) -> None:
         super().__init__(rhs)
         self.tableau, self.carried, self.dense = tableau, carried, dense
+        self.unlimited: Operand = 0.0
         self.loads += _array(_CONTROL, "y", self.n + 2)
         if carried:
             self.slopes[0] = _names("k_first", self.n)
@@ -254,8 +259,20 @@ class _Attempt(_Parts):
         proposed = lines.op("max", _PROPOSAL, least)
         ends = lines.op("less_equal", _LARGEST, lines.mul(proposed, gains.STRETCH))
         self.size = lines.op("select", ends, _LARGEST, proposed)
+        if knots is not None:
+            self._end_at_knot(knots, least)
         self.h = lines.mul(self.size, _DIRECTION)
         self._points: dict[int, Vector] = {}
+
+    def _end_at_knot(self, knots: Kernel, least: Operand) -> None:
+        """Cut the step at a knot of a table; `unlimited` is what was proposed where that comes to pass, else 0."""
+        lines = self.lines
+        forward, backward = inlined(lines, knots)("t_", self.y)
+        limit = lines.op("select", lines.op("less", _DIRECTION, 0.0), backward, forward)
+        limit = lines.op("max", limit, lines.mul(least, 4.0))
+        cut = lines.op("less", limit, self.size)
+        self.unlimited = lines.op("select", cut, _PROPOSAL, 0.0)
+        self.size = lines.op("select", cut, limit, self.size)
 
     def stages(self) -> tuple[int, ...]:
         tableau = self.tableau
@@ -298,6 +315,8 @@ class _Attempt(_Parts):
             return lines.op("select", accepted, value, old)
 
         proposal, error = self._proposal(square, accepted, finite)
+        if self.unlimited != 0.0:
+            proposal = kept(lines.op("max", proposal, self.unlimited), proposal)
         previous = kept(lines.op("max", error, _LOG2_PREVIOUS), _PREVIOUS)
         control = [proposal, previous, kept(gains.LARGEST_GROWTH, 1.0)]
         results = [kept(value, old) for value, old in zip(new, self.y, strict=True)]

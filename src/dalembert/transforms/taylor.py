@@ -24,6 +24,7 @@ from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
+from .table_steps import CLOCK, within_piece
 
 __all__ = [
     "LOW_TERMS",
@@ -89,7 +90,8 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     expansion.extend(order)
     lines = expansion.lines
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in recurrences.poles], order)
+    poles, arguments = recurrences.poles, [expansion.of(argument) for argument, _ in recurrences.tables]
+    outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in poles], order, arguments)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
     loads = (*_loads(recurrences), *closing_loads(recurrences))
@@ -109,15 +111,22 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 def closing_loads(recurrences: Recurrences) -> list[Load]:
     """Return the loads of the end of a step that its series do not need."""
     loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
-    return [*loads, Load(PREVIOUS, "y", len(recurrences.states))] if recurrences.step_growth_limited else loads
+    if recurrences.step_growth_limited:
+        loads.append(Load(PREVIOUS, "y", len(recurrences.states)))
+    return [*loads, Load(CLOCK, "t", None)] if recurrences.tables else loads
 
 
 def closing(
-    lines: Lines, recurrences: Recurrences, rates: list[Series], poles: list[Series], order: int
+    lines: Lines,
+    recurrences: Recurrences,
+    rates: list[Series],
+    poles: list[Series],
+    order: int,
+    arguments: Sequence[Series] = (),
 ) -> list[Operand]:
     """Return the new state, the size of the step and the check, from the series of the rates and of the poles.
 
-    Of poles, the first terms and the last two are read.
+    Of poles, the first terms and the last two are read; `arguments` are the series of the arguments of tables.
     """
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
@@ -126,9 +135,14 @@ def closing(
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
     if recurrences.step_growth_limited:
         size = grown(lines, size, largest)
+    for (_, key), series in zip(recurrences.tables, arguments, strict=True):
+        size = within_piece(lines, series, key, order, size, direction)
     if recurrences.controlled:
         tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
-        size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance)
+        begun: dict[Operand, Operand] = {
+            name: series[0] for (name, _), series in zip(recurrences.tables, arguments, strict=True)
+        }
+        size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance, begun)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
     new: list[Operand] = []
@@ -155,14 +169,19 @@ def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -
 
 
 def ending(
-    recurrences: Recurrences, rates: list[list[str]], poles: list[list[str]], order: int
+    recurrences: Recurrences,
+    rates: list[list[str]],
+    poles: list[list[str]],
+    order: int,
+    arguments: Sequence[list[str]] = (),
 ) -> tuple[list[Assignment], list[Operand]]:
     """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.
 
-    `rates` and `poles` name the coefficients 0 to order - 1 of each rate and pole.
+    `rates`, `poles` and `arguments` name the coefficients 0 to order - 1 of each rate, pole and argument of a table.
     """
     lines = Lines()
-    outputs = closing(lines, recurrences, [list(rate) for rate in rates], [list(pole) for pole in poles], order)
+    known: list[list[Series]] = [[list(names) for names in group] for group in (rates, poles, arguments)]
+    outputs = closing(lines, recurrences, known[0], known[1], order, known[2])
     return lines.body, outputs
 
 

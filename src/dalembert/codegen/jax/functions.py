@@ -16,7 +16,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-__all__ = ["acos", "asin", "atan2", "guarded", "power", "product", "sqrt"]
+from ...ir.tables import table_of
+
+__all__ = ["acos", "asin", "atan2", "entry", "guarded", "piece", "power", "product", "sqrt"]
 
 
 def guarded(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -78,3 +80,14 @@ def acos(a: Any) -> Any:
     a = jnp.asarray(a)
     end = jnp.abs(a) == 1.0
     return jnp.where(end, lax.stop_gradient(jnp.arccos(a)), jnp.arccos(jnp.where(end, 0.0, a)))
+
+
+def piece(x: Any, key: int) -> Any:
+    """Return the number of the piece of a table that x lies in, as `dalembert.ir.tables.piece` does."""
+    found = jnp.searchsorted(jnp.asarray(table_of(key).edges), lax.stop_gradient(x), side="right")
+    return jnp.where(jnp.isnan(x), 0.0, found.astype(float))
+
+
+def entry(place: Any, key: int, row: int) -> Any:
+    """Return a number of a piece of a table."""
+    return jnp.asarray(table_of(key).row(row))[lax.stop_gradient(place).astype(int)]

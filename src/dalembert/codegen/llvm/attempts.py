@@ -21,16 +21,24 @@ repeating it saves some 5% of the time of an attempt; above, calls are as fast a
 
 
 def attempt_assembly(
-    rhs: Kernel, tableau: Tableau, lanes: int, *, dense: bool, carried: bool, inline: bool | None = None
+    rhs: Kernel,
+    tableau: Tableau,
+    lanes: int,
+    *,
+    dense: bool,
+    carried: bool,
+    inline: bool | None = None,
+    knots: Kernel | None = None,
 ) -> str:
     """Return a module with the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`.
 
-    `inline` says whether the right-hand side is repeated once a stage; by default, its length decides.
+    `inline` says whether the right-hand side is repeated once a stage; by default, its length decides. It is where
+    steps end at `knots` of tables.
     """
     if inline is None:
-        inline = len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
+        inline = knots is not None or len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
     if inline:
-        attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried)
+        attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
         return assembly([("attempt", attempt), ("start", start_kernel(rhs, tableau, carried=carried))], lanes)
     parts = (
         attempt_pieces(rhs, tableau, dense=dense, carried=carried),

@@ -7,6 +7,7 @@ from typing import final
 
 from ...ir.kernel import Assignment, Operand
 from .lane_types import constant, fma_name, suffix, vector
+from .tables import entry_lines, piece_lines
 from .vector_functions import lanewise
 
 __all__ = ["LanePrinter"]
@@ -76,6 +77,10 @@ class LanePrinter:
                 zero, one, minus = (constant(x, self.lanes) for x in (0.0, 1.0, -1.0))
                 self._choose(f"{target}.up", "ogt", args[0], zero, one, zero)
                 self._choose(target, "olt", args[0], zero, minus, f"%{target}.up")
+            case "piece":
+                self.lines += piece_lines(self.lanes, target, args, float(line.args[1]))
+            case "entry":
+                self.lines += entry_lines(self.lanes, target, args, float(line.args[1]), float(line.args[2]))
             case _ if self.exact and self.lanes > 1 and len(args) == 1:
                 self._set(target, f"call {v} @{line.op}_repeating({typed})")
             case _:

@@ -17,6 +17,7 @@ from .lane_types import native_lanes
 from .objects import object_code
 from .order_loops import LEAST_ORDER, order_loop_assembly
 from .series_loops import series_loop_assembly
+from .tables import with_tables
 
 __all__ = ["LLVMLibrary"]
 
@@ -56,10 +57,13 @@ class LLVMLibrary(KernelLibrary):
 
     def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
         """See `KernelLibrary.kernel_text`."""
-        return assembly([(name, kernel)], lanes, exact=exact)
+        return with_tables(assembly([(name, kernel)], lanes, exact=exact))
 
     def step_text(self, name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
         """See `KernelLibrary.step_text`: unrolled if short, else with loops, and the longest with little else."""
+        return with_tables(self._step_text(name, known, order, lanes, dense))
+
+    def _step_text(self, name: str, known: Recurrences, order: int, lanes: int, dense: bool) -> str:
         if known.unrolled_lines(order) <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
             return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
         if len(known.items) <= _LARGEST_PASS:
@@ -68,7 +72,8 @@ class LLVMLibrary(KernelLibrary):
 
     def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
-        return attempt_assembly(self._program.kernel("rhs"), tableau, lanes, dense=dense, carried=self.carried)
+        rhs, knots = self._program.kernel("rhs"), self.knots
+        return with_tables(attempt_assembly(rhs, tableau, lanes, dense=dense, carried=self.carried, knots=knots))
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""

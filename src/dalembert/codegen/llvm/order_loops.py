@@ -87,9 +87,8 @@ class _Step:
         self.ahead.extend()
         body = self.entry.lines.body
         self.first_orders, self.later_orders = body[:opened], body[opened:]
-        self.rates = [
-            r for r in dict.fromkeys(recurrences.rates) if isinstance(r, str) and len(self.entry.series[r]) > 1
-        ]
+        kept = dict.fromkeys([*recurrences.rates, *(argument for argument, _ in recurrences.tables)])
+        self.rates = [r for r in kept if isinstance(r, str) and len(self.entry.series[r]) > 1]
 
     # -- lines ----------------------------------------------------------------------------
 
@@ -305,7 +304,8 @@ class _Step:
             [*self.entry.series[pole][:first], *between, *self.ahead.series[pole][1:3]]
             for pole in self.recurrences.poles
         ]
-        outputs = closing(lines, self.recurrences, rates, poles, self.order)
+        arguments = [known[name] for name, _ in self.recurrences.tables]
+        outputs = closing(lines, self.recurrences, rates, poles, self.order, arguments)
         self.printer.body(lines.body[done:])
         for index, operand in enumerate(outputs):
             self.printer.store(operand, index)

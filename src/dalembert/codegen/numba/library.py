@@ -29,7 +29,7 @@ class NumbaLibrary(KernelLibrary):
 
     def source(self, method: str, order: int) -> str:
         """See `KernelLibrary.source`: the module of all kernels of the program, and what the method needs besides."""
-        return texts.joined(self._module, *self._method_texts(method, order))
+        return texts.module(self._program, self._method_texts(method, order))
 
     def _method_texts(self, method: str, order: int) -> list[str]:
         if method == "taylor":
@@ -68,7 +68,8 @@ class NumbaLibrary(KernelLibrary):
     def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
         assert lanes == 1
-        return texts.attempt(self._program.kernel("rhs"), tableau, dense=dense, carried=self.carried)
+        rhs = self._program.kernel("rhs")
+        return texts.attempt(rhs, tableau, dense=dense, carried=self.carried, knots=self.knots)
 
     def _program_text(self, name: str, lanes: int) -> str:
         """See `KernelLibrary._program_text`."""

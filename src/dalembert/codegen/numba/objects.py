@@ -21,6 +21,7 @@ from ..cache import read_kept, write_kept
 from ..llvm.assembly import Compiled, compile_object, load_object
 from ..llvm.target import target
 from . import texts
+from .tables import table_definitions
 
 __all__ = ["load_functions", "numba_version"]
 
@@ -99,7 +100,8 @@ def _executed(text: str, names: dict[str, Any]) -> dict[str, Any]:
 
 def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
     """Return the objects of functions and of their entries, and whether they are made for the target."""
-    names = _executed(text, _prelude())
+    tables = table_definitions(text)
+    names = _executed(texts.joined(tables, text) if tables else text, _prelude())
     from .target import serves_target
 
     objects, entries = [], []

@@ -123,7 +123,7 @@ class _Step:
     # -- lines ------------------------------------------------------------------------------
 
     def _start(self, line: Assignment) -> str:
-        value = NUMBA.formats[line.op].format(*map(self._first, line.args))
+        value = NUMBA.expression(line.op, *map(self._first, line.args))
         return f"{self._first(line.target)} = {value}"
 
     def _later(self, item: Assignment | Integrated) -> list[str]:
@@ -192,10 +192,13 @@ class _Step:
         names: dict[Operand, str] = dict(old.items())
         rates = [[f"rate_{i}_{k}_" for k in orders] for i in range(len(states))]
         poles = [[f"pole_{i}_{k}_" for k in orders] for i in range(len(recurrences.poles))]
-        body, outputs = ending(recurrences, rates, poles, self.order)
+        held = [name for name, _ in recurrences.tables]
+        arguments = [[f"argument_{i}_{k}_" for k in orders] for i in range(len(held))]
+        body, outputs = ending(recurrences, rates, poles, self.order, arguments)
         lines = [f"{name} = y[{i}]" for i, name in enumerate(old.values())]
-        lines += [NUMBA.load(load) for load in closing_loads(recurrences)]
-        for values, series in zip([*rates, *poles], [*recurrences.rates, *recurrences.poles], strict=True):
+        lines += [f"{load.target} = {load.array}[{load.index or 0}]" for load in closing_loads(recurrences)]
+        sources = [*recurrences.rates, *recurrences.poles, *held]
+        for values, series in zip([*rates, *poles, *arguments], sources, strict=True):
             for k, value in enumerate(values):
                 lines.append(f"{value} = {self._first(series) if k == 0 else self._at(series, k)}")
         read = {arg for line in body for arg in line.args} | set(outputs)

@@ -15,6 +15,7 @@ from ...transforms.taylor import step_kernel
 from ..llvm.target import target
 from ..printers import NUMBA
 from ..rendering import banner_lines, program_variables, render
+from .tables import table_definitions
 from .taylor_loops import taylor_loop
 
 __all__ = ["attempt", "entries", "joined", "kernel", "module", "prelude", "program_kernel", "taylor_step"]
@@ -43,9 +44,11 @@ def prelude(program: Program | None) -> str:
     return render("numba/prelude.py.j2", {"banner": banner, "fused": target().fused})
 
 
-def module(program: Program) -> str:
-    """Return the module of all kernels of a program."""
-    return joined(prelude(program), *(program_kernel(program, kernel.name) for kernel in program))
+def module(program: Program, further: Sequence[str] = ()) -> str:
+    """Return the module of all kernels of a program, and of further functions."""
+    functions = joined(*(program_kernel(program, kernel.name) for kernel in program), *further)
+    tables = table_definitions(functions)
+    return joined(prelude(program), *([tables] if tables else []), functions)
 
 
 def program_kernel(program: Program, name: str) -> str:
@@ -87,10 +90,10 @@ def taylor_step(name: str, known: Recurrences, order: int, *, dense: bool) -> st
     return render("numba/taylor.py.j2", taylor_loop(name, known, order, dense=dense))
 
 
-def attempt(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> str:
+def attempt(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> str:
     """Return the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
-    if len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
-        made = attempt_kernel(rhs, tableau, dense=dense, carried=carried)
+    if knots is not None or len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
+        made = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
         return joined(kernel("attempt", made), kernel("start", start_kernel(rhs, tableau, carried=carried)))
     tries = attempt_pieces(rhs, tableau, dense=dense, carried=carried)
     starts = start_pieces(rhs, tableau, carried=carried)

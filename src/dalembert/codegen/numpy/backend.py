@@ -75,7 +75,8 @@ class NumpyEngine(Engine):
 
         named = self._kernels
         jacobian = self._derivative("rhs") if method in IMPLICIT else None
-        return Kernels(named["rhs"], named.get("project_position"), named.get("project_velocity"), jacobian)
+        projections = named.get("project_position"), named.get("project_velocity")
+        return Kernels(named["rhs"], *projections, jacobian, named.get("knots"))
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: decided before the run, for little beside it."""

@@ -82,6 +82,11 @@ def _check(kernels: Kernels, method: str) -> None:
         raise OptionError(
             f"{method} continues from past steps, which projection invalidates; use one of {', '.join(PROJECTABLE)}"
         )
+    if kernels.knots is not None and method not in PROJECTABLE:
+        raise OptionError(
+            f"{method} continues from past steps, which end at the knots of the tables of this scene; use one of"
+            f" {', '.join(PROJECTABLE)}"
+        )
 
 
 @final
@@ -166,8 +171,12 @@ class _Run:
             if self.steps >= self.problem.max_steps:
                 yield Status.MAX_STEPS
                 return
-            before = solver.nfev
+            before, proposed = solver.nfev, self._limit_at_knots(solver)
             solver.step()
+            if proposed and proposed > solver.h_abs:
+                solver.h_abs = proposed
+                if self.method == "radau":
+                    solver.sol = None  # no polynomial of so short a step foretells a longer one
             self.evaluations += solver.nfev - before
             if solver.status == "failed":
                 in_last_attempt = self.calls - self.last_non_finite_call < max(per_attempt, 1)
@@ -179,6 +188,16 @@ class _Run:
             yield status
             if status is not Status.SUCCESS:
                 return
+
+    def _limit_at_knots(self, solver: Any) -> float:
+        """Let the next step end at a knot of a table; return the size that was proposed where that cuts it, else 0."""
+        if self.kernels.knots is None:
+            return 0.0
+        limits = np.zeros(2)
+        self.kernels.knots(solver.t, solver.y, self.problem.constants, limits)
+        limit = max(float(limits[0 if solver.direction > 0.0 else 1]), 32.0 * np.spacing(abs(solver.t)))
+        solver.max_step = min(self.problem.max_step, limit)
+        return float(solver.h_abs) if solver.h_abs > solver.max_step == limit else 0.0
 
     def _finish_step(self, solver: Any) -> Status:
         """Project and record an accepted step; the interpolant is built before the state is moved."""
@@ -304,7 +323,7 @@ class _Run:
         explicit = self.method in _ATTEMPT_EVALUATIONS
         known = {} if explicit or self.kernels.jacobian is None else {"jac": self._jacobian}
         solver = classes[self.method](
-            self._guarded_rhs if explicit else self._checked_rhs,
+            self._guarded_rhs if explicit or self.kernels.knots is not None else self._checked_rhs,
             problem.t0,
             y0,
             problem.t1,
