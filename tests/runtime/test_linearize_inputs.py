@@ -13,7 +13,7 @@ from sympy.physics.mechanics import KanesMethod, Particle, Point, ReferenceFrame
 
 import dalembert as da
 from dalembert.errors import InitialStateError, MissingExtraError, OptionError, UnknownNameError
-from dalembert.integrators.samples import samples
+
 from hard_cases import machines
 
 FORMULATIONS = ("minimal", "projected", "baumgarte", "ggl", "augmented")
@@ -271,7 +271,7 @@ def test_an_input_that_is_a_position():
 def test_records_count_with_their_rates():
     """About a moment of a record, drift has its rates; derivatives are those by values and rates there."""
     model = compiled(quarter_car)
-    record = samples([0.0, 1.0, 2.0, 3.0], [0.0, 0.02, -0.01, 0.0], kind="cubic")
+    record = da.samples([0.0, 1.0, 2.0, 3.0], [0.0, 0.02, -0.01, 0.0], kind="cubic")
     start = {"z": 0, "y": 0, "z_dot": 0, "y_dot": 0}
     found = model.linearize(1.4, start, CAR, inputs={"u": record})
     constant = model.linearize(1.4, start, CAR, inputs={"u": 0.0})
