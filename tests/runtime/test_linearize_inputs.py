@@ -13,7 +13,6 @@ from sympy.physics.mechanics import KanesMethod, Particle, Point, ReferenceFrame
 
 import dalembert as da
 from dalembert.errors import InitialStateError, MissingExtraError, OptionError, UnknownNameError
-
 from hard_cases import machines
 
 FORMULATIONS = ("minimal", "projected", "baumgarte", "ggl", "augmented")
