@@ -267,6 +267,28 @@ def test_an_input_that_is_a_position():
         found.realization()
 
 
+@pytest.mark.parametrize("formulation", SADDLES)
+def test_an_input_in_a_holonomic_constraint(formulation):
+    """A pendulum on a rope of length u: its bob follows the rope, and what swings does not depend on it at first."""
+    x, y = dynamicsymbols("x y")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("winch", frame=N, origin=O, coordinates=[x, y])
+    scene.add_inputs(u)
+    scene.add_bodies(Particle("bob", O.locatenew("P", x * N.x + y * N.y), m))
+    scene.add_holonomic_constraints(x**2 + y**2 - u**2)
+    scene.apply_uniform_gravity(-g * N.y)
+    model = da.compile_model(scene, backend="numpy", formulation=formulation)
+    start, p = {"x": 0.0, "y": -2.0, "x_dot": 0.0}, {"m": 1.0, "g": 9.81}
+    found = model.linearize(0.0, start, p, inputs={"u": 2.0}, outputs=["y", "y_dot", "x"])
+    assert found.states == ("x", "x_dot")
+    np.testing.assert_allclose(found.A, [[0, 1], [-9.81 / 2, 0]], atol=1e-12)
+    np.testing.assert_allclose(found.transfer(2j)[:, 0], [-1, -2j, 0], atol=1e-12)
+    with pytest.raises(OptionError, match="outputs y_dot depend on rates of the inputs u"):
+        found.realization()
+    height = model.linearize(0.0, start, p, inputs={"u": 2.0}, outputs=["y"])
+    np.testing.assert_allclose(height.realization()[3], [[-1.0]], atol=1e-12)
+
+
 def test_records_count_with_their_rates():
     """About a moment of a record, drift has its rates; derivatives are those by values and rates there."""
     model = compiled(quarter_car)
