@@ -222,7 +222,10 @@ class _Reader:
             return f"{place}: {name!r} is a reaction; ask for it with compile_model(scene, outputs=[{name!r}])"
         names = [*self.table, *self.symbols.parameters, self.symbols.time]
         known = [each for each in names if " of " not in each]  # without those that modes of contacts add
-        return f"{place}: {unknown_name('name', name, known)}"
+        why = f"{place}: {unknown_name('name', name, known)}"
+        if name in self.expressions.parameters:
+            why += " A parameter that only events and reductions contain is given to the run with the others"
+        return why
 
     def kernel(self, name: str, nodes: Sequence[Node]) -> Kernel:
         """Return the kernel of nodes that `read` returned."""

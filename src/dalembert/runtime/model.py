@@ -276,7 +276,7 @@ class CompiledModel(Evaluated):
             Coordinates and rates at the start. A rate is ``x.diff()`` or ``"x_dot"``. What the constraints fix may
             be left out.
         parameters : mapping of symbols or names to numbers
-            Every parameter of the scene.
+            Every parameter of the scene, and of the events.
         inputs : mapping of symbols or names to numbers or samples, optional
             Every input of the scene: a number is constant in time, a record is made by `dalembert.samples`.
         t_eval : array_like (n_t,), optional

@@ -17,6 +17,7 @@ from ..results.trajectory import Trajectory
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
+from .event_parameters import with_event_parameters
 from .gains import with_gains
 from .inputs import span_of
 from .invariant_projection import keeping_from, refuse_jumps
@@ -37,6 +38,7 @@ def simulate(
     model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
 ) -> Trajectory:
     """Return one trajectory; see `CompiledModel.simulate`."""
+    model = with_event_parameters(model, parameters, options.events)
     t0, t1 = span_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)

@@ -22,6 +22,7 @@ from .case_blocks import begin_cases, fitted
 from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
+from .event_parameters import with_event_parameters
 from .gains import give_gains
 from .gimbal import locked_cases
 from .invariant_projection import keeping_model, kept_values, refuse_jumps
@@ -43,6 +44,7 @@ def sweep(
     model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
 ) -> Sweep:
     """Return the results of many cases; see `CompiledModel.sweep`."""
+    model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
     starts, lasts = spans_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(starts, lasts)

@@ -1,4 +1,4 @@
-"""Other models of the same scene that runs need: fewer constraints, kept invariants, elapsed time, formulations."""
+"""Other models of the same scene that runs need: fewer constraints, kept invariants, elapsed time, parameters."""
 
 from __future__ import annotations
 
@@ -69,6 +69,20 @@ class Variants:
             return self._make(compiled, ())
 
         return self._once("elapsed", watched, make)
+
+    def with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
+        """Return the model of the scene with further parameters, which only events and reductions of runs contain."""
+        stages = self._stages
+
+        def make() -> CompiledModel:
+            derivation = derive_scene(stages.scene.with_parameters(symbols), stages.options)
+            left_out = stages.reduced.left_out if self._dropped else ()
+            compiled = compile_equations(
+                derivation, stages.options, stages.mode, left_out, stages.kept, derivation.seconds
+            )
+            return self._make(compiled, self._dropped)
+
+        return self._once("parameters", symbols, make)
 
     def in_formulation(self, name: str) -> CompiledModel:
         """Return the model in another formulation on the same backend, without requested outputs."""

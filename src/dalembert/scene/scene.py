@@ -137,6 +137,7 @@ class Scene:
         self.kinematic_equations: tuple[Expr, ...] = ()
         self.inputs: tuple[Expr, ...] = ()
         self.elapsed: tuple[Expr, ...] | None = None
+        self.further_parameters: tuple[Expr, ...] = ()
         self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
         self.lagrangian: Expr | None = None
         self.states: tuple[tuple[Expr, Expr], ...] = ()
@@ -183,6 +184,12 @@ class Scene:
         """
         twin = self.copy()
         twin.elapsed = tuple(watched)
+        return twin
+
+    def with_parameters(self, symbols: Sequence[Expr]) -> Scene:
+        """Return the same scene with further parameters, which only events and reductions of its runs contain."""
+        twin = self.copy()
+        twin.further_parameters = (*self.further_parameters, *symbols)
         return twin
 
     def add_bodies(self, *bodies: RigidBody | Particle) -> None:

@@ -62,6 +62,8 @@ class SymbolReader:
         self._impose()
         for e in scene.elapsed or ():
             self.expressions.watch(e)
+        for symbol in scene.further_parameters:
+            self.expressions.read(symbol, f"parameter {symbol}")
         self.speeds, self._starts, self._names = read_speeds(
             self.expressions, self.coordinates, scene.speeds, scene.kinematic_equations, self.faults.append
         )

@@ -33,6 +33,7 @@ from .. import inputs as run_input
 from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
+from ..event_parameters import event_parameters
 from ..input_values import GivenInputs, read_inputs, with_inputs
 from ..inputs import span_of
 from ..linearize import linearize
@@ -354,11 +355,35 @@ class HybridModel(Evaluated):
         self._refuse(project_invariants)
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
-        given_inputs = self._read_inputs(inputs)
+        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=self._read_inputs(inputs))
+        able = self._with_event_parameters(parameters, events)
+        return able._simulate_span((t0, t1), initial, parameters, options)
+
+    def _with_event_parameters(
+        self, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: Grid | None = None
+    ) -> HybridModel:
+        """Return the model whose parameters include those that only events and reductions contain."""
+
+        def make(symbols: tuple[Any, ...]) -> HybridModel:
+            key = ("parameters", symbols)
+            return derived_once(
+                self._counters, key, lambda: _compiled(self._scene.with_parameters(symbols), self._options)
+            )
+
+        return event_parameters(self, self.layout, parameters, events, reduce, grid, make=make)
+
+    def _simulate_span(
+        self,
+        t_span: tuple[float, float],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        options: SimulateOptions,
+    ) -> HybridTrajectory:
+        """Simulate one trajectory, counting the time of a run that begins elsewhere from its start."""
+        (t0, t1), given_inputs, events = t_span, options.inputs, options.events
         if given_inputs is not None:
             given_inputs.refuse_span(t0, t1)
             parameters = given_inputs.parameters(parameters, t0, after=t1 >= t0)
-        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=given_inputs)
         other, own, _ = self._counting(t0, t1, events) if begins_elsewhere(t0, t1) else (None, events, None)
         if other is None:
             return self._simulate((t0, t1), initial, parameters, options)
@@ -485,6 +510,18 @@ class HybridModel(Evaluated):
             error_estimate=error_estimate,
             inputs=self._read_inputs(inputs, many=True),
         )
+        able = self._with_event_parameters(parameters, events, reduce, grid)
+        return able._sweep_span(t_span, initial, parameters, options)
+
+    def _sweep_span(
+        self,
+        t_span: tuple[Any, Any],
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        options: SweepOptions,
+    ) -> HybridSweep:
+        """Simulate many cases, counting the time of those that begin elsewhere from their starts."""
+        events, reduce, grid, t_eval = options.events, options.reduce, options.grid, options.t_eval
         starts, lasts = spans_of(t_span)
         if options.inputs is not None:
             options.inputs.refuse_span(starts, lasts)
