@@ -363,8 +363,53 @@ def test_wrong_options_and_counts_are_named(models: Any) -> None:
         model.sweep((0, 1), {**START, x: np.zeros(4)}, P, inputs=records("linear", scale=np.ones(3)))
     with pytest.raises(ValueInputError, match="values for 3 cases, and t_span has 2"):
         model.sweep((np.zeros(2), 1.0), START, P, inputs=records("linear", scale=np.ones(3)))
+    with pytest.raises(ValueInputError, match="parameter_vector takes numbers"):
+        model.parameter_vector(P, inputs=records("linear"))
     with pytest.raises(UnknownNameError, match="missing inputs: v"):
         model.simulate((0, 1), START, P, inputs={u: 1.0})
+
+
+def sliding(values: np.ndarray[Any, Any], knots: np.ndarray[Any, Any]) -> float:
+    """Return how far a block of mass 2 slides that a force held from knot to knot pushes against a friction of 5."""
+    place = rate = 0.0
+    for force, left in zip(values[:-1], np.diff(knots), strict=True):
+        while left > 0.0 and (rate != 0.0 or abs(force) > 5.0):
+            acceleration = 0.5 * (force - 5.0 * np.sign(rate or force))
+            stops = -rate / acceleration if acceleration * rate < 0.0 else np.inf
+            time = min(stops, left)
+            place += rate * time + 0.5 * acceleration * time**2
+            rate, left = 0.0 if stops <= left else rate + acceleration * time, left - time
+    return place
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_contacts_under_samples_that_let_them_stick_and_slip(backend: str) -> None:
+    y, mu, weight = dynamicsymbols("y"), symbols("mu", positive=True), symbols("weight", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    F, normal = da.unknowns("F normal")
+    where = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("block", where, m))
+    scene.add_joints(da.Joint("floor", body="block", at=where, force=F * N.x + normal * N.y))
+    scene.add_holonomic_constraints(y)
+    scene.add_loads((where, u * N.x - weight * N.y))
+    scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="floor"))
+    scene.add_inputs(u)
+    model, p = da.compile_model(scene, backend=backend), {m: 2.0, mu: 0.5, weight: 10.0}
+    start = {x: 0.0, x.diff(): 0.0, y: 0.0, y.diff(): 0.0}
+    knots, values = np.linspace(0.0, 5.0, 21), 9.0 * np.random.default_rng(3).normal(size=21)
+    wanted = sliding(values, knots)
+    run = model.simulate((0.0, 5.0), start, p, inputs={u: da.samples(knots, values, "hold")}, **TIGHT)
+    assert run["x"][-1] == pytest.approx(wanted, abs=1e-10)
+    assert {phase.modes["floor"] for phase in run.phases} == {"stick", "slip"}
+    scales = np.array([0.4, 0.7, 1.0])
+    inputs = {u: da.samples(knots + 50.0, np.outer(scales, values), "hold")}
+    sweep = model.sweep((50.0, 55.0), start, p, inputs=inputs, t_eval=[52.0, 55.0], **TIGHT)
+    np.testing.assert_allclose(sweep.final["x"], [sliding(s * values, knots) for s in scales], atol=1e-10)
+    np.testing.assert_allclose(sweep["u"][:, 0], scales * values[8], rtol=1e-12)
+    prepared = model.prepare((0.0, 5.0), inputs={u: da.samples(knots, values, "hold")}, **TIGHT)
+    final = prepared(model.state(start, p, inputs={u: 0.0}), model.parameter_vector(p))
+    assert final[0] == pytest.approx(wanted, abs=1e-10)
 
 
 def test_many_knots_cost_no_table_of_constants(models: Any) -> None:

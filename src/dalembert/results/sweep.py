@@ -83,7 +83,9 @@ class CaseResults(ABC):
         stats: SweepStatistics,
     ) -> None:
         self._name, self._formulation, self._layout = name, formulation, layout
-        self.initial, self.parameters = varied
+        self.initial, parameters = varied
+        own = {*layout.parameters} - {*layout.given}  # what runs set themselves
+        self.parameters = {name: values for name, values in parameters.items() if name not in own}
         self.events: dict[str, EventCounts] = {}
         self.reduced: dict[str, FloatArray] = {}
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)

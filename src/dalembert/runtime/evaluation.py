@@ -48,17 +48,25 @@ class Evaluated(ABC):
         """Whether what a kernel returns depends on first-order states."""
 
     @nesting_named
-    def parameter_vector(
-        self, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None, t: float = 0.0
-    ) -> FloatArray:
+    def parameter_vector(self, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers.
 
-        It ends with what stands for the inputs, with the values `inputs` at time t [s]; without these it is NaN, for a
-        prepared run that is given inputs with each call.
+        It ends with what stands for the inputs, with the numbers `inputs`; without these it is NaN, for a prepared run
+        that is given inputs with each call.
+
+        Raises
+        ------
+        UnknownNameError, ValueInputError
+            For input that is wrong, and for samples, which change along a run.
         """
         given = read_inputs(self.layout, self._inputs, inputs) if inputs is not None else None
+        if given is not None and given.sampled:
+            raise ValueInputError(
+                "parameter_vector takes numbers as inputs, because it holds for a whole run, and samples change along"
+                " one: give samples to simulate, sweep or prepare(t_span, inputs=...)"
+            )
         if given is not None:
-            return run_input.in_order(self.layout, self._read_parameters(given.parameters(parameters, t)))
+            return run_input.in_order(self.layout, self._read_parameters(given.parameters(parameters, 0.0)))
         if not self.layout.inputs or hidden_parameters(self.layout.inputs[0])[0] in parameters:
             return run_input.in_order(self.layout, self._read_parameters(parameters))
         free = dict.fromkeys((hidden for u in self.layout.inputs for hidden in hidden_parameters(u)), 0.0)

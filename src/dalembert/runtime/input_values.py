@@ -35,11 +35,14 @@ class GivenInputs:
         In the order of the scene.
     shift : ndarray (k,) or (1,)
         Time [s] at which the time of the run, or of each case, is zero.
+    cases : ndarray (n,) or None
+        Rows of records and shifts that belong to the cases; None where row i is that of case i.
     """
 
     symbols: tuple[InputSymbol, ...]
     values: Mapping[str, float | FloatArray | Samples]
     shift: FloatArray
+    cases: NDArray[np.intp] | None = None
 
     @property
     def sampled(self) -> bool:
@@ -74,7 +77,21 @@ class GivenInputs:
         if not named:
             return None
         places = coefficient_places(layout.parameters, tuple(name for name, _ in named))
-        return InputRecords(tuple(value for _, value in named), places, self.shift)
+        rows = None if self.cases is None else np.ascontiguousarray(self.cases, np.int64)
+        return InputRecords(tuple(value for _, value in named), places, self.shift, rows)
+
+    def part(self, cases: NDArray[np.intp]) -> GivenInputs:
+        """Return the values of some cases."""
+        return replace(self, cases=cases if self.cases is None else self.cases[cases])
+
+    def columns(self, t: FloatArray, cases: NDArray[np.intp], after: bool | NDArray[np.bool_]) -> dict[str, FloatArray]:
+        """Return the parameters (k,) of the inputs that have knots, by name, at times (k,) of cases (k,)."""
+        found: dict[str, FloatArray] = {}
+        for name, value in self.values.items():
+            if isinstance(value, Samples):
+                rows = self._rows(name, t, cases if self.cases is None else self.cases[cases], after=after)
+                found |= {hidden: rows[:, i].copy() for i, hidden in enumerate(hidden_parameters(name))}
+        return found
 
     def parameters(self, parameters: Mapping[Any, Any], t: float, *, after: bool = True) -> dict[Any, Any]:
         """Return the parameters of one run with those of the inputs at a time of the run.

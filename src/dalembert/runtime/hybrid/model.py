@@ -34,7 +34,7 @@ from ..cases import Cases, agreed, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
 from ..event_parameters import event_parameters
-from ..input_values import GivenInputs, read_inputs, with_inputs
+from ..input_values import read_inputs, with_inputs
 from ..inputs import span_of
 from ..linearize import linearize
 from ..model import CompiledModel
@@ -275,22 +275,6 @@ class HybridModel(Evaluated):
         start = dict(zip(self.layout.variables, state.x[0].tolist(), strict=True))
         return linearize(self._model(mode), time, start, values, states, outputs)
 
-    def _read_inputs(self, inputs: Mapping[Any, Any] | None, *, many: bool = False) -> GivenInputs | None:
-        """Return the values of the inputs.
-
-        Raises
-        ------
-        OptionError
-            For records.
-        """
-        given = read_inputs(self.layout, self._inputs, inputs, many=many)
-        if given is not None and given.sampled:
-            raise OptionError(
-                f"samples of inputs are not yet followed in a scene with contacts ({self.name!r}): give numbers, or"
-                " write the function of time as a Piecewise in the scene"
-            )
-        return given
-
     def _refuse(self, project_invariants: Any) -> None:
         if project_invariants is not False:
             raise OptionError(
@@ -355,7 +339,7 @@ class HybridModel(Evaluated):
         self._refuse(project_invariants)
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
-        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=self._read_inputs(inputs))
+        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=read_inputs(self.layout, self._inputs, inputs))
         able = self._with_event_parameters(parameters, events)
         return able._simulate_span((t0, t1), initial, parameters, options)
 
@@ -508,7 +492,7 @@ class HybridModel(Evaluated):
             events=events,
             reduce=reduce,
             error_estimate=error_estimate,
-            inputs=self._read_inputs(inputs, many=True),
+            inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
         )
         able = self._with_event_parameters(parameters, events, reduce, grid)
         return able._sweep_span(t_span, initial, parameters, options)
@@ -644,7 +628,7 @@ class HybridModel(Evaluated):
             atol=atol,
             max_step=max_step,
             max_steps=max_steps,
-            inputs=None if inputs is None else self._read_inputs(inputs),
+            inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
         )
         if options.inputs is not None:
             options.inputs.refuse_span(*span_of(t_span))
@@ -660,13 +644,13 @@ class HybridModel(Evaluated):
         span = t_span if other is None else (0.0, t1 - t0)
         own = other or self
         offsets = own._equations.symbols.offsets
-        run = prepared(own._modes, own.layout, span, options)
-        if offsets:
-            run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
-        layout = replace(self.layout, state=self.layout.variables)
         given = options.inputs
         if given is not None and other is not None:
             given = given.counted_from(t0)
+        run = prepared(own._modes, own.layout, span, replace(options, inputs=given))
+        if offsets:
+            run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
+        layout = replace(self.layout, state=self.layout.variables)
         return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, span)
 
     def _complete(self, given: Iterable[str]) -> bool:

@@ -18,6 +18,7 @@ from ...methods.status import Status
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
+from ..input_values import GivenInputs
 from .mode_models import ModeModels
 
 if TYPE_CHECKING:
@@ -35,12 +36,16 @@ BROKEN = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS)
 @final
 @dataclass(frozen=True, eq=False)
 class OutputValues:
-    """Gives values by name, of the scene with this layout and parameters (k, n_p)."""
+    """Gives values by name, of the scene with this layout and parameters (k, n_p).
+
+    Where inputs have knots, `inputs` are their values, the ends of the cases (k,), and whether their time runs forward.
+    """
 
     modes: ModeModels
     layout: Layout
     p: FloatArray
     breaks: CaseBreaks | None = None
+    inputs: tuple[GivenInputs, FloatArray, NDArray[np.bool_]] | None = None
 
     def __call__(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""
@@ -90,5 +95,9 @@ class OutputValues:
         own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
         if self.breaks is not None and self.breaks.place is not None:
             own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
+        if self.inputs is not None:
+            given, ends, forward = self.inputs
+            last = states.t == ends[states.case]
+            own |= given.columns(states.t, states.case, forward[states.case] != last)
         columns = {**own, **self.modes.added(mode, states.directions, states.sides, states.rest)}
         return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

@@ -36,7 +36,8 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
     The loop over phases runs each motion, with memory that every thread keeps. Motions that it cannot run go phase by
     phase as in a sweep.
     """
-    compiled = compiled_phases(modes) and modes.conditions is None
+    changing = options.inputs is not None and options.inputs.sampled
+    compiled = compiled_phases(modes) and modes.conditions is None and not changing
     own: dict[int, _OneCase] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:
@@ -125,6 +126,7 @@ def _swept(
             atol=options.atol,
             max_step=options.max_step,
             max_steps=options.max_steps,
+            inputs=options.inputs,
         ),
         threads=1,
         layout=layout,

@@ -26,6 +26,7 @@ from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from .. import inputs
+from ..input_values import GivenInputs
 from ..simulate import simulate_from_state, simulate_in_own_time
 from .decisions import flag
 from .event_jumps import EventJumps
@@ -99,6 +100,8 @@ class _Run:
         self.t, t1 = request.t0, np.array([request.t1])
         self.now = HybridState.starting(t, x, c, t1 - t, len(modes.equations.contacts), len(modes.equations.states))
         self.breaks = modes.breaks(c, t, t1)
+        given = request.options.inputs
+        self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
         self.mode: Mode | None = None
         self.parts: list[Part] = []
         self.records: list[tuple[Part, EventRecords]] = []
@@ -108,7 +111,8 @@ class _Run:
         self.method = request.options.method
         self.note = ""
         # events of users may happen just where a phase ends, and are located together with its guards
-        alone = bool(request.events) or self.breaks is not None or not compiled_phases(modes)
+        changing = self.breaks is not None or self.inputs is not None
+        alone = bool(request.events) or changing or not compiled_phases(modes)
         about = modes, request.layout, request.options, request.t1, self.now
         self.preview = None if alone else PhasePreview(*about)
 
@@ -130,6 +134,7 @@ class _Run:
         cases = self.now.cases
         if self.breaks is not None and self.breaks.place is not None:
             self.now.c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
+        self._renew_inputs()
         if self.mode is None:
             cases.modes[:] = UNDECIDED
         cases.fired[:] = 0
@@ -145,6 +150,18 @@ class _Run:
             return status
         self.mode = self.modes.automaton.mode(int(self.now.mode_numbers()[0]))
         return None
+
+    def _renew_inputs(self) -> None:
+        """Let the parameters of inputs be those of the present time."""
+        for name, column in self._inputs_at(float(self.now.t[0])).items():
+            self.now.c[:, self.request.layout.parameters.index(name)] = column
+
+    def _inputs_at(self, t: float) -> dict[str, float]:
+        """Return the parameters of inputs with knots from a time on."""
+        if self.inputs is None:
+            return {}
+        columns = self.inputs.columns(np.array([t]), np.zeros(1, np.intp), self.forward > 0.0)
+        return {name: float(column[0]) for name, column in columns.items()}
 
     def _complaint(self) -> Exception:
         """Return what is wrong with the start."""
@@ -208,7 +225,8 @@ class _Run:
     def _parameters(self, start: PhaseStart) -> dict[str, float]:
         """Return the parameters of a mode."""
         added = self.modes.added(start.mode, start.directions, start.sides, start.rest)
-        return {**self.request.parameters, **{name: float(value) for name, value in added.items()}}
+        own = self._inputs_at(start.t)
+        return {**self.request.parameters, **own, **{name: float(value) for name, value in added.items()}}
 
     def _present(self, mode: Mode) -> PhaseStart:
         """Return how the phase at hand begins."""
@@ -326,6 +344,7 @@ class _Run:
             if event.label in happened and event.apply is None and 0 < int(event.terminal) <= self.counts[event.label]:
                 return Status.EVENT
         applied = [event for event in self.request.events if event.label in happened and event.apply is not None]
+        self._renew_inputs()
         for event in applied:
             about = np.array([self.t]), self.now.x, self.now.c, self.request.layout.parameters
             after, allowed = self.request.jumps(event.label, *about)

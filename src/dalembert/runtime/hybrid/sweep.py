@@ -23,6 +23,7 @@ from ...methods.status import Status
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
 from ..case_blocks import meter
+from ..input_values import GivenInputs
 from ..sweep import begin_sweep
 from ..symbol_assumptions import warn_of_motion
 from .decisions import flag
@@ -70,14 +71,17 @@ class _Sweep:
         self.soon, self.next = self.numbers.soon, self.numbers.next
         self.status[:], self.numbers.runner[:] = request.status, NOT_BEGUN
         self.breaks = modes.breaks(request.p, request.t, request.t1)
-        self.value = OutputValues(modes, request.layout, request.p, self.breaks)
+        given = request.options.inputs
+        self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
+        changing = None if self.inputs is None else (self.inputs, request.t1, self.forward > 0.0)
+        self.value = OutputValues(modes, request.layout, request.p, self.breaks, changing)
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
         self.watched: dict[Mode, tuple[Event, ...]] = {}
         known = modes, request.layout, request.options, request.threads, self.reductions, self.now, table
-        compiled = self.breaks is None and compiled_phases(modes)
+        compiled = self.breaks is None and self.inputs is None and compiled_phases(modes)
         self.executor = PhaseExecutor(*known) if compiled else None
 
     def results(self) -> HybridSweep:
@@ -134,6 +138,7 @@ class _Sweep:
         self.methods[run.stats.method] = None
         if self.breaks is not None and self.breaks.place is not None:
             columns = {**columns, CONDITION_TIME: self.breaks.middles(some, run.t)}
+        columns = {**columns, **self._inputs_at(some, run.t)}
         x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
         passed = run.t - self.now.t[place]
         self._keep(run, some, passed)
@@ -167,9 +172,19 @@ class _Sweep:
         self.compile_seconds += time.perf_counter() - before
         own = {name: given[name] for name in self.request.layout.parameters}
         columns = {name: values if len(values) == 1 else values[place] for name, values in own.items()}
+        columns |= self._inputs_at(some, self.now.t[some])
         cases = self.now.cases
         columns |= self.modes.added(mode, self.now.directions(place), cases.sides[place], cases.rest[place])
         return {name: columns[name] for name in layout.parameters}
+
+    def _inputs_at(self, some: NDArray[np.intp], t: FloatArray) -> dict[str, FloatArray]:
+        """Return the parameters (k,) of inputs with knots, from times (k,) on."""
+        return {} if self.inputs is None else self.inputs.columns(t, some, self.forward[some] > 0.0)
+
+    def _renew_inputs(self, some: NDArray[np.intp]) -> None:
+        """Let the parameters of inputs be those of the present times."""
+        for name, column in self._inputs_at(some, self.now.t[some]).items():
+            self.now.c[some, self.request.layout.parameters.index(name)] = column
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""
@@ -185,6 +200,7 @@ class _Sweep:
         rounds, method = self.fits.get(mode, (0, ""))
         options = replace(self.request.options, events=self.watched[mode], reduce=self.reductions.along or None)
         options = replace(options, grid=None, t_eval=None, threads=self.request.threads, progress=False)
+        options = replace(options, inputs=None if self.inputs is None else self.inputs.part(some))
         if rounds % _BETWEEN_FITS:  # the method that fits is known; to ask takes as long as some hundred phases
             options = replace(options, method=method)
         return begin_sweep(
@@ -267,6 +283,7 @@ class _Sweep:
         some, jumps = going[self.numbers.runner[going] == JUMPS], self.request.jumps
         if not len(some):
             return
+        self._renew_inputs(some)
         for i, event in enumerate(self.reductions.asked):
             here = some[(self.occurred[some, 3 * i + 2] == self.now.t[some]) & (self.status[some] == _RUNNING)]
             if event.apply is None or not len(here):
@@ -308,6 +325,7 @@ class _Sweep:
         cases = self.now.cases
         if self.breaks is not None and self.breaks.place is not None:
             self.now.c[some, self.breaks.place] = self.breaks.middles(some, self.now.t[some])
+        self._renew_inputs(some)
         cases.fired[some] = 0
         for guard, here in fired.items():
             if guard.contact >= 0:
