@@ -25,6 +25,7 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import SceneError
+from dalembert.methods.status import Status
 from textbook.helpers import agreement
 
 x, y, u, v, a, b = dynamicsymbols("x y u v a b")
@@ -201,6 +202,16 @@ def test_motion_through_the_length_zero(plane, method):
     wanted = -(0.5 - 0.5 * np.cos(omega * rest) + speed / omega * np.sin(omega * rest))
     assert run["x"][-1] == pytest.approx(wanted, abs=2e-6)
     assert np.ptp(run["energy"]) < 1e-5
+
+
+def test_start_at_the_length_zero_is_named():
+    scene, _, _, first, second = pair()
+    scene.add_actuators(LinearSpring(k, LinearPathway(first, second), l))
+    model = da.compile_model(scene, backend="numpy")
+    run = model.simulate((0, 1), {**START, "u": START["x"], "v": START["y"]}, known(model))
+    assert run.status == Status.NON_FINITE
+    wanted = "LinearPathway(P, Q), equilibrium_length=l) has no direction, because 'P' and 'Q' are at the same place"
+    assert wanted in run.message
 
 
 def test_spring_without_length_is_no_kink():

@@ -319,6 +319,58 @@ def test_discs_that_rub_until_they_turn_together(backend):
     np.testing.assert_allclose([run["a_dot"][-1], run["b_dot"][-1]], 5 - stuck * 1.5 / 0.25, rtol=1e-9)
 
 
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_balls_that_hit_each_other(backend):
+    """The impulse of a contact between two bodies conserves their momentum."""
+    x, y = dynamicsymbols("x y")
+    e, r = sp.symbols("e r", positive=True)
+    first, second = O.locatenew("B1", x * N.x), O.locatenew("B2", y * N.x)
+    F = da.unknowns("F")
+    scene = da.Scene("balls", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("first", first, m1), Particle("second", second, m2))
+    scene.add_joints(da.Joint("touch", body="second", other="first", at=second, force=F * N.x))
+    scene.add_contacts(da.UnilateralContact(F, y - x - 2 * r, restitution=e, name="touch"))
+    model = da.compile_model(scene, backend=backend)
+    run = model.simulate((0, 2), {"x": 0, "y": 1, "x_dot": 1, "y_dot": -0.5}, {m1: 1, m2: 3, r: 0.1, e: 0.7})
+    common, rebound = (1 - 3 * 0.5) / 4, 0.7 * 1.5
+    np.testing.assert_allclose(run["x_dot"][-1], common - rebound * 3 / 4, rtol=1e-13)
+    np.testing.assert_allclose(run["y_dot"][-1], common + rebound * 1 / 4, rtol=1e-13)
+
+
+def test_ball_joint_in_angles_and_in_quaternions():
+    """A spinning top on the end of an arm: the same force on the joint whatever orients the top."""
+    a, *angles, px, py, pz = dynamicsymbols("a phi theta psi px py pz")
+    S, A = ReferenceFrame("S"), turned("A", a)
+    S.orient_body_fixed(N, angles, "ZXZ")
+    top = O.locatenew("G", px * N.x + py * N.y + pz * N.z)
+    tip, end, arm = top.locatenew("tip", -l1 * S.z), O.locatenew("end", l1 * A.x), O.locatenew("C", l1 / 2 * A.x)
+    scene = da.Scene("top_on_arm", frame=N, origin=O, coordinates=[a, *angles, px, py, pz])
+    scene.add_bodies(
+        RigidBody("arm", arm, A, m2, (inertia(A, J1, J1, J1), arm)),
+        RigidBody("top", top, S, m1, (inertia(S, J1, J1, 2 * J1), top)),
+    )
+    scene.apply_uniform_gravity(-G * N.z)
+    R_z = da.unknowns("R_z")
+    scene.add_joints(da.Joint("ball", body="top", other="arm", at=end, force=PIN + R_z * N.z))
+    scene.add_holonomic_constraints(*((tip.pos_from(O) - end.pos_from(O)).dot(n) for n in (N.x, N.y, N.z)))
+    p, lean, turn = {m1: 1, m2: 2, l1: 0.3, J1: 0.02}, 0.9, 0.2
+    up = np.array([np.sin(lean) * np.sin(turn), -np.sin(lean) * np.cos(turn), np.cos(lean)])
+    place = 0.3 * (np.array([np.cos(0.1), np.sin(0.1), 0]) + up)
+    start = {"a": 0.1, "phi": turn, "theta": lean, "psi": 0.1, **dict(zip(("px", "py", "pz"), place, strict=True))}
+    start |= {"a_dot": 0.5, "phi_dot": 1, "theta_dot": 0.2, "psi_dot": 20}
+    names = ["R_x", "R_y", "R_z"]
+    outputs = {**dict(zip(names, names, strict=True)), "acc": top.pos_from(O).dt(N).dt(N)}
+    ends = []
+    for way in ("scene", "quaternion"):
+        model = da.compile_model(scene, outputs=outputs, orientation=way)
+        run = model.simulate((0, 0.3), start, p, rtol=1e-10)
+        force = np.array([run[name] for name in names])
+        carried = np.array([run[f"acc_{axis}"] for axis in "xyz"]) + np.array([[0], [0], [G]])
+        np.testing.assert_allclose(force, carried, rtol=0, atol=1e-10 * np.abs(force).max())  # Newton's law, m1 = 1
+        ends.append(force[:, -1])
+    np.testing.assert_allclose(*ends, rtol=1e-7)
+
+
 # -- faults -------------------------------------------------------------------------------------------
 
 

@@ -19,6 +19,7 @@ from ..methods.status import Status
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from .gimbal import locked, remedy
+from .pathway_lengths import lost_directions
 from .recording import Record
 from .singular import indeterminate, judged, searched, still_redundant
 from .symbol_assumptions import warn_of_motion
@@ -50,7 +51,7 @@ def integrate(
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic)
     solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.course(problem))
     solution, where = _ended_where_singular(model, problem, method, solution)
-    notes = [note, beyond, where]
+    notes = [note, beyond, where, lost_directions(model, solution, model.engine.course(problem))]
     if model.dropped:
         solution, broken = _ended_where_constraints_matter(model, problem, solution)
         notes = [model.note, *notes, broken]

@@ -20,7 +20,7 @@ from .identity import vanishes
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["ActuatorLoads", "actuator_loads", "loads_of", "potential_of", "read_actuators"]
+__all__ = ["ActuatorLoads", "actuator_loads", "loads_of", "potential_of", "read_actuators", "straight_parts"]
 
 _KINDS = "LinearSpring, DuffingSpring, LinearDamper, ForceActuator and TorqueActuator"
 
@@ -140,6 +140,16 @@ def _opposite(scene: Scene, actuator: ActuatorBase) -> str | None:
         " says of it, so that a spring pushes: add the loads with the sign that you mean,"
         " scene.add_loads(*pathway.to_loads(-force)) for a force that is positive where it pushes the ends apart"
     )
+
+
+def straight_parts(scene: Scene) -> list[tuple[str, str, Any]]:
+    """Return the straight parts of the pathways of actuators: name of the actuator, names of the ends, length [m]."""
+    return [
+        (short(repr(actuator)), f"{first.name!r} and {second.name!r}", second.pos_from(first).magnitude())
+        for actuator in scene.actuators
+        if isinstance(actuator, ForceActuator)
+        for first, second in _segments(actuator.pathway)
+    ]
 
 
 def _segments(pathway: Any) -> Iterator[tuple[Point, Point]]:

@@ -226,7 +226,8 @@ class Scene:
         potential energy in ``"energy"``; dampers have none.
 
         A pathway whose length is zero has no direction: one that always is so is an error, a run that starts there
-        ends with the status `NON_FINITE`, and one that passes through such a position takes short steps there.
+        ends with the status `NON_FINITE` and names it, and one that passes through such a position takes short steps
+        there.
         """
         self.actuators += actuators
 
