@@ -339,7 +339,9 @@ class HybridModel(Evaluated):
         self._refuse(project_invariants)
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
-        options = simulate_options(*plain, t_eval=t_eval, events=events, inputs=read_inputs(self.layout, self._inputs, inputs))
+        options = simulate_options(
+            *plain, t_eval=t_eval, events=events, inputs=read_inputs(self.layout, self._inputs, inputs)
+        )
         able = self._with_event_parameters(parameters, events)
         return able._simulate_span((t0, t1), initial, parameters, options)
 
