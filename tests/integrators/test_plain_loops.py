@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from sympy import cos
-from sympy.physics.mechanics import dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.codegen.llvm import prepared, sweeps
@@ -236,3 +236,41 @@ def test_fma_is_rounded_once(monkeypatch):
     assert fma(0.1, 10.0, -1.0) == 2.0**-54
     monkeypatch.setitem(compiled_subset._TARGET, "fused", False)
     assert fma(0.1, 10.0, -1.0) == 0.0
+
+
+@pytest.fixture(scope="module")
+def forced():
+    """Return a mass on a spring under an input, and its record."""
+    x, u = dynamicsymbols("x u")
+    N, O = ReferenceFrame("N"), Point("O")
+    where = O.locatenew("P", x * N.x)
+    scene = da.Scene("forced", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("p", where, 1))
+    scene.add_loads((where, (u - 2 * x) * N.x))
+    scene.add_inputs(u)
+    values = np.random.default_rng(0).normal(size=(3, 7))
+    return scene, np.linspace(0.0, 1.2, 7), values
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+@pytest.mark.parametrize(("kind", "span"), [("hold", (0.0, 1.1)), ("cubic", (1.1, 0.0))])
+def test_loops_with_inputs_that_have_knots(plainly, forced, method, kind, span):
+    scene, knots, values = forced
+    start = {"x": 0.3, "x_dot": 0.0}
+
+    def run():
+        model = da.compile_model(scene)
+        options = {"method": method, **LOOSE}
+        one, many = {"u": da.samples(knots, values[0], kind)}, {"u": da.samples(knots, values, kind)}
+        single = model.simulate(span, start, {}, inputs=one, **options)
+        sweep = model.sweep(span, start, {}, inputs=many, **options)
+        prepared = model.prepare(span, inputs=one, **options)
+        last = prepared(np.array([0.3, 0.0]), model.parameter_vector({}))
+        alone = model.sweep(span, start, {}, inputs={"u": da.samples(knots, values[:1], kind)}, **options)
+        assert sweep.final["x"][0] == alone.final["x"][0] == last[0]
+        return [single.t, single.y, sweep.final["x"], sweep.t, last]
+
+    compiled, found, names = plainly(run)
+    assert_same_bits(compiled, found)
+    wanted = {"taylor": "taylor_loop", "radau": "implicit_loop"}.get(method, "explicit_loop")
+    assert wanted in names and (method == "radau" or {"input_lane_loop", "prepared_loop"} <= names)
