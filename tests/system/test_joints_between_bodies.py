@@ -337,6 +337,77 @@ def test_balls_that_hit_each_other(backend):
     np.testing.assert_allclose(run["y_dot"][-1], common + rebound * 1 / 4, rtol=1e-13)
 
 
+def test_hinge_in_space():
+    """Force and torque of a hinge between two free bodies, by the equations of Newton and Euler of each along a run."""
+    first, second = dynamicsymbols("x1 y1 z1 a1 b1 c1"), dynamicsymbols("x2 y2 z2 a2 b2 c2")
+    A, B = ReferenceFrame("A"), ReferenceFrame("B")
+    A.orient_body_fixed(N, first[3:], "XYZ")
+    B.orient_body_fixed(N, second[3:], "XYZ")
+    one = O.locatenew("one", first[0] * N.x + first[1] * N.y + first[2] * N.z)
+    two = O.locatenew("two", second[0] * N.x + second[1] * N.y + second[2] * N.z)
+    pin, eye = one.locatenew("pin", l1 * A.x + l1 / 3 * A.y), two.locatenew("eye", -l1 / 2 * B.x)
+    scene = da.Scene("hinge", frame=N, origin=O, coordinates=[*first, *second])
+    scene.add_bodies(
+        RigidBody("one", one, A, m1, (inertia(A, J1, J2, J3), one)),
+        RigidBody("two", two, B, m2, (inertia(B, J2, J1, J3), two)),
+    )
+    scene.apply_uniform_gravity(-G * N.z)
+    scene.add_loads((one, d * N.x), (B, d * B.y))
+    T_x, T_y, R_z = da.unknowns("T_x T_y R_z")
+    force, torque = R_x * A.x + R_y * A.y + R_z * A.z, T_x * A.x + T_y * A.y
+    scene.add_joints(da.Joint("hinge", body="two", other="one", at=pin, force=force, torque=torque))
+    gap = eye.pos_from(O) - pin.pos_from(O)
+    scene.add_holonomic_constraints(*(gap.dot(n) for n in (N.x, N.y, N.z)), A.x.dot(B.z), A.y.dot(B.z))
+    vectors = {"force": force, "torque": torque, "arm_one": pin.pos_from(one), "arm_two": pin.pos_from(two)}
+    for name, frame, point_ in (("one", A, one), ("two", B, two)):
+        spin = frame.ang_vel_in(N)
+        vectors |= {f"a_{name}": point_.pos_from(O).dt(N).dt(N), f"w_{name}": spin, f"w_dot_{name}": spin.dt(N)}
+        vectors |= {f"{name}_{i}": axis for i, axis in enumerate(frame)}
+    model = da.compile_model(scene, outputs=vectors)
+    p = {m1: 1, m2: 2, l1: 0.5, J1: 0.1, J2: 0.2, J3: 0.15, d: 0.8}
+    drawn = np.random.default_rng(0).uniform(-0.4, 0.4, 19)
+    names = [q.func.__name__ for q in (*first, *second)]
+    start = model.assemble(dict(zip(names, drawn[:12], strict=True)), p)
+    start |= {f"{name}_dot": 2 * x for name, x in zip([*names[:6], "c2"], drawn[12:], strict=True)}
+    run = model.simulate((0, 1), start, p, t_eval=np.linspace(0, 1, 6), rtol=1e-10)
+    found = {name: np.array([run[f"{name}_{axis}"] for axis in "xyz"]).T for name in vectors}
+    gravity, size = np.array([0, 0, -G]), np.abs(found["force"]).max()
+    for name, mass, own, sign in (("one", 1, (0.1, 0.2, 0.15), -1), ("two", 2, (0.2, 0.1, 0.15), 1)):
+        axes = np.stack([found[f"{name}_{i}"] for i in range(3)], axis=2)
+        about = axes @ np.diag(own) @ axes.transpose(0, 2, 1)
+        spin, faster = found[f"w_{name}"], found[f"w_dot_{name}"]
+        momentum = np.einsum("nij,nj->ni", about, spin)
+        pull, moment = sign * found["force"], sign * found["torque"]
+        pull = pull + (np.array([0.8, 0, 0]) if name == "one" else 0)
+        moment = moment + np.cross(found[f"arm_{name}"], sign * found["force"])
+        moment = moment + (0.8 * found["two_1"] if name == "two" else 0)
+        rate = np.einsum("nij,nj->ni", about, faster) + np.cross(spin, momentum)
+        np.testing.assert_allclose(mass * (found[f"a_{name}"] - gravity), pull, rtol=0, atol=1e-11 * size)
+        np.testing.assert_allclose(rate, moment, rtol=0, atol=1e-11 * size)
+
+
+def test_block_on_a_cart():
+    """Dry friction between two bodies opposes the velocity of one relative to the other, and drives both."""
+    x, y, w = dynamicsymbols("x y w")
+    mu, g = sp.symbols("mu g", positive=True)
+    cart, block = O.locatenew("cart", x * N.x), O.locatenew("block", y * N.x + w * N.y)
+    N_n, F_t = da.unknowns("N_n F_t")
+    scene = da.Scene("stack", frame=N, origin=O, coordinates=[x, y, w])
+    scene.add_bodies(Particle("cart", cart, m1), Particle("block", block, m2))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_joints(da.Joint("bed", body="block", other="cart", at=block, force=F_t * N.x + N_n * N.y))
+    scene.add_holonomic_constraints(w)
+    scene.add_friction(da.CoulombFriction(N_n, F_t, mu=mu))
+    view = da.lagrange(scene)
+    assert view.friction_laws[F_t] == -mu * N_n * sp.sign(y.diff() - x.diff())
+    assert view.slip_velocity("bed").dot(N.x) == y.diff() - x.diff()
+    model = da.compile_model(scene, backend="numpy", outputs=["F_t"])
+    run = model.simulate((0, 2), {"x": 0, "y": 0, "w": 0, "x_dot": 0, "y_dot": 3}, {m1: 4, m2: 2, mu: 0.3, g: 10})
+    stuck = 3 / (3 + 1.5)
+    assert run.phases[1].t0 == pytest.approx(stuck, rel=1e-9) and run["F_t"][0] == pytest.approx(-6, rel=1e-13)
+    np.testing.assert_allclose([run["x_dot"][-1], run["y_dot"][-1]], 1, rtol=1e-9)
+
+
 def test_ball_joint_in_angles_and_in_quaternions():
     """A spinning top on the end of an arm: the same force on the joint whatever orients the top."""
     a, *angles, px, py, pz = dynamicsymbols("a phi theta psi px py pz")
