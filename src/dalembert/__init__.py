@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .integrators.event_code import Event
     from .integrators.samples import samples
     from .results.grid import grid
+    from .results.sampler import normal, random_cases, sobol_cases, uniform
     from .runtime.reductions import final_value as final
     from .runtime.reductions import first_crossing, maximum, mean, minimum
     from .textbook import LagrangeView, Screw, lagrange
@@ -44,9 +45,13 @@ __all__ = [
     "maximum",
     "mean",
     "minimum",
+    "normal",
+    "random_cases",
     "samples",
     "scenes",
+    "sobol_cases",
     "table",
+    "uniform",
     "unknowns",
 ]
 
@@ -56,6 +61,10 @@ _ELSEWHERE = {
     "lagrange": ("textbook", "lagrange"),
     "compile_model": ("compiler", "compile_model"),
     "grid": ("results.grid", "grid"),
+    "normal": ("results.sampler", "normal"),
+    "random_cases": ("results.sampler", "random_cases"),
+    "sobol_cases": ("results.sampler", "sobol_cases"),
+    "uniform": ("results.sampler", "uniform"),
     "Event": ("integrators.event_code", "Event"),
     "final": ("runtime.reductions", "final_value"),
     "first_crossing": ("runtime.reductions", "first_crossing"),

@@ -105,6 +105,10 @@ class InitialStateError(DalembertError, ValueError):
     """The initial state contradicts a constraint, or leaves something undetermined."""
 
 
+class StoredSweepError(DalembertError, RuntimeError):
+    """Chunks of a stored sweep that could not be computed; a later call goes on with them."""
+
+
 class MissingExtraError(DalembertError, ImportError):
     """An optional package is needed; the message says how to install it."""
 

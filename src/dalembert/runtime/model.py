@@ -30,8 +30,8 @@ from ..results.comparison import Comparison
 from ..results.grid import Grid
 from ..results.linearization import Linearization
 from ..results.operating_point import OperatingPoint
+from ..results.sampler import CaseSampler
 from ..results.sensitivity import Sensitivity
-from ..results.sweep import Sweep
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..scene.model import InputSymbol
@@ -335,7 +335,7 @@ class CompiledModel(Evaluated):
         parameters: Mapping[Any, Any],
         *,
         inputs: Mapping[Any, Any] | None = None,
-        grid: Grid | None = None,
+        grid: Grid | CaseSampler | None = None,
         t_eval: Any = None,
         method: str = "auto",
         rtol: float = 1e-8,
@@ -348,7 +348,11 @@ class CompiledModel(Evaluated):
         events: Any = (),
         reduce: Any = None,
         project_invariants: Any = False,
-    ) -> Sweep:
+        to: Any = None,
+        chunk: int | None = None,
+        client: Any = None,
+        resume: bool = True,
+    ) -> Any:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
         Parameters
@@ -360,8 +364,9 @@ class CompiledModel(Evaluated):
             status of its case, not an error.
         inputs : mapping of symbols or names to numbers, array_like (n_case,) or samples, optional
             Every input of the scene, as for `simulate`; records may have one row a case.
-        grid : Grid, optional
-            From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values.
+        grid : Grid or CaseSampler, optional
+            From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values; or
+            random cases from `random_cases` or `sobol_cases`.
         t_eval : array_like (n_t,), optional
             Times to record for all cases; without it, final states only.
         method, rtol, atol, max_step, max_steps
@@ -383,9 +388,19 @@ class CompiledModel(Evaluated):
         project_invariants : bool, str or sequence of str
             First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
 
+        to : str, Path or zarr store, optional
+            A store in which the results are kept, chunk by chunk (needs the extra ``dask``). The same call goes on
+            where an earlier one ended.
+        chunk : int, optional
+            Cases of a chunk; by default as many as take some seconds or 128 MiB.
+        client : distributed.Client, optional
+            A cluster that computes the chunks; by default this process does.
+        resume : bool
+            Whether to go on with a store of the same sweep; otherwise an existing store is an error.
+
         Returns
         -------
-        Sweep
+        Sweep, or xarray.Dataset where `to` is given, which reads the store when it is asked
             After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED.
 
         Raises
@@ -393,6 +408,26 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong for all cases.
         """
+        if to is not None:
+            from .stored.sweep import StoreOptions, stored_sweep
+
+            given = {
+                "inputs": inputs,
+                "grid": grid,
+                "t_eval": t_eval,
+                "method": method,
+                "rtol": rtol,
+                "atol": atol,
+                "max_step": max_step,
+                "max_steps": max_steps,
+                "threads": threads,
+                "error_estimate": error_estimate,
+                "events": events,
+                "reduce": reduce,
+                "project_invariants": project_invariants,
+            }
+            where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, progress=progress)
+            return stored_sweep(self, t_span, initial, parameters, given, where)
         options = SweepOptions(
             method=method,
             rtol=rtol,

@@ -1,0 +1,167 @@
+"""Random cases of sweeps that are computed by their numbers, and never all at once."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import ValueInputError, nesting_named
+from ..values import option, whole
+
+__all__ = ["CaseSampler", "Distribution", "normal", "random_cases", "sobol_cases", "uniform"]
+
+_SOBOL_BITS = 32
+_SOBOL_LOCK = Lock()
+_BLOCK = 1024
+"""Cases whose random numbers are made together; a case has the same ones whichever cases are asked for."""
+
+
+@final
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution, made by `uniform` or `normal`."""
+
+    kind: str
+    first: float
+    second: float
+
+    def values(self, share: FloatArray) -> FloatArray:
+        """Return the values (k,) at shares (k,) of the probability between 0 and 1."""
+        if self.kind == "uniform":
+            return self.first + (self.second - self.first) * share
+        from scipy.special import ndtri
+
+        tiny = np.finfo(float).tiny
+        return np.asarray(self.first + self.second * ndtri(np.clip(share, tiny, 1.0 - np.finfo(float).epsneg)))
+
+
+def uniform(low: float, high: float) -> Distribution:
+    """Return the uniform distribution between two numbers, for `random_cases` and `sobol_cases`."""
+    return Distribution("uniform", option("low", low), option("high", high))
+
+
+def normal(mean: float, deviation: float) -> Distribution:
+    """Return the normal distribution with a mean and a standard deviation."""
+    if not option("deviation", deviation) >= 0.0:
+        raise ValueInputError(f"normal: the standard deviation must not be negative, not {deviation!r}")
+    return Distribution("normal", option("mean", mean), option("deviation", deviation))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CaseSampler:
+    """Random cases, made by `random_cases` or `sobol_cases`.
+
+    Attributes
+    ----------
+    count : int
+        Number of cases.
+    seed : int
+    sequence : str
+        "random" or "sobol".
+    distributions : mapping of str to Distribution
+    """
+
+    count: int
+    seed: int
+    sequence: str
+    distributions: Mapping[str, Distribution]
+    _engine: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def axes(self) -> dict[str, FloatArray]:
+        """None: the cases lie along one axis."""
+        return {}
+
+    def part(self, first: int, last: int) -> dict[str, FloatArray]:
+        """Return the values of the cases from number `first` up to `last`, by name."""
+        shares = self._sobol(first, last) if self.sequence == "sobol" else self._random(first, last)
+        return {name: d.values(share) for (name, d), share in zip(self.distributions.items(), shares, strict=True)}
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Return the values of all cases, by name."""
+        return self.part(0, self.count)
+
+    def _random(self, first: int, last: int) -> list[FloatArray]:
+        blocks = range(first // _BLOCK, -(-last // _BLOCK))
+        cut = slice(first - blocks.start * _BLOCK, last - blocks.start * _BLOCK)
+        return [
+            np.concatenate([self._block(column, block) for block in blocks])[cut] if len(blocks) else np.empty(0)
+            for column in range(len(self.distributions))
+        ]
+
+    def _block(self, column: int, block: int) -> FloatArray:
+        generator = np.random.Generator(np.random.Philox(key=[self.seed, column], counter=[0, 0, block, 0]))
+        return generator.random(_BLOCK)
+
+    def _sobol(self, first: int, last: int) -> list[FloatArray]:
+        from scipy.stats import qmc
+
+        with _SOBOL_LOCK, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a part of the sequence need not have a power of two points
+            engine = self._engine.get("engine")
+            if engine is None or engine.num_generated > first:  # going on is faster than beginning anew
+                rng = np.random.default_rng(self.seed)
+                engine = qmc.Sobol(len(self.distributions), scramble=True, rng=rng, bits=_SOBOL_BITS)
+            if first > engine.num_generated:
+                engine.fast_forward(first - engine.num_generated)
+            self._engine["engine"] = engine
+            points = engine.random(last - first) if last > first else np.empty((0, len(self.distributions)))
+        return list(np.ascontiguousarray(points.T))
+
+    def __repr__(self) -> str:
+        return f"<{self.count:,} {self.sequence} cases of {', '.join(self.distributions)}, seed {self.seed}>"
+
+
+@nesting_named
+def random_cases(count: int, seed: int, **distributions: Distribution) -> CaseSampler:
+    """Return independent random cases, to be given to `CompiledModel.sweep` as ``grid=``.
+
+    Case i has the same values on every machine, however the cases are divided.
+
+    Parameters
+    ----------
+    count : int
+        Number of cases.
+    seed : int
+    **distributions : Distribution
+        `uniform` or `normal`, of each parameter or initial value that varies.
+
+    Raises
+    ------
+    ValueInputError
+        For what is no distribution, and counts below 1.
+    """
+    return _sampler(count, seed, "random", distributions)
+
+
+@nesting_named
+def sobol_cases(count: int, seed: int, **distributions: Distribution) -> CaseSampler:
+    """Return the cases of a scrambled Sobol sequence, which fill the space evenly; see `random_cases`."""
+    return _sampler(count, seed, "sobol", distributions)
+
+
+def _sampler(count: Any, seed: Any, sequence: str, distributions: Mapping[str, Any]) -> CaseSampler:
+    number = whole("count", count)
+    if number < 1:
+        raise ValueInputError(f"{sequence}_cases: count must be at least 1, not {count!r}")
+    if sequence == "sobol" and number > 2**_SOBOL_BITS:
+        raise ValueInputError(f"sobol_cases: count must be at most {2**_SOBOL_BITS:,}, not {count!r}; use random_cases")
+    if not distributions:
+        raise ValueInputError(f"{sequence}_cases: give what varies, such as b=dalembert.uniform(0.1, 0.5)")
+    wrong = [f"{name} = {d!r}" for name, d in distributions.items() if not isinstance(d, Distribution)]
+    if wrong:
+        raise ValueInputError(
+            f"{sequence}_cases takes distributions, dalembert.uniform(low, high) or normal(mean, deviation), not"
+            f" {'; '.join(wrong)}"
+        )
+    start = whole("seed", seed)
+    if not 0 <= start < 2**64:
+        raise ValueInputError(f"{sequence}_cases: the seed must be between 0 and 2**64, not {seed!r}")
+    return CaseSampler(number, start, sequence, dict(distributions))

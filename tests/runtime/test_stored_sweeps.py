@@ -1,0 +1,283 @@
+"""Sweeps kept in a store: the bits of one call, whatever the chunks, restarts and processes; what is refused."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import OptionError, StoredSweepError, ValueInputError
+from dalembert.results import sampler
+
+zarr = pytest.importorskip("zarr")
+xarray = pytest.importorskip("xarray")
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+MANY = {"m": 1, "b": np.linspace(0.1, 0.5, 101), "I_C": 0.5}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
+
+
+def assert_same(stored, sweep, *names):
+    """Compare results to the bit."""
+    for name in ("x", "theta", "x_dot", "X", "energy", *names):
+        values = stored[name].to_numpy()
+        np.testing.assert_array_equal(values.reshape(len(sweep), *values.shape[stored["status"].ndim :]), sweep[name])
+    np.testing.assert_array_equal(stored["status"].to_numpy().ravel(), sweep.status)
+    np.testing.assert_array_equal(stored["steps"].to_numpy().ravel(), sweep.steps)
+
+
+@pytest.mark.parametrize("chunk", [None, 1000, 40, 7, 1])
+def test_results_do_not_depend_on_chunks(model, tmp_path, chunk):
+    few = {**MANY, "b": MANY["b"][:20]} if chunk == 1 else MANY
+    stored = model.sweep((0, 5), START, few, to=tmp_path / "s.zarr", chunk=chunk)
+    assert_same(stored, model.sweep((0, 5), START, few))
+    np.testing.assert_array_equal(stored["b"], few["b"])
+    assert "b" in stored.coords and stored.attrs["rtol"] == 1e-8 and stored.attrs["method"] == "taylor"
+
+
+def test_results_are_opened_lazily(model, tmp_path):
+    stored = model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=30)
+    assert stored["x"].chunks == ((30, 30, 30, 11),)
+
+
+def test_a_grid_labels_its_axes(model, tmp_path):
+    grid = da.grid(b=np.linspace(0.1, 0.5, 6), theta_dot=[1.0, 2.0, 3.0, 4.0])
+    given = ((0, 3), {k: v for k, v in START.items() if k != "theta_dot"}, {"m": 1, "I_C": 0.5})
+    stored = model.sweep(*given, grid=grid, to=tmp_path / "s.zarr", chunk=9)
+    sweep = model.sweep(*given, grid=grid)
+    whole = sweep.to_xarray()
+    assert set(whole.variables) == set(stored.variables)
+    for name, values in whole.data_vars.items():
+        np.testing.assert_array_equal(stored[name], values)
+    assert float(stored["x"].sel(b=0.1, theta_dot=2.0)) == float(whole["x"].sel(b=0.1, theta_dot=2.0))
+
+
+def test_samples_reductions_events_and_estimates(model, tmp_path):
+    x, *_ = model.stages.scene.coordinates
+    times, kept = [0.0, 1.0, 2.5], {"most": da.maximum(x), "when": da.first_crossing("theta_dot")}
+    one = model.sweep((0, 3), START, MANY, t_eval=times, to=tmp_path / "a.zarr", chunk=30)
+    assert_same(one, model.sweep((0, 3), START, MANY, t_eval=times))
+    np.testing.assert_array_equal(one["time"], times)
+    two = model.sweep((0, 3), START, MANY, reduce=kept, events=["X"], to=tmp_path / "b.zarr", chunk=30)
+    sweep = model.sweep((0, 3), START, MANY, reduce=kept, events=["X"])
+    np.testing.assert_array_equal(two["most"], sweep.reduced["most"])
+    np.testing.assert_array_equal(two["X_count"], sweep.events["X"].count)
+    three = model.sweep((0, 3), START, MANY, error_estimate=True, to=tmp_path / "c.zarr", chunk=30)
+    estimate = model.sweep((0, 3), START, MANY, error_estimate=True).error_estimate["x"]
+    np.testing.assert_array_equal(three["x_error"], estimate)
+
+
+def test_cases_that_fail_are_statuses_in_the_store(model, tmp_path):
+    b = MANY["b"].copy()
+    b[[0, 50]] = np.nan
+    stored = model.sweep((0, 3), START, {**MANY, "b": b}, to=tmp_path / "s.zarr", chunk=20)
+    assert_same(stored, model.sweep((0, 3), START, {**MANY, "b": b}))
+    assert int((stored["status"] != 0).sum()) == 2
+
+
+def test_gains_are_decided_once(tmp_path):
+    """The formulation baumgarte takes its gains from the first case, in every chunk."""
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="baumgarte")
+    stored = model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=33)
+    np.testing.assert_array_equal(stored["x"], model.sweep((0, 2), START, MANY).final["x"])
+
+
+@pytest.mark.parametrize("cases", [sampler.random_cases, sampler.sobol_cases])
+def test_random_cases_are_the_same_in_any_part(model, tmp_path, cases):
+    chosen = cases(3000, 5, b=da.uniform(0.1, 0.5), x_dot=da.normal(1.0, 0.1))
+    whole = chosen.columns()
+    for first, last in ((0, 1), (1000, 1100), (1023, 1025), (2999, 3000), (7, 7)):
+        for name, values in chosen.part(first, last).items():
+            np.testing.assert_array_equal(values, whole[name][first:last])
+    assert 0.1 <= whole["b"].min() < 0.11 and 0.49 < whole["b"].max() <= 0.5
+    assert abs(whole["x_dot"].mean() - 1.0) < 0.01 and abs(whole["x_dot"].std() - 0.1) < 0.01
+    start = {k: v for k, v in START.items() if k != "x_dot"}
+    stored = model.sweep((0, 1), start, {"m": 1, "I_C": 0.5}, grid=chosen, to=tmp_path / "s.zarr", chunk=700)
+    assert_same(stored, model.sweep((0, 1), start, {"m": 1, "I_C": 0.5}, grid=chosen))
+    np.testing.assert_array_equal(stored["b"], whole["b"])
+
+
+def test_arrays_that_are_read_in_parts(model, tmp_path):
+    dask_array = pytest.importorskip("dask.array")
+    lazy = {**MANY, "b": dask_array.from_array(MANY["b"], chunks=25)}
+    stored = model.sweep((0, 2), START, lazy, to=tmp_path / "s.zarr", chunk=30)
+    assert_same(stored, model.sweep((0, 2), START, MANY))
+
+
+def test_a_store_is_completed_and_nothing_is_computed_twice(model, tmp_path, monkeypatch):
+    from dalembert.runtime.stored import sweep as stored_sweep
+
+    path = tmp_path / "s.zarr"
+    real, calls = stored_sweep._write, []
+
+    def write(model, options, request, store, chunk, part):
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        calls.append(chunk)
+        real(model, options, request, store, chunk, part)
+
+    monkeypatch.setattr(stored_sweep, "_write", write)
+    with pytest.raises(KeyboardInterrupt):
+        model.sweep((0, 2), START, MANY, to=path, chunk=20)
+    calls[:] = [*calls, None, None]
+    done = calls[:2]
+    monkeypatch.setattr(stored_sweep, "_write", lambda *a: (calls.append(a[4]), real(*a)))
+    stored = model.sweep((0, 2), START, MANY, to=path, chunk=20)
+    assert done == [0, 1] and calls[4:] == [2, 3, 4, 5]
+    assert_same(stored, model.sweep((0, 2), START, MANY))
+
+
+def test_damaged_pieces_are_computed_again(model, tmp_path):
+    path = tmp_path / "s.zarr"
+    model.sweep((0, 2), START, MANY, to=path, chunk=20)
+    rng = random.Random(3)
+    pieces = sorted(p for p in path.rglob("c/*") if p.is_file())
+    for piece in rng.sample(pieces, 12):
+        data = piece.read_bytes()
+        if rng.random() < 0.3:
+            piece.unlink()
+        elif rng.random() < 0.5:
+            piece.write_bytes(data[: len(data) // 2])
+        else:
+            piece.write_bytes(bytes([data[0] ^ 255]) + data[1:])
+    assert_same(model.sweep((0, 2), START, MANY, to=path, chunk=20), model.sweep((0, 2), START, MANY))
+
+
+def test_what_was_asked_before_is_refused_by_name(model, tmp_path):
+    path = tmp_path / "s.zarr"
+    model.sweep((0, 2), START, MANY, to=path)
+    before = sorted((p, p.stat().st_mtime_ns) for p in path.rglob("*"))
+    with pytest.raises(OptionError, match=r"holds another sweep .*its cases"):
+        model.sweep((0, 2), START, {**MANY, "m": 2}, to=path)
+    with pytest.raises(OptionError, match="other: its options"):
+        model.sweep((0, 2), START, MANY, rtol=1e-9, to=path)
+    with pytest.raises(OptionError, match="other: its scene"):
+        da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X", "Y"]).sweep((0, 2), START, MANY, to=path)
+    with pytest.raises(OptionError, match="exists and resume=False"):
+        model.sweep((0, 2), START, MANY, to=path, resume=False)
+    assert before == sorted((p, p.stat().st_mtime_ns) for p in path.rglob("*"))
+
+
+def test_what_is_no_store_is_left_alone(model, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(OptionError, match="exists and is no store of a sweep"):
+        model.sweep((0, 2), START, MANY, to=tmp_path)
+    zarr.create_group(tmp_path / "other.zarr")
+    with pytest.raises(OptionError, match="a zarr group that no sweep wrote"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "other.zarr")
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_options_of_stores(model, tmp_path):
+    with pytest.raises(OptionError, match="chunk must be at least one case, not 0"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "s", chunk=0)
+    with pytest.raises(OptionError, match=r"client must be a running distributed\.Client"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "s", client="cluster")
+    with pytest.raises(ValueInputError, match="must have one length: m has 3, b has 101"):
+        model.sweep((0, 2), START, {**MANY, "m": [1, 2, 3]}, to=tmp_path / "s")
+    with pytest.raises(ValueInputError, match="takes distributions"):
+        da.random_cases(10, 1, b=0.3)
+    with pytest.raises(ValueInputError, match="count must be at least 1"):
+        da.sobol_cases(0, 1, b=da.uniform(0, 1))
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_full_disk_ends_with_a_message_that_says_how_to_go_on(model, tmp_path, monkeypatch):
+    from dalembert.runtime.stored.store import Store
+
+    real = Store.write
+
+    def write(self, chunk, request, columns):
+        if chunk >= 2:
+            raise OSError(28, "No space left on device")
+        real(self, chunk, request, columns)
+
+    monkeypatch.setattr(Store, "write", write)
+    with pytest.raises(StoredSweepError, match=r"2 of 6 chunks are in .*No space left.*the same call goes on"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20)
+    monkeypatch.setattr(Store, "write", real)
+    assert_same(model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20), model.sweep((0, 2), START, MANY))
+
+
+KILLED = """
+import sys
+import numpy as np
+import dalembert as da
+model = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+print("ready", flush=True)
+model.sweep((0, 5), start, {"m": 1, "b": np.linspace(0.1, 0.5, 101), "I_C": 0.5}, to=sys.argv[1], chunk=1)
+print("done", flush=True)
+"""
+
+
+def test_a_process_may_be_killed_at_any_moment(model, tmp_path):
+    path, rng = tmp_path / "s.zarr", random.Random(7)
+    for _ in range(4):
+        process = subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(rng.uniform(0.1, 0.8))
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+    assert_same(model.sweep((0, 5), START, MANY, to=path, chunk=1), model.sweep((0, 5), START, MANY))
+
+
+@pytest.fixture(scope="module")
+def client():
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def test_a_cluster_gives_the_same_bits(model, tmp_path, client):
+    stored = model.sweep((0, 5), START, MANY, to=tmp_path / "s.zarr", chunk=9, client=client)
+    assert_same(stored, model.sweep((0, 5), START, MANY))
+    grid = da.grid(b=np.linspace(0.1, 0.5, 6), m=[1.0, 2.0])
+    given = ((0, 3), START, {"I_C": 0.9})
+    np.testing.assert_array_equal(
+        model.sweep(*given, grid=grid, to=tmp_path / "g.zarr", chunk=4, client=client)["x"].to_numpy().ravel(),
+        model.sweep(*given, grid=grid).final["x"],
+    )
+
+
+def test_workers_may_be_killed(model, tmp_path, client):
+    import threading
+
+    rng, over = random.Random(1), threading.Event()
+
+    def kill():
+        for _ in range(3):
+            if over.wait(rng.uniform(0.3, 0.8)):
+                return
+            pids = list(client.run(os.getpid).values())
+            os.kill(rng.choice(pids), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        stored = model.sweep((0, 5), START, MANY, to=tmp_path / "s.zarr", chunk=1, client=client)
+    finally:
+        over.set()
+        killer.join()
+    assert_same(stored, model.sweep((0, 5), START, MANY))
+
+
+def test_a_closed_client_is_refused(model, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        closed = distributed.Client(cluster)
+        closed.close()
+    with pytest.raises(OptionError, match="this one is closed"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", client=closed)
