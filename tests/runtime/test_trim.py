@@ -278,3 +278,23 @@ def test_hands_free_turn_of_the_bicycle():
     run = model.simulate((0.0, 1.0), point.initial, p, rtol=1e-10)
     for name in ("psi", "psif", "theta_dot", "betar_dot"):
         assert np.ptp(run[name]) < 1e-9
+
+
+def test_rounding_of_forces_that_cancel_is_no_fault():
+    """Gravity and the pull of the string cancel whatever the values are; what rounding leaves of them is met."""
+    model, rng = compiled(cartesian_pendulum, "projected"), np.random.default_rng(4)
+    for _ in range(12):
+        g, l = rng.uniform(0.5, 15.0), rng.uniform(0.3, 3.0)
+        angle = rng.uniform(-1.2, 1.2)
+        guess = {"x": l * math.sin(angle), "y": -l * math.cos(angle), "x_dot": 0.0, "y_dot": 0.0}
+        point = model.trim(guess, {"m": 1.3, "l": l, "g": g})
+        assert point.converged, point.message
+
+
+def test_a_start_on_the_other_side_of_a_loop():
+    """Newton's method alone ends off the loop; steps along it arrive."""
+    bars = {"m": 1.0, "l1": 1.0, "l2": 2.0, "l3": 1.5, "r": 2.0, "g": G}
+    start = {"q1": 5.472, "q2": -10.409, "q3": -2.302, "q1_dot": 0, "q2_dot": 0, "q3_dot": 0}
+    point = compiled(four_bar).trim(start, bars)
+    assert point.converged
+    assert point["q1"] == pytest.approx(4.4855, abs=1e-4)

@@ -144,14 +144,10 @@ def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquation
 
 
 def own_equations(point: Point) -> LinearEquations:
-    """Return the equations in the state of the formulation."""
-    program, layout = point.program, point.program.layout
+    """Return the equations in the state of `minimal`, which only unit quaternions constrain."""
     rates = point.derivatives("rhs", point.y)
-    scene = layout.state == layout.variables
-    kernels = ("position_residual", "velocity_residual") if scene else ("project_position",)
-    parts = [point.derivatives(kernel, point.y) for kernel in kernels if kernel in program]
-    constraints = _stacked(parts, len(point.y), rates.by_parameters.shape[1])
-    return LinearEquations(layout.state, point.y, rates, constraints, 0, 0, point)
+    constraints = point.derivatives("project_position", point.y)
+    return LinearEquations(point.program.layout.state, point.y, rates, constraints, 0, 0, point)
 
 
 def _stacked(parts: Sequence[Derivatives], size: int, count: int) -> Derivatives:

@@ -89,9 +89,7 @@ def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
 
     Angular velocities that a start may be given in, with unit quaternions, are taken where the formulation has them.
     """
-    program, layout = point.program, point.program.layout
-    if program.formulation == "prescribed":
-        return own_equations(point)
+    layout = point.program.layout
     scene = set(layout.variables)
     speeds = [name for name in layout.state if name not in scene]
     wanted = layout.entries if chosen is None else chosen

@@ -9,8 +9,9 @@ reduces the residuals (J. J. More, Lecture Notes in Mathematics 630, 1978).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -32,6 +33,8 @@ _NEAR = 1e-9
 _FIRST_DAMPING, _MOST_DAMPING = 1e-8, 1e12
 _LEAST_SHARE = 2.0**-8
 _SMALLEST = 1e-16
+_RESTORING = 12
+"""Most steps after which some equations hold again."""
 
 Equations = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """From unknowns (n,) to residuals (m,) and their derivatives (m, n)."""
@@ -103,7 +106,9 @@ def floored(sizes: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
     return found
 
 
-def newton(equations: Equations, start: FloatArray, groups: NDArray[np.intp], most: int) -> Root:
+def newton(
+    equations: Equations, start: FloatArray, groups: NDArray[np.intp], most: int, first: Sequence[int] = ()
+) -> Root:
     """Return the root of equations near a start, up to rounding, or the point of least residuals that was reached.
 
     Parameters
@@ -114,10 +119,13 @@ def newton(equations: Equations, start: FloatArray, groups: NDArray[np.intp], mo
         Equations with the same number have the same unit.
     most : int
         Most iterations.
+    first : sequence of int
+        Groups of equations that are solved after every step, which then must reduce the residuals of the others.
     """
-    here, iterations = _Point.at(equations, start, groups), 0
+    restore = partial(_restored, equations, np.isin(groups, first)) if len(first) else None
+    here, iterations = _Point.at(equations, start if restore is None else restore(start), groups), 0
     while here.finite and iterations < most:
-        there = _stepped(equations, here, groups)
+        there = _stepped(equations, here, groups, restore)
         if there is None:
             break
         iterations += 1
@@ -130,7 +138,22 @@ def newton(equations: Equations, start: FloatArray, groups: NDArray[np.intp], mo
     return Root(here.z, here.r, here.jacobian, here.scale, iterations, free[rank:].T)
 
 
-def _stepped(equations: Equations, here: _Point, groups: NDArray[np.intp]) -> _Point | None:
+def _restored(equations: Equations, rows: NDArray[np.bool_], z: FloatArray) -> FloatArray:
+    """Return the unknowns (n,) next to z with which some equations (m,) hold."""
+    for _ in range(_RESTORING):
+        r, jacobian = equations(z)
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(jacobian))):
+            return z
+        change = np.linalg.pinv(jacobian[rows], rcond=_RANK) @ r[rows]
+        z = z - change
+        if np.all(np.abs(change) <= _NEAR * np.maximum(1.0, np.abs(z))):
+            break
+    return z
+
+
+def _stepped(
+    equations: Equations, here: _Point, groups: NDArray[np.intp], restore: Callable[[FloatArray], FloatArray] | None
+) -> _Point | None:
     """Return the next point, or None where no step reduces the residuals."""
     u, s, vt = here.singular_values()
     r = here.r / here.scale
@@ -144,7 +167,7 @@ def _stepped(equations: Equations, here: _Point, groups: NDArray[np.intp]) -> _P
         return change
 
     whole = correction(r)
-    length, share = float(np.linalg.norm(whole)), 1.0
+    length, share = float(np.linalg.norm(whole)), 1.0 if restore is None else 0.0
     if length < _SMALLEST:
         return None
     while share >= _LEAST_SHARE:
@@ -152,14 +175,15 @@ def _stepped(equations: Equations, here: _Point, groups: NDArray[np.intp]) -> _P
         if there.finite and np.linalg.norm(correction(there.r / here.scale)) <= (1.0 - 0.25 * share) * length:
             return there
         share *= 0.5
-    damping = _FIRST_DAMPING * float(s[0]) ** 2
+    damping = 0.0
     while damping < _MOST_DAMPING:
         change = correction(r, damping)
         if np.linalg.norm(change) < _SMALLEST:
             return None
-        there = _Point.at(equations, here.z + here.size * change, groups)
+        moved = here.z + here.size * change
+        there = _Point.at(equations, moved if restore is None else restore(moved), groups)
         left = there.r / here.scale
         if there.finite and float(left @ left) < before:
             return there
-        damping *= 10.0
+        damping = max(10.0 * damping, _FIRST_DAMPING * float(s[0]) ** 2)
     return None

@@ -19,6 +19,8 @@ from .segments import at_time
 __all__ = ["SteadyConditions"]
 
 _RANK = 1e-9
+_ROUNDED, _UNIT = 6, 4e-16
+"""How often values are rounded anew, and by how much."""
 
 
 @final
@@ -111,6 +113,22 @@ class SteadyConditions:
         for part in (linear.constraints, linear.rates.rows(self.steady)):
             sizes.append(np.abs(part.by_state) @ x + np.abs(part.by_parameters) @ np.abs(p))
         return np.concatenate(sizes)
+
+    def rounding(self, z: FloatArray) -> FloatArray:
+        """Return by how much residuals (m,) differ next to free values z, where all values are rounded differently."""
+        x, p = self.values(z)
+        found = []
+        for seed in range(_ROUNDED):
+            rng = np.random.default_rng(seed)
+            near, given = (v * (1.0 + _UNIT * rng.uniform(-1.0, 1.0, len(v))) for v in (x, p))
+            found.append(self._residuals(near, given))
+        spread: FloatArray = np.ptp(np.array(found), axis=0)
+        return np.where(np.isfinite(spread), spread, 0.0)
+
+    def _residuals(self, x: FloatArray, p: FloatArray) -> FloatArray:
+        c = self.constants(p)
+        residuals = [self.partials.value(name, self.t, x, c) for name in ("position_residual", "velocity_residual")]
+        return np.concatenate([*residuals, self.changes(x, c)[list(self.steady)]])
 
     def changes(self, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the time derivatives (n,) of coordinates, rates and states x (n,)."""

@@ -32,6 +32,9 @@ _SHOWN = 1e-3
 """Share of the largest component of a direction from which on a value belongs to it."""
 
 _MOST_SHOWN = 6
+_SPREAD = 4.0
+"""How many times the spread of a condition by rounding may be left of it."""
+
 _ROUNDING = 4e-15
 """What rounding leaves of a condition, as a share of what it changes by with the free values."""
 
@@ -47,20 +50,37 @@ def trim(
     able, values = _regular(model, options.t, values, p, free, follow)
     conditions, chosen = _conditions(able, options, values, p, free, follow)
     with np.errstate(all="ignore"):
-        root = newton(conditions.equations, conditions.start, conditions.groups, options.max_iterations)
+        root, share = _solved(conditions, options)
     if root.iterations == 0 and not np.all(np.isfinite(root.residual)):
         raise ValueInputError(
             "the accelerations or constraints are not finite at the guess: start from other values, or check the"
             " parameters that the scene divides by"
         )
-    share = _shares(conditions, root, options.tolerance)
     return _Report(able, conditions, root, chosen, share).point()
+
+
+def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, FloatArray]:
+    """Return the root of the conditions, and what is left of them as shares of what may be.
+
+    Where Newton's method does not arrive, steps along the constraints that all reduce the rest are tried from the same
+    start.
+    """
+    what = conditions.equations, conditions.start, conditions.groups, options.max_iterations
+    root = newton(*what)
+    share = _shares(conditions, root, options.tolerance)
+    if np.all(share <= 1.0):
+        return root, share
+    other = newton(*what, first=(0, 1))
+    others = _shares(conditions, other, options.tolerance)
+    return (other, others) if np.max(others) < np.max(share) else (root, share)
 
 
 def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> FloatArray:
     """Return residuals (m,) as shares of what may be left of them, by the tolerance and by rounding of free values."""
+    if not np.all(np.isfinite(root.residual)):
+        return np.full(len(root.residual), np.inf)
     terms = floored(conditions.terms(root.unknowns), conditions.groups)
-    limits = tolerance * terms + _ROUNDING * root.scale
+    limits = tolerance * terms + _ROUNDING * root.scale + _SPREAD * conditions.rounding(root.unknowns)
     return np.abs(root.residual) / limits
 
 
