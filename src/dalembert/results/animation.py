@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from ..errors import MissingExtraError, OptionError
 from ..integrators.segments import Constants, constants_at
 from ..mechanics.skeleton import skeleton
+from ..values import listed
 from .drawing import Drawing, Line, Surface, drawing_of, shape_points
 
 if TYPE_CHECKING:
@@ -138,7 +139,8 @@ def animate(
         if not 1e-9 < value < 1e9:
             raise OptionError(f"{name} must be a positive number of moderate size, not {value!r}")
     layout = motion._layout
-    drawn = skeleton(scene, layout.parameters, [*points, *shape_points(scene)])
+    wanted = listed("points", points, "names of points")
+    drawn = skeleton(scene, layout.parameters, [*wanted, *shape_points(scene)])
     frames = _frames(motion, fps, speed)
     c = constants_at(constants, frames.elapsed)
     first = c if c.ndim == 1 else c[0]
