@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sympy import Basic, Symbol
-
 from ..integrators.event_code import event_list
 from ..results.grid import Grid
+from ..scene.expressions import symbols_called
 from .reductions import reduction_table
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def event_parameters(
     reduce: Any,
     grid: Grid | None,
     *,
-    make: Callable[[tuple[Symbol, ...]], T],
+    make: Callable[[tuple[Any, ...]], T],
 ) -> T:
     """Return what `make` makes of further parameters; `model` where there are none.
 
@@ -52,8 +51,7 @@ def event_parameters(
     further = {name for name in names if layout.aliases.get(name, name) not in known}
     if not further:
         return model
-    symbols = [s for e in _expressions(events, reduce, layout.aliases) for s in _symbols(e) if str(s) in further]
-    found = tuple(sorted(dict.fromkeys(symbols), key=lambda s: (str(s.name), str(s.assumptions0))))
+    found = symbols_called(further, _expressions(events, reduce, layout.aliases))
     return make(found) if found else model
 
 
@@ -64,7 +62,3 @@ def _expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterab
         yield from (event.apply or {}).values()
     for reduction in reduction_table(reduce, aliases).values():
         yield reduction.expression
-
-
-def _symbols(expression: Any) -> Iterable[Symbol]:
-    return expression.atoms(Symbol) if isinstance(expression, Basic) else ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import Any, final
@@ -23,7 +23,7 @@ from .elapsed import ElapsedTime
 from .tables import TableFunction, outside
 from .unknowns import Unknown
 
-__all__ = ["ExpressionReader", "short"]
+__all__ = ["ExpressionReader", "short", "symbols_called"]
 
 _EXPONENT = 1_000_000
 
@@ -66,6 +66,13 @@ def short(expression: Any, width: int = 80) -> str:
         return "an expression with numbers of thousands of digits"
     text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in _SUPPORTED else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
+
+
+def symbols_called(names: Collection[str], expressions: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the symbols in expressions that print as one of some names, in an order that is always the same."""
+    held = (e.atoms(sp.Symbol) for e in expressions if isinstance(e, sp.Basic))
+    found = {symbol for symbols in held for symbol in symbols if str(symbol) in names}
+    return tuple(sorted(found, key=lambda symbol: (str(symbol.name), str(symbol.assumptions0))))
 
 
 @final
