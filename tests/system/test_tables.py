@@ -231,3 +231,10 @@ def test_a_road_in_a_position_and_in_a_constraint():
     assert ends == pytest.approx([ends[0]] * 3, abs=1e-9)
     hit = made.simulate((0, 2), begin, given, events=[da.Event(road - 0.2, terminal=True)], **TIGHT)
     assert hit.status is Status.EVENT and CubicSpline(places, heights)(hit["x"][-1]) == pytest.approx(0.2, abs=1e-9)
+
+
+def test_sensitivities_across_a_jump_are_refused():
+    with pytest.raises(OptionError, match=r"the rates of the motion jump at t = .* in a state that depends on it"):
+        model("hold").sensitivity((0, 3), start(), GIVEN, of=[x], wrt=[c])
+    inside = model("hold").sensitivity((0, 0.1), start(1.75), GIVEN, of=[x], wrt=[c], **TIGHT)
+    assert inside.success

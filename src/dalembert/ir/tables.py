@@ -28,6 +28,7 @@ __all__ = [
     "coefficient_row",
     "entry",
     "generic",
+    "order_of",
     "piece",
     "registered",
     "table_of",
@@ -166,6 +167,11 @@ def table_of(key: float) -> Table:
 def coefficient_row(order: int, power: int) -> int:
     """Return the row of the coefficient of a power, in the derivative of an order."""
     return _FIRST + _ROWS * (order + 1) + power
+
+
+def order_of(row: float) -> int:
+    """Return the order of the derivative that a row of coefficients belongs to; -2 for the rows before these."""
+    return (int(row) - _FIRST) // _ROWS - 1
 
 
 def _horner(coefficients: Any, s: float) -> float:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Assignment, Kernel, Operand
 from ..ir.program import Program
+from ..ir.tables import order_of, table_of
 
 __all__ = [
     "INVERSE",
@@ -144,14 +145,24 @@ def only_in_branches(kernel: Kernel) -> frozenset[str]:
     return frozenset(line.target for line in kernel.body if line.target not in always)
 
 
+def _jumping_pieces(kernel: Kernel) -> set[Operand]:
+    """Return the pieces of tables, or of derivatives of tables, that jump at their knots."""
+    entries = (line for line in kernel.body if line.op == "entry")
+    return {
+        place
+        for place, key, row in (line.args for line in entries)
+        if table_of(float(key)).smoothness < order_of(float(row))
+    }
+
+
 def decisions(program: Program) -> Kernel | None:
     """Return the kernel of the quantities in the rates that jump with state or time; None where there are none."""
     rhs = program.kernel("rhs")
     moving = {load.target for load in rhs.loads if load.array in ("t", "y")}
-    found = []
+    found, jumping = [], _jumping_pieces(rhs)
     for line in rhs.body:
         if any(arg in moving for arg in line.args):
             moving.add(line.target)
-            if line.op in JUMPING:
+            if line.op in JUMPING or line.target in jumping:
                 found.append(line.target)
     return replace(rhs, name="decisions", outputs=tuple(found)) if found else None
