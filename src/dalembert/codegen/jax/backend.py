@@ -218,7 +218,8 @@ class JaxEngine(Engine):
             )
         else:
             rhs = self._program.kernel("rhs")
-            attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections))
+            knots = compile_kernel(self._program.kernel("knots")) if "knots" in self._program else None
+            attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections), knots=knots)
             operations = LARGEST_FUSED + 1
         return run_batch(attempts, projections, operations + self._projecting)
 

@@ -70,8 +70,9 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or place is not None
-    one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved)
-    many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved)
+    limits = _knots_of_one(program, kernels), compile_kernel(program.kernel("knots")) if "knots" in program else None
+    one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved, knots=limits[0])
+    many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved, knots=limits[1])
     in_turn: InTurn | None = None
     if len(rhs.body) > _SHORT and not moved and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
@@ -104,6 +105,14 @@ def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+def _knots_of_one(program: Program, kernels: Kernels) -> Function | None:
+    """Return the limits of steps at knots of tables for one case on a row; None where there are none."""
+    if "knots" not in program:
+        return None
+    limits = _of_one(program, kernels, "knots")
+    return lambda t, y, c: tuple(limits(t, y[0], c[0]))
 
 
 def _series(kernel: Kernel) -> Conditional:

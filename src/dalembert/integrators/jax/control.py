@@ -34,12 +34,15 @@ class Control(NamedTuple):
         Attempts that are left.
     finite
         Whether the last attempt gave finite numbers.
+    proposed
+        Size of the next step but for knots of tables, which may cut it.
     """
 
     memory: Any
     size: Any
     attempts: Any
     finite: Any
+    proposed: Any
 
 
 @final
@@ -59,6 +62,8 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         Largest step size.
     span
         Length of the time span.
+    limit
+        (t, y, args) -> the largest size of a step from there that knots of tables allow; None where there are none.
     """
 
     rtol: Any
@@ -67,8 +72,10 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
     span: Any
     norm: Callable[[Any], Any]
     inner: Any
+    limit: Callable[..., Any] | None
 
-    def __init__(self, rtol: Any, atol: Any, max_step: Any, span: Any) -> None:
+    def __init__(self, rtol: Any, atol: Any, max_step: Any, span: Any, limit: Callable[..., Any] | None = None) -> None:
+        self.limit = limit
         self.rtol = rtol
         self.atol = jnp.maximum(atol, SMALLEST_SCALE)
         self.max_step = max_step
@@ -90,7 +97,8 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         size = jnp.where(dt0 > 0.0, dt0, chosen - t0)
         size = jnp.where(jnp.isfinite(size), size, 1e-6 * self.span)
         size = jnp.clip(size, smallest_step(t0, self.span), jnp.minimum(self.span, self.max_step))
-        return t0 + size, Control(memory, size, jnp.array(0), jnp.array(True))
+        cut = size if self.limit is None else jnp.minimum(size, self.limit(t0, y0, args))
+        return t0 + cut, Control(memory, cut, jnp.array(0), jnp.array(True), size)
 
     def adapt_step_size(
         self,
@@ -104,7 +112,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         controller_state: Control,
     ) -> tuple[Any, Any, Any, Any, Control, Any]:
         """See diffrax."""
-        y0, y1_candidate, y_error = lax.stop_gradient((y0, y1_candidate, y_error))
+        y0, y1_candidate, y_error, args = lax.stop_gradient((y0, y1_candidate, y_error, args))
         finite = jnp.all(jnp.isfinite(y1_candidate)) & jnp.all(jnp.isfinite(y_error))
         candidate, error = jnp.where(finite, y1_candidate, y0), jnp.where(finite, y_error, jnp.inf)
         kept, begin, end, jump, memory, result = self.inner.adapt_step_size(
@@ -112,9 +120,14 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         )
         smallest = smallest_step(begin, self.span)
         hopeless = ~kept & (end - begin < smallest)
-        size = jnp.maximum(end - begin, smallest)
+        size = proposed = jnp.maximum(end - begin, smallest)
+        if self.limit is not None:
+            before = controller_state.proposed  # goes on after a step that a knot has cut
+            proposed = jnp.maximum(size, jnp.where(controller_state.size < before, before, 0.0))
+            size = jnp.where(kept, proposed, size)
+            size = jnp.minimum(size, self.limit(begin, jnp.where(kept, candidate, y0), args))
         attempts = controller_state.attempts - 1
         results = diffrax.RESULTS
         result = results.where(attempts <= 0, results.max_steps_reached, result)
         result = results.where(hopeless, results.dt_min_reached, result)
-        return kept, begin, begin + size, jump, Control(memory, size, attempts, finite), result
+        return kept, begin, begin + size, jump, Control(memory, size, attempts, finite, proposed), result

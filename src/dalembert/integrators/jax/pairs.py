@@ -19,6 +19,7 @@ from jax import lax
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Rows
+from .step_limits import limit_at_knots
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]
 
@@ -66,10 +67,14 @@ class PairAttempts:
         The pair.
     moved : bool
         Whether states are moved between steps, so that the slope at the end of one is not that of the next.
+    knots : callable, optional
+        (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
     """
 
-    def __init__(self, rhs: Callable[..., Rows], tableau: Tableau, *, moved: bool) -> None:
-        self._rhs, self._tableau = rhs, tableau
+    def __init__(
+        self, rhs: Callable[..., Rows], tableau: Tableau, *, moved: bool, knots: Callable[..., Rows] | None = None
+    ) -> None:
+        self._rhs, self._tableau, self._knots = rhs, tableau, knots
         self._stages = tableau.end + (1 if tableau.fsal else 0)
         self._goes_on = tableau.fsal and not moved
 
@@ -103,6 +108,9 @@ class PairAttempts:
         """Attempt a step of at most `largest`."""
         proposal, previous, first = memory
         proposed = jnp.maximum(proposal, gains.SMALLEST_OF_TIME * jnp.abs(t))
+        if self._knots is not None:
+            limit = limit_at_knots(self._knots(t, y, batch.c), t, direction)
+            largest = jnp.minimum(largest, limit)
         size = jnp.where(largest <= proposed * gains.STRETCH, largest, proposed)
         h = direction * size
         slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)

@@ -27,6 +27,7 @@ from .control import Control, Controller
 from .precision import double_precision
 from .projected import projecting
 from .record import Record
+from .step_limits import limit_at_knots
 
 if TYPE_CHECKING:
     from .kernels import Kernels
@@ -138,7 +139,14 @@ def equation(kernels: Kernels, settings: Settings, solver: Any) -> tuple[Any, Co
 
     span = settings.t1 - settings.t0
     share = IMPLICIT_SHARE if isinstance(solver, diffrax.AbstractImplicitSolver) else 1.0
-    return diffrax.ODETerm(slope), Controller(share * settings.rtol, share * settings.atol, settings.max_step, span)
+
+    def limit(t: Any, y: Any, settings: Settings) -> Any:
+        time = settings.direction * t
+        return limit_at_knots(kernels["knots"](time, y, settings.constants), time, settings.direction)
+
+    tolerances = share * settings.rtol, share * settings.atol
+    controller = Controller(*tolerances, settings.max_step, span, limit if "knots" in kernels else None)
+    return diffrax.ODETerm(slope), controller
 
 
 def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps: Any) -> tuple[Point, Any]:
