@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
-from .scene import CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, table, unknowns
+from .scene import Controller, CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, table, unknowns
 from .scene.shapes import Box, Cylinder, Disk, Ground, Path, Rod, Sphere, Spring
 from .version import __version__
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Box",
+    "Controller",
     "CoulombFriction",
     "Cylinder",
     "Disk",

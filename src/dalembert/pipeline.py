@@ -148,6 +148,14 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
     if contacts:
         mode = always(contacts)
         if mode is None:
+            if derivation.equations.controllers:
+                raise SceneError(
+                    scene.name,
+                    [
+                        "sampled controllers do not act in scenes whose contacts change: regularize friction, or close"
+                        " the loop by model.prepare and run(state, parameters, inputs) over one period"
+                    ],
+                )
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
     return compile_equations(derivation, options, mode, seconds=derivation.seconds)
 

@@ -277,6 +277,10 @@ class Engine(ABC):
         """The loop of `dalembert.integrators.phase_loop`, for engines that have it."""
         return None
 
+    def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """Return a problem that is integrated in parts, as events cut it, after what happens at its start."""
+        return problem
+
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""
         for i in range(len(block.y)):
@@ -327,6 +331,7 @@ def watched_case(
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
     watch = block.watch
+    problem = engine.begun(problem)
     constants = engine.course(problem)
     watched = block.watch.watched(constants)
     solution, occurrences = integrate_watched(step_blocks, replace(problem, t_eval=None, dense=True), watched)

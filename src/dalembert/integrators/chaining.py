@@ -103,8 +103,13 @@ def chained(
     problem: IntegrationProblem,
     segments: Segments | KnotSegments,
     landing: Landing | None,
+    *,
+    right: bool = False,
 ) -> Solution:
-    """Return the solution of a problem, segment by segment."""
+    """Return the solution of a problem, segment by segment.
+
+    Of the states on both sides of a break, accepted steps hold the first, or where `right` the second.
+    """
     if len(segments) == 1:
         return integrate(replace(problem, constants=segments.of(0)))
     y, left = problem.y0, problem.max_steps
@@ -123,7 +128,7 @@ def chained(
             break
         y = solution.y[-1]
         done.append(_asked(solution, part.t_eval) if recorded else solution)
-    return _joined(done, recorded)
+    return _joined(done, recorded, right=right)
 
 
 def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
@@ -136,9 +141,11 @@ def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False)
     return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
 
 
-def _joined(done: Sequence[Solution], recorded: bool) -> Solution:
+def _joined(done: Sequence[Solution], recorded: bool, *, right: bool) -> Solution:
     """Return solutions that follow each other as one; what accepted steps share is kept once."""
-    first = [0 if recorded or k == 0 else 1 for k in range(len(done))]
+    if right and not recorded:
+        done = [*(_asked(part, part.t) for part in done[:-1]), done[-1]]
+    first = [0 if recorded or right or k == 0 else 1 for k in range(len(done))]
     near = None
     if any(part.near is not None for part in done):
         near = np.concatenate(

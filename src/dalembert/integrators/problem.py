@@ -49,6 +49,19 @@ class Kernels:
 
 
 @final
+@dataclass
+class SamplingClock:
+    """The start of a run, from which instants of controllers count, and the last one at which they acted.
+
+    `wanted` are the times to record of the whole run.
+    """
+
+    origin: float
+    last: float = -np.inf
+    wanted: FloatArray | None = None
+
+
+@final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IntegrationProblem:
     """An initial value problem with its tolerances and what is to be recorded.
@@ -76,6 +89,8 @@ class IntegrationProblem:
         Whether the solution keeps a continuous output.
     inputs
         Records at whose knots steps end, where the constants change; those of the problem are for its start.
+    sampled
+        Of a run with controllers that may be cut elsewhere, what is known of their instants; None for other runs.
 
     Raises
     ------
@@ -95,6 +110,7 @@ class IntegrationProblem:
     max_steps: int = 100_000
     dense: bool = False
     inputs: InputRecords | None = None
+    sampled: SamplingClock | None = None
 
     def __post_init__(self) -> None:
         validate(self)

@@ -28,14 +28,27 @@ class Segments:
         Those of each segment.
     inputs : InputRecords or None
         Records of which the coefficients change within segments, too.
+    acts : tuple of int
+        What controllers do where each segment begins, 0 for nothing; empty without controllers.
     """
 
     edges: FloatArray
     constants: FloatArray
     inputs: InputRecords | None = None
+    acts: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.constants)
+
+    def cut(self, times: FloatArray, acts: NDArray[np.int64]) -> Segments:
+        """Return the segments cut at further times (m,) too, at which controllers do something (m,)."""
+        edges = np.union1d(self.edges, times)  # runs with controllers go forwards
+        if len(self.edges) == 2 and self.edges[0] == self.edges[1]:
+            edges = self.edges
+        done = np.zeros(len(edges) - 1, np.int64)
+        done[np.searchsorted(edges[:-1], times)] = acts
+        constants = self.constants[self.number(edges[:-1])]
+        return Segments(edges, constants, self.inputs, tuple(done.tolist()))
 
     def number(self, t: FloatArray) -> NDArray[np.intp]:
         """Return in which segments times (k,) are: that which begins at a break, the last at the end."""

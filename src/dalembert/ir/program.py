@@ -55,6 +55,8 @@ class Layout:
         Names of the inputs; each has parameters of its own (`dalembert.ir.input_parameters`).
     states : tuple of str
         Names of the first-order states, which are the last components of y.
+    held : tuple of str
+        Names of the inputs that controllers set and hold, which are among the states.
     """
 
     coordinates: tuple[str, ...]
@@ -73,6 +75,7 @@ class Layout:
     assumptions: dict[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     inputs: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
 
     @property
     def given(self) -> tuple[str, ...]:

@@ -107,6 +107,7 @@ LAYOUT_FIELDS: dict[str, _Field] = {
     "assumptions": _ASSUMPTIONS,
     "inputs": _NAMES,
     "states": _NAMES,
+    "held": _NAMES,
     "aliases": _ALIASES,
 }
 

@@ -105,6 +105,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         assumptions=dict(symbols.assumptions),
         inputs=symbols.input_names,
         states=symbols.states,
+        held=symbols.held,
     )
     unprepared = Program(
         equations.name,

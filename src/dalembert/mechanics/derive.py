@@ -70,6 +70,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         conditions=model.conditions,
         states=states,
         state_rates=model.state_rates,
+        controllers=model.controllers,
     )
 
 

@@ -9,7 +9,7 @@ from typing import final
 from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
-from ..scene.model import SymbolTable
+from ..scene.model import ControllerModel, SymbolTable
 from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix
 
@@ -207,6 +207,8 @@ class EquationsOfMotion:
         Conditions on time and parameters alone, each of which is constant within a segment of a run.
     states, state_rates : tuple of Node
         First-order states as inputs, and their rates in time, coordinates, rates and states.
+    controllers : tuple of ControllerModel
+        What changes some of the states at sampling instants.
     """
 
     name: str
@@ -239,6 +241,7 @@ class EquationsOfMotion:
     conditions: tuple[Condition, ...] = ()
     states: tuple[Node, ...] = ()
     state_rates: tuple[Node, ...] = ()
+    controllers: tuple[ControllerModel, ...] = ()
 
     @property
     def variables(self) -> tuple[Node, ...]:

@@ -105,7 +105,11 @@ class _Starting:
         self.fixed: list[tuple[Node, Node]] = []
         self.fixed_labels: list[tuple[str, str]] = []
         self.entered: set[str] = set()
-        missing = [name for name in self.symbols.states if name not in given]
+        for item in equations.controllers:  # what is set at the start anyway
+            if item.offset.is_zero:
+                self.values |= {self.graph.input(u): self.graph.zero for u in item.inputs if u not in given}
+        ready = {str(node.payload) for node in self.values}
+        missing = [name for name in self.symbols.states if name not in (*given, *ready)]
         if missing:
             self._refuse("states", missing, "nothing fixes them")
         for entry in self.symbols.entries:

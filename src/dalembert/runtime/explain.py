@@ -43,6 +43,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         *(f"              {note}" for note in program.notes[1:]),
         f"state         {list_names(layout.state)}",
         *([f"first order   {list_names(layout.states)}"] if layout.states else []),
+        *_controllers(stages),
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),
@@ -58,6 +59,16 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
     return "\n".join([*lines, *(_passes(stages) if passes else [])])
+
+
+def _controllers(stages: Stages) -> list[str]:
+    """Return what each controller sets at its instants."""
+    lines = []
+    for item in stages.equations.controllers:
+        law = "a Python function" if item.function is not None else "expressions"
+        own = f", with the states {list_names(item.states)}" if item.states else ""
+        lines.append(f"{item.name} sets {list_names(item.inputs)} by {law}{own}, and holds them in between")
+    return [f"{'controllers   ' if i == 0 else ' ' * 14}{line}" for i, line in enumerate(lines)]
 
 
 def _automatic(methods: Mapping[str, str], automatic: Mapping[float, str]) -> str:

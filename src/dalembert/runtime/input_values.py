@@ -249,6 +249,8 @@ def _refuse(symbol: InputSymbol, record: Samples, low: float, high: float) -> No
 
 
 def _unknown(layout: Layout, name: str, key: str, names: Sequence[str]) -> str:
+    if name in layout.held:
+        return f"{key!r} is set by a controller of the scene: leave it out of inputs=, or take the controller out"
     if name in layout.parameters:
         return f"{key!r} is a parameter, which is constant: give its value among the parameters, not the inputs"
     if name in layout.initial:

@@ -26,6 +26,7 @@ from ..options import (
     simulate_options,
 )
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
+from ..reduction.sampling_kernels import sampling_kernels
 from ..results.comparison import Comparison
 from ..results.grid import Grid
 from ..results.linearization import Linearization
@@ -34,7 +35,7 @@ from ..results.sampler import CaseSampler
 from ..results.sensitivity import Sensitivity
 from ..results.trajectory import Trajectory
 from ..scene import Scene
-from ..scene.model import InputSymbol
+from ..scene.model import ControllerModel, InputSymbol
 from ..values import option, tolerances
 from . import inputs as run_input
 from .assembly import assembled
@@ -49,6 +50,7 @@ from .linearize import linearize
 from .monitors import conserved
 from .prepare import prepare
 from .prepared import PreparedRun
+from .sampling import WITHOUT, Sampling, refuse_functions, refuse_sampling
 from .segments import at_time, segmented
 from .sensitivity import sensitivity
 from .simulate import simulate
@@ -111,7 +113,9 @@ class CompiledModel(Evaluated):
         stages = compiled.stages
         derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
         landing = landing_of(stages.equations, stages.program, derived.start)
-        engine = segmented(compiled.engine, stages.program, landing)
+        kernels = sampling_kernels(stages.reduced)
+        sampling = None if kernels is None else Sampling(stages.program, kernels)
+        engine = segmented(compiled.engine, stages.program, landing, sampling)
         return cls(stages, engine, compiled.methods, dropped, derived, variants)
 
     # -- what was compiled -----------------------------------------------------------------
@@ -125,6 +129,11 @@ class CompiledModel(Evaluated):
     def _inputs(self) -> tuple[InputSymbol, ...]:
         """The inputs of the scene."""
         return self.stages.equations.symbols.inputs
+
+    @property
+    def _controllers(self) -> tuple[ControllerModel, ...]:
+        """The controllers of the scene."""
+        return self.stages.equations.controllers
 
     @property
     def backend(self) -> str:
@@ -408,6 +417,7 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong for all cases.
         """
+        refuse_functions(self._controllers, "a sweep")
         if to is not None:
             from .stored.sweep import StoreOptions, stored_sweep
 
@@ -479,6 +489,7 @@ class CompiledModel(Evaluated):
         OptionError, FormulationError, UnknownNameError
             For options that do not exist, and integrals that are not known or that the formulation cannot keep.
         """
+        refuse_functions(self._controllers, "a prepared run")
         options = PrepareOptions(
             method=method,
             rtol=rtol,
@@ -531,6 +542,7 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong.
         """
+        refuse_functions(self._controllers, "sensitivity")
         options = SensitivityOptions(
             method=method,
             rtol=rtol,
@@ -584,6 +596,7 @@ class CompiledModel(Evaluated):
         UnknownNameError, ValueInputError, InitialStateError, OptionError
             For input that is wrong.
         """
+        refuse_sampling(self._controllers, "linearize", WITHOUT)
         given = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
         return linearize(self, t, initial, given, states, outputs)
 
@@ -853,6 +866,7 @@ class CompiledModel(Evaluated):
             For names that are not known or not enough.
         """
         require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
+        refuse_sampling(self._controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
         start = None
         if given is not None:
             names = [self.layout.aliases.get(str(name), str(name)) for name in given]

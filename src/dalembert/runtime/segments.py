@@ -21,7 +21,7 @@ from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
 from ..integrators.input_records import InputRecords
-from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.problem import IntegrationProblem, SamplingClock, Solution
 from ..integrators.segments import KnotSegments, Segments
 from ..ir.conditions import Conditions
 from ..ir.interpret import interpret
@@ -30,6 +30,7 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.starting import Start
 from .inputs import prepare_rows
+from .sampling import Sampling
 
 if TYPE_CHECKING:
     from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
@@ -80,22 +81,27 @@ def at_time(program: Program, c: FloatArray, t: float) -> FloatArray:
     return _prepared(program, c[: len(program.layout.parameters)], np.array([t]))[0]
 
 
-def segmented(engine: Engine, program: Program, landing: Landing | None = None) -> Engine:
+def segmented(
+    engine: Engine, program: Program, landing: Landing | None = None, sampling: Sampling | None = None
+) -> Engine:
     """Return an engine that ends steps where functions of time break, or the engine itself where it does so.
 
     `landing` gives the state with which a run goes on from a break of a condition; None leaves it as it is.
+    `sampling` is what controllers do at their instants.
     """
-    if program.conditions is None and (engine.follows_inputs or not program.layout.inputs):
+    if program.conditions is None and sampling is None and (engine.follows_inputs or not program.layout.inputs):
         return engine
-    return SegmentedEngine(engine, program, landing)
+    return SegmentedEngine(engine, program, landing, sampling)
 
 
 @final
 class SegmentedEngine(Engine):
     """An engine that runs every segment with another."""
 
-    def __init__(self, inner: Engine, program: Program, landing: Landing | None = None) -> None:
-        self.inner, self._program, self.landing = inner, program, landing
+    def __init__(
+        self, inner: Engine, program: Program, landing: Landing | None = None, sampling: Sampling | None = None
+    ) -> None:
+        self.inner, self._program, self.landing, self.sampling = inner, program, landing, sampling
         self._kept: dict[tuple[bytes, float, float], Segments] = {}
         self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
 
@@ -117,7 +123,39 @@ class SegmentedEngine(Engine):
         return integrate if self.inner.follows_inputs else between_knots(integrate)
 
     def segments(self, problem: IntegrationProblem) -> Segments:
-        """Return the segments of a problem between changes of its conditions."""
+        """Return the segments of a problem between changes of its conditions, and instants of controllers."""
+        found = self._unsampled(problem)
+        if self.sampling is None:
+            return found
+        wanted = problem.t_eval if problem.sampled is None else problem.sampled.wanted
+        return found.cut(*self.sampling.instants(problem.constants, problem.t0, problem.t1, problem.sampled, wanted))
+
+    def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """See `Engine.begun`."""
+        if self.sampling is None:
+            return problem
+        own = replace(problem, sampled=SamplingClock(problem.t0, wanted=problem.t_eval))
+        return self._begun(own, self.segments(own))[0]
+
+    def _begun(self, problem: IntegrationProblem, segments: Segments) -> tuple[IntegrationProblem, Landing | None]:
+        """Return a problem after what controllers do at its start, and what happens at the breaks of it, in order."""
+        sampling, impulses = self.sampling, self.landing
+        if sampling is None:
+            return problem, impulses
+        acts, program, clock = iter(segments.acts), self._program, problem.sampled
+
+        def act(t: float, y: FloatArray, c: FloatArray) -> FloatArray:
+            number = next(acts)
+            if number and clock is not None:
+                clock.last = t
+            return sampling.act(number, t, y, at_time(program, c, t))
+
+        def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+            return act(t, y if impulses is None else impulses(t, y, before, after), after)
+
+        return replace(problem, y0=act(problem.t0, problem.y0, segments.of(0))), landing
+
+    def _unsampled(self, problem: IntegrationProblem) -> Segments:
         if self._program.conditions is None:
             return Segments(np.array([problem.t0, problem.t1]), problem.constants[np.newaxis], problem.inputs)
         parameters = len(self._program.layout.parameters)
@@ -177,8 +215,9 @@ class SegmentedEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        run = self._following(partial(self.inner.integrate, method=method))
-        return chained(run, problem, self.segments(problem), self.landing)
+        run, segments = self._following(partial(self.inner.integrate, method=method)), self.segments(problem)
+        begun, landing = self._begun(problem, segments)
+        return chained(run, begun, segments, landing, right=self.sampling is not None)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: what one segment found unfit the others do not try."""
@@ -191,11 +230,15 @@ class SegmentedEngine(Engine):
             solution, taken, notes = self.inner.integrate_automatic(part, method)
             return solution
 
-        return chained(self._following(run), problem, self.segments(problem), self.landing), taken, notes
+        segments = self.segments(problem)
+        begun, landing = self._begun(problem, segments)
+        found = chained(self._following(run), begun, segments, landing, right=self.sampling is not None)
+        return found, taken, notes
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`; none of them reaches beyond its segment."""
         segments = self.segments(problem)
+        problem, landing = self._begun(problem, segments)
         parts = parts_of(replace(problem, t_eval=None), segments)
 
         def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
@@ -203,7 +246,7 @@ class SegmentedEngine(Engine):
                 return self.inner.step_blocks(part, method)
             return blocks_between_knots(partial(self.inner.step_blocks, method=method), part)
 
-        yield from chained_blocks(parts, problem, step_blocks, self.landing, lambda k: segments.of(k, ending=True))
+        yield from chained_blocks(parts, problem, step_blocks, landing, lambda k: segments.of(k, ending=True))
 
     def prepared(
         self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
@@ -222,7 +265,7 @@ class SegmentedEngine(Engine):
             if key not in unbroken:
                 unbroken.clear()
                 unbroken[key] = len(break_times(conditions, p, problem.t0, problem.t1)) == 0
-            if unbroken.get(key) and not knots:
+            if unbroken.get(key) and not knots and self.sampling is None:
                 return whole(state, p), whole.status()
             own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
             solution = self.integrate(own, method)
@@ -248,7 +291,7 @@ class SegmentedEngine(Engine):
     ) -> CaseRun | None:
         """See `Engine.sweeper`: where nothing is decided, and nothing narrow happens in any case."""
         conditions = self._conditions
-        if cases.inputs is not None and not self.inner.follows_inputs:
+        if self.sampling is not None or (cases.inputs is not None and not self.inner.follows_inputs):
             return None
         columns = [cases.parameters[i] for i in sorted(conditions.parameters)]
         if conditions.decides or any(len(column) > 1 for column in (*cases.spans, *columns)):
@@ -261,7 +304,7 @@ class SegmentedEngine(Engine):
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: side by side a segment at a time where the engine can, else one by one."""
         knots = block.inputs is not None and not self.inner.follows_inputs
-        if self._program.conditions is None and not knots:
+        if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
         elif knots or block.watch is not None or not _Rounds(self, block, method, result).run():
             super().integrate_block(block, method, result)
@@ -281,15 +324,44 @@ class _Rounds:
 
     def __init__(self, engine: SegmentedEngine, block: CaseBlock, method: str, result: BlockResult) -> None:
         program = engine._program
-        assert program.conditions is not None
         self.inner, self.program, self.block, self.method, self.result = engine.inner, program, block, method, result
-        self.landing = engine.landing
-        self.conditions = program.conditions
+        self.landing, self.sampling = engine.landing, engine.sampling
+        self.conditions = engine._conditions
         self.p = block.c[:, : len(program.layout.parameters)].copy()
         self.start = _going_on(len(program.layout.state))
-        self.starts, self.breaks = break_times_of_cases(
-            program.conditions, self.p, block.spans[:, 0], block.spans[:, 1]
-        )
+        self.starts, self.breaks = break_times_of_cases(self.conditions, self.p, block.spans[:, 0], block.spans[:, 1])
+        self.acts = np.zeros(0, np.int64)
+        if self.sampling is not None:
+            self._sample(self.sampling)
+
+    def _sample(self, sampling: Sampling) -> None:
+        """Add the instants of controllers to the breaks, and to the cases what happens at their starts."""
+        breaks, acts, counts, first = [], [], [], np.zeros(len(self.block.y), np.int64)
+        for i, (t0, t1) in enumerate(self.block.spans.tolist()):
+            own = self.breaks[self.starts[i] : self.starts[i + 1]]
+            whole = Segments(np.concatenate([[t0], own, [t1]]), np.empty((len(own) + 1, 0)))
+            if np.all(np.isfinite([t0, t1])) and np.all(np.isfinite(self.block.c[i])):
+                whole = whole.cut(*sampling.instants(self.block.c[i], t0, t1, None, self.block.t_eval))
+            done = whole.acts or (0,) * len(whole)
+            first[i] = done[0]
+            breaks.append(whole.edges[1:-1])
+            acts.append(np.array(done[1:], np.int64))
+            counts.append(len(done) - 1)
+        self.starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+        self.breaks, self.acts, self.first = np.concatenate(breaks), np.concatenate(acts), first
+
+    def _act(self, some: NDArray[np.intp], now: FloatArray, y: FloatArray, k: int) -> None:
+        """Let controllers act where the segments k of cases begin."""
+        assert self.sampling is not None
+        numbers = self.acts[self.starts[some] + k - 1] if k else self.first[some]
+        some, numbers = some[numbers != 0], numbers[numbers != 0]
+        if not len(some):
+            return
+        p = self.p[some]
+        self.conditions.decide_at(p, now[some])
+        if self.block.inputs is not None:
+            self.block.inputs.write(p, now[some], some)
+        y[some] = self.sampling.act_rows(numbers, now[some], y[some], p, self.inner.rows)
 
     def run(self) -> bool:
         """Run all cases; return whether that could be done."""
@@ -305,6 +377,8 @@ class _Rounds:
             ends[further] = self.breaks[self.starts[some[further]] + k]
             if k and self.landing is not None:
                 self._land(some, now, ends, y, k)
+            if self.sampling is not None:
+                self._act(some, now, y, k)
             done = self._round(some, now[some], ends, y[some], k)
             if done is None:
                 return False

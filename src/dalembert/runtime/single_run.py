@@ -13,7 +13,7 @@ import numpy as np
 from ..integrators.chaining import blocks_between_knots
 from ..integrators.event_code import EventCode
 from ..integrators.events import Occurrence, integrate_watched
-from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.problem import IntegrationProblem, SamplingClock, Solution, prescribed
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from ..results.motion import RunStatistics
@@ -119,6 +119,7 @@ def _watched(
         blocks = partial(engine.step_blocks, method=method)
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
+    problem = engine.begun(problem)
     # what ends modes is watched again and again, so that compiling it pays
     rows = engine.rows if watch.smooth else interpret_rows
     return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows))
@@ -168,6 +169,7 @@ def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solut
     if solution.success:
         return solution
     t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
-    again = model.engine.integrate(replace(problem, t0=float(t), y0=y, t_eval=None, first_step=None), method)
+    rest = replace(problem, t0=float(t), y0=y, t_eval=None, first_step=None, sampled=SamplingClock(problem.t0, t))
+    again = model.engine.integrate(rest, method)
     t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
     return replace(solution, t=t, y=y)

@@ -18,6 +18,7 @@ from . import inputs as run_input
 from .assembly import assembled
 from .input_expansion import held_at, input_places
 from .newton import Root, floored, newton
+from .sampling import WITHOUT, refuse_sampling
 from .singular import redundant
 from .steady_conditions import SteadyConditions
 from .symbol_assumptions import ROUNDING, refuse_contradictions
@@ -43,6 +44,7 @@ def trim(
     model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
+    refuse_sampling(model.stages.equations.controllers, "trim", WITHOUT)
     values = run_input.given_values(model.layout, guess, plain=True)
     p = held_at(model.layout, model.parameter_vector(parameters), options.t)
     free = _free_names(model, options.free)

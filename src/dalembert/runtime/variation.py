@@ -11,13 +11,14 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Engine
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, UnknownNameError, list_names, unknown_name
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..once import deriving
+from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
@@ -26,6 +27,7 @@ from ..transforms.nonsmooth import decisions
 from ..values import listed
 from . import inputs
 from .jumps import moved_breaks, refuse_jumps_at, refuse_jumps_between
+from .sampling import Sampling
 from .segments import segmented, starting_constants
 
 if TYPE_CHECKING:
@@ -122,8 +124,21 @@ def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[
     backend = backend_named(stages.rendered.backend)
     cache = stages.options.cache
     program = variational(stages.reduced, of, wrt)
-    engine = segmented(backend.load(backend.render(program), cache=cache), program)
+    kernels = sampling_kernels(stages.reduced, wrt)
+    if kernels is not None:
+        _refuse_moved(kernels, wrt)
+    sampling = None if kernels is None else Sampling(program, kernels)
+    engine = segmented(backend.load(backend.render(program), cache=cache), program, None, sampling)
     return Variation(tuple(of), tuple(wrt), program, start_tangents(stages.reduced, given, wrt), engine)
+
+
+def _refuse_moved(kernels: SamplingKernels, wrt: Sequence[str]) -> None:
+    moved = [name for name in wrt if name in kernels.moved]
+    if moved:
+        raise OptionError(
+            f"sensitivity: sampling instants of controllers depend on {list_names(moved)}, and derivatives by what"
+            " moves instants are not those of the equations of variation: take differences of two runs of simulate"
+        )
 
 
 def chosen_names(

@@ -1,12 +1,14 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
 from .contacts import CoulombFriction, UnilateralContact
+from .controllers import Controller
 from .orientation import free_orientation
 from .scene import Joint, Scene
 from .tables import table
 from .unknowns import Unknown, unknowns
 
 __all__ = [
+    "Controller",
     "CoulombFriction",
     "Joint",
     "Scene",

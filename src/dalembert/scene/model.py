@@ -6,9 +6,9 @@ pieces, each resolved on one frame, exactly as the user wrote it; nothing is mul
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import final
+from typing import Any, final
 
 from ..ir.graph import Graph, Node
 from ..transforms.conditions import Condition
@@ -20,6 +20,7 @@ __all__ = [
     "Components",
     "ConstraintModel",
     "ContactModel",
+    "ControllerModel",
     "Entry",
     "FrameModel",
     "GivenBody",
@@ -256,6 +257,33 @@ class InputSymbol:
 
 @final
 @dataclass(frozen=True)
+class ControllerModel:
+    """A sampled controller.
+
+    Attributes
+    ----------
+    name : str
+    period, offset : Node
+        Of parameters alone.
+    states, inputs : tuple of str
+        Names of its states, and of the inputs that it sets; all are first-order states without a rate.
+    changes : mapping of str to Node
+        What they are after it has acted, in terms of what everything was before; empty with a function.
+    function : callable or None
+        What computes them instead.
+    """
+
+    name: str
+    period: Node
+    offset: Node
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    changes: Mapping[str, Node]
+    function: Callable[..., Any] | None = None
+
+
+@final
+@dataclass(frozen=True)
 class SymbolTable:
     """The names of a scene and the inputs they stand for.
 
@@ -279,6 +307,8 @@ class SymbolTable:
         Given functions of time; their parameters (`dalembert.ir.input_parameters`) are among the `parameters`.
     states : tuple of str
         Names of the first-order states.
+    held : tuple of str
+        Names of the inputs that controllers set, which are among the states.
     """
 
     time: str
@@ -293,6 +323,7 @@ class SymbolTable:
     offsets: tuple[Offset, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
     states: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -315,7 +346,7 @@ class SceneModel:
     of the scene say themselves. `places` and `vectors` are outputs: number of a point or pieces of a vector, and of an
     axis. `chosen` are names of outputs that are not the text of what they are. `conditions` are those that
     depend on time and parameters alone. `stored` are candidates for the potential energies of the actuators.
-    `state_rates` are the rates of the first-order states.
+    `state_rates` are the rates of the first-order states, `controllers` act at sampling instants.
     """
 
     name: str
@@ -338,5 +369,6 @@ class SceneModel:
     conditions: tuple[Condition, ...] = ()
     stored: tuple[Node | None, ...] = ()
     state_rates: tuple[Node, ...] = ()
+    controllers: tuple[ControllerModel, ...] = ()
     vectors: Mapping[str, tuple[Pieces, int]] = field(default_factory=dict)
     chosen: tuple[str, ...] = ()

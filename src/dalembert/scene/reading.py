@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, final
 
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import dynamicsymbols
 
 from ..errors import TOO_DEEP, SceneError, list_names
 from ..ir.graph import Graph, Node
@@ -15,11 +16,23 @@ from ..naming import rate_name, unwritable
 from ..transforms.derivatives import tangents
 from .actuators import read_actuators
 from .contacts import read_contacts
+from .controllers import controller_symbols, read_controllers
 from .dyadics import matrix_of
 from .expressions import short
 from .geometry import GeometryReader
 from .joint_checks import foreign_points
-from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
+from .model import (
+    Action,
+    BodyModel,
+    Components,
+    ConstraintModel,
+    ContactModel,
+    ControllerModel,
+    GivenMotion,
+    Piece,
+    Pieces,
+    SceneModel,
+)
 from .output_reading import names_as_nodes, read_outputs
 from .prescribed_velocities import located, read_given
 from .scene import Joint, Scene
@@ -89,6 +102,7 @@ class _SceneReader(GeometryReader):
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
         contacts, closing = self._contacts()
         wanted = read_outputs(self, outputs)
+        controllers = self._controllers(nonholonomic)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian)
         symbols = self._symbols(requirements)
         if not self.faults:
@@ -133,6 +147,7 @@ class _SceneReader(GeometryReader):
             conditions=tuple(self.expressions.conditions),
             stored=stored,
             state_rates=state_rates,
+            controllers=controllers,
         )
 
     def _given(self) -> tuple[GivenMotion | None, Node | None]:
@@ -347,6 +362,32 @@ class _SceneReader(GeometryReader):
                 )
                 break
         return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
+
+    def _controllers(self, nonholonomic: Sequence[ConstraintModel]) -> tuple[ControllerModel, ...]:
+        """Return the sampled controllers."""
+        if not self.scene.controllers:
+            return ()
+        found = read_controllers(
+            self.scene, self.graph, self._scalar, lambda: self.graph.mask(self.expressions.parameters), self.faults
+        )
+        sampled, time = controller_symbols(self.scene), dynamicsymbols._t
+        names = [z.func.__name__ for z in sampled]
+        for constraint in nonholonomic:
+            used = [name for name in names if constraint.expression.deps & self.graph.input(name).deps]
+            if used:
+                self.faults.append(
+                    f"{constraint.label}: it depends on {list_names(used)}, which jump at sampling instants, as"
+                    " velocities would. Let a first-order state follow them, with add_states, and write the constraint"
+                    " in that"
+                )
+        self.faults += [
+            f"{z.func.__name__!r} is set at sampling instants and held in between, so that it has no rate; let a"
+            " first-order state follow it, with add_states"
+            for z in sampled
+            if z.diff(time) in self.expressions.met
+        ]
+        self.expressions.timed |= any(item.function is not None for item in found)
+        return found
 
     def _contacts(self) -> tuple[list[ContactModel], list[ConstraintModel]]:
         if not (self.scene.contacts or self.scene.frictions):

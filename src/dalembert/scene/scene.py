@@ -17,6 +17,7 @@ from sympy.physics.vector import Vector
 from ..errors import SceneError, nesting_named
 from . import release_impose
 from .contacts import CoulombFriction, UnilateralContact
+from .controllers import Controller
 from .orientation import FreeOrientation
 from .shapes import Shape, checked_shapes
 
@@ -141,6 +142,7 @@ class Scene:
         self.velocities: tuple[tuple[Point | ReferenceFrame, Vector], ...] = ()
         self.lagrangian: Expr | None = None
         self.states: tuple[tuple[Expr, Expr], ...] = ()
+        self.controllers: tuple[Controller, ...] = ()
 
     @classmethod
     @nesting_named
@@ -283,6 +285,13 @@ class Scene:
         if not isinstance(given, Mapping):
             raise SceneError(self.name, [f"add_states takes a mapping of states to their rates, not {rates!r}"])
         self.states += tuple(given.items())
+
+    def add_controllers(self, *controllers: Controller) -> None:
+        """Add sampled controllers, which set inputs of the scene at instants and hold them in between.
+
+        Their states and the inputs that they set are results by name, and among ``layout.states``.
+        """
+        self.controllers += controllers
 
     def add_friction(self, *laws: CoulombFriction) -> None:
         """Add Coulomb friction between reaction components of joints."""

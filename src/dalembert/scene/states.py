@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import list_names
 from ..naming import rate_name, unwritable
+from .controllers import controller_symbols
 
 if TYPE_CHECKING:
     from ..ir.graph import Node
@@ -38,8 +40,12 @@ def state_symbols(scene: Scene, coordinates: Sequence[Any], fault: Callable[[str
     others |= {str(q.func.__name__): "an angle that a quaternion replaces" for q in angles}
     others |= {str(u.func.__name__): "a speed of the scene" for u in scene.speeds}
     others |= {str(u.func.__name__): "an input of the scene" for u in scene.inputs if hasattr(u, "func")}
+    sampled = controller_symbols(scene)
+    for u in scene.inputs:
+        if u in sampled:
+            others.pop(str(u.func.__name__), None)
     good: dict[str, Any] = {}
-    for z, _ in scene.states:
+    for z in (*(z for z, _ in scene.states), *sampled):
         if not (isinstance(z, AppliedUndef) and z.args == (dynamicsymbols._t,)):
             fault(f"state {z!r} is not a function of time; {_TO_DO}")
             continue
@@ -70,7 +76,8 @@ def read_rates(
     read : callable
         Returns an expression that the motion depends on, at a place, as a node.
     """
-    time, written = dynamicsymbols._t, dict(scene.states)
+    time = dynamicsymbols._t
+    written = dict.fromkeys(symbols, sp.S.Zero) | dict(scene.states)
     names = [rate_name(z.func.__name__) for z in symbols]
     mask, rates = reader.graph.mask(names), []
     for z in symbols:

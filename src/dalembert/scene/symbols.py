@@ -15,6 +15,7 @@ from ..ir.input_parameters import DEGREE, hidden_parameters
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
+from .controllers import controlled_inputs
 from .elapsed import ElapsedTime
 from .entries import entries_of
 from .expressions import ExpressionReader
@@ -85,7 +86,8 @@ class SymbolReader:
     def _functions_of_time(self) -> tuple[Any, ...]:
         """Return the inputs of the scene that can be told apart from everything else."""
         good: list[Any] = []
-        for u in self.scene.inputs:
+        sampled = controlled_inputs(self.scene)
+        for u in (u for u in self.scene.inputs if u not in sampled):
             if not (isinstance(u, AppliedUndef) and u.args == (dynamicsymbols._t,)):
                 self.faults.append(f"input {u!r} is not a function of time; make it with dynamicsymbols")
             elif u in self.coordinates or u in self.scene.speeds:
@@ -213,6 +215,7 @@ class SymbolReader:
             () if self.expressions.clock is None else tuple(self.expressions.clock.offsets.values()),
             tuple(self._input_symbol(u, requirements) for u in self.inputs),
             states,
+            tuple(str(u.func.__name__) for u in controlled_inputs(self.scene) if u in self.states),
         )
 
     def _input_symbol(self, u: Any, requirements: Sequence[Requirement]) -> InputSymbol:

@@ -1,0 +1,194 @@
+"""Sampling instants of controllers, and what happens at them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..errors import CapabilityError, OptionError, ValueInputError, list_names
+from ..integrators.problem import SamplingClock
+from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..methods.step_constants import SMALLEST_OF_TIME
+from ..reduction.sampling_kernels import Action, SamplingKernels
+from ..scene.elapsed import START
+from ..scene.model import ControllerModel
+
+__all__ = ["WITHOUT", "Sampling", "refuse_functions", "refuse_sampling"]
+
+WITHOUT = "compile the scene without them, copy() of it before add_controllers, so that their inputs are given"
+
+_MOST = 10_000_000
+"""Number of instants of one run from which on it is refused."""
+
+Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
+"""Outputs (k, n_out) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """The controllers of one program.
+
+    Which of them act at an instant is a number, with the bit 2^i for controller i.
+    """
+
+    program: Program
+    kernels: SamplingKernels
+
+    def instants(
+        self, c: FloatArray, t0: float, t1: float, clock: SamplingClock | None = None, wanted: FloatArray | None = None
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return the instants (m,) from t0 on, before t1, and which controllers act at each (m,).
+
+        They depend on constants (n_c,).
+
+        With a clock they count from its origin, and those at which controllers have acted are left out. An instant
+        that differs from one of the times `wanted` (k,), in order, by rounding is that.
+
+        Raises
+        ------
+        ValueInputError
+            For periods and offsets that make no sense, and too many instants.
+        OptionError
+            For runs backwards in time.
+        """
+        if t1 < t0:
+            raise OptionError(
+                f"a scene with controllers runs forwards in time, not from t = {t0:g} to {t1:g}: what they held before"
+                " cannot be told from what they hold"
+            )
+        nothing = np.zeros((1, len(self.program.layout.state)))
+        found = interpret_rows(self.kernels.times, np.zeros(1), nothing, c[np.newaxis])[0]
+        periods, offsets = np.split(found, 2)
+        near = SMALLEST_OF_TIME * max(abs(t0), abs(t1))
+        origin, last = (t0, -np.inf) if clock is None else (clock.origin, clock.last)
+        times, acts = [], []
+        for i, (action, period, offset) in enumerate(zip(self.kernels.actions, periods, offsets, strict=True)):
+            if not (period > 0.0 and np.isfinite(period) and offset >= 0.0 and np.isfinite(offset)):
+                raise ValueInputError(
+                    f"controller {action.name!r} has the period {period:g} s and the offset {offset:g} s; the former"
+                    " must be positive and the latter zero or positive, both finite"
+                )
+            count = max(0.0, np.ceil((t1 - origin - offset) / period)) + 1.0
+            if count > _MOST:
+                raise ValueInputError(
+                    f"controller {action.name!r} acts {count:.3g} times between t = {t0:g} and {t1:g}, {_MOST:,} at"
+                    " most are possible: give a longer period, or a shorter span"
+                )
+            own = origin + (offset + period * np.arange(int(count)))
+            own = own[(own > t0 - near) & (own < t1 - near)] if t1 > t0 else own[own == t0]
+            own[own < t0 + near] = t0
+            times.append(own[own > last + near])
+            acts.append(np.full(len(times[-1]), 1 << i, np.int64))
+        found, done = _merged(np.concatenate(times), np.concatenate(acts), near)
+        if wanted is not None and len(wanted):
+            for side in (-1, 0):
+                place = np.clip(np.searchsorted(wanted, found) + side, 0, len(wanted) - 1)
+                found = np.where(np.abs(wanted[place] - found) <= near, wanted[place], found)
+        return found, done
+
+    def act(self, number: int, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return a state (n_y,) after an instant at which some controllers act, for constants (n_c,)."""
+        if not number:
+            return y
+        return self.act_rows(np.array([number]), np.array([t]), y[np.newaxis], c[np.newaxis], interpret_rows)[0]
+
+    def act_rows(
+        self, numbers: NDArray[np.int64], t: FloatArray, y: FloatArray, c: FloatArray, rows: Rows
+    ) -> FloatArray:
+        """Return states (k, n_y) after instants (k,) of many cases, of constants (k, n_c)."""
+        y = y.copy()
+        for i, action in enumerate(self.kernels.actions):
+            some = np.flatnonzero(numbers & (1 << i))
+            if not len(some):
+                continue
+            if action.kernel is not None:
+                y[some[:, np.newaxis], np.array(action.places)] = rows(action.kernel, t[some], y[some], c[some])
+            for k in some if action.function is not None else ():
+                y[k] = self._called(action, float(t[k]), y[k], c[k])
+        return y
+
+    def _called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return a state (n_y,) with what a Python function sets."""
+        layout, n = self.program.layout, len(self.program.layout.coordinates)
+        x = interpret_rows(self.program.kernel("expand"), np.array([t]), y[np.newaxis], c[np.newaxis])[0]
+        states = dict(zip(layout.states, x[2 * n :].tolist(), strict=True))
+        parameters = {name: float(c[layout.parameters.index(name)]) for name in layout.given}
+        t += parameters.get(START, 0.0)
+        assert action.function is not None
+        made: Any = action.function(t, x[:n].copy(), x[n : 2 * n].copy(), states, parameters)
+        try:
+            inputs, own = made
+        except (TypeError, ValueError):
+            raise ValueInputError(
+                f"the function of controller {action.name!r} returned {made!r}; it must return (inputs, states)"
+            ) from None
+        y = y.copy()
+        for what, names, given in (("inputs", action.inputs, inputs), ("states", action.states, own)):
+            for name, value in zip(names, _numbers(action.name, what, names, given), strict=True):
+                y[layout.state.index(name)] = value
+        return y
+
+
+def _merged(times: FloatArray, acts: NDArray[np.int64], near: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return instants in order, those that differ by rounding as one."""
+    order = np.argsort(times, kind="stable")
+    times, acts = times[order], acts[order]
+    if not len(times):
+        return times, acts
+    new = np.diff(times, prepend=-np.inf) > near
+    first = np.flatnonzero(new)
+    return times[first], np.bitwise_or.reduceat(acts, first)
+
+
+def _numbers(controller: str, what: str, names: Sequence[str], given: Any) -> list[float]:
+    """Return the numbers that a function gave to names."""
+    try:
+        if isinstance(given, Mapping):
+            table = {str(getattr(key, "func", key)): value for key, value in given.items()}
+            found = [float(table[name]) for name in names] if set(table) == set(names) else None
+        else:
+            found = [float(value) for value in ([] if given is None else np.atleast_1d(given))]
+    except (TypeError, ValueError):
+        found = None
+    if found is None or len(found) != len(names) or not np.all(np.isfinite(found)):
+        raise ValueInputError(
+            f"the function of controller {controller!r} returned {what} {given!r}; it must give finite numbers for"
+            f" {list_names(names) or 'none'}, in this order or by name"
+        )
+    return found
+
+
+def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
+    """Refuse what cannot call Python functions.
+
+    Raises
+    ------
+    CapabilityError
+        Naming the controllers, with the remedy.
+    """
+    names = [item.name for item in controllers if item.function is not None]
+    if names:
+        raise CapabilityError(
+            f"{what} calls no Python functions, and the laws of controller {list_names(names)} are one: write them as"
+            " expressions, Controller(states={...}, inputs={...}), or call simulate for each run"
+        )
+
+
+def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: str) -> None:
+    """Refuse what does not know of controllers, by their names.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if controllers:
+        names = list_names(item.name for item in controllers)
+        raise CapabilityError(f"{what} does not know of sampled controllers ({names}): {remedy}")

@@ -1,0 +1,259 @@
+"""Sampled controllers, against the closed form of sampled linear loops: a matrix exponential a period."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.linalg import expm
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.codegen import BACKENDS
+from dalembert.errors import (
+    CapabilityError,
+    InitialStateError,
+    OptionError,
+    SceneError,
+    UnknownNameError,
+    ValueInputError,
+)
+from dalembert.reduction import FORMULATIONS
+
+t = dynamicsymbols._t
+x, y, u, v, e, f = dynamicsymbols("x y u v e f")
+m, c, T, r, k_p, k_i, k_d = sp.symbols("m c T r k_p k_i k_d", positive=True)
+START = {x: 0.1, x.diff(): 0, e: 0.2}
+VALUES = {m: 2, c: 0.5, T: 0.1, r: 1, k_p: 8, k_i: 1, k_d: 6}
+TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+A = np.array([[0.0, 1.0, 0.0], [0.0, -0.25, 0.5], [0.0, 0.0, 0.0]])  # x, x_dot, held force
+_MADE = {}
+
+
+def cart(*controllers, inputs=(u,), force=u, states=None):
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("P", P, m))
+    scene.add_inputs(*inputs)
+    scene.add_states(states or {})
+    scene.add_loads((P, (force - c * x.diff()) * N.x))
+    scene.add_controllers(*controllers)
+    return scene
+
+
+def pid(**options):
+    laws = {"states": {e: e + T * (r - x)}, "inputs": {u: k_p * (r - x) + k_i * e - k_d * x.diff()}}
+    return da.Controller("pid", period=T, **{**laws, **options})
+
+
+def model_of(backend="llvm", formulation="auto"):
+    key = backend, formulation
+    if key not in _MADE:
+        _MADE[key] = da.compile_model(cart(pid()), backend=backend, formulation=formulation)
+    return _MADE[key]
+
+
+def loop(count, gain=8.0, step=0.1, z=(0.1, 0.0, 0.0), total=0.2):
+    """Return x, x_dot, u, e right behind each of some instants, and at the end of the last period."""
+    z, found, over = np.array(z), [], expm(A * step)
+    for _ in range(count):
+        z[2] = gain * (1 - z[0]) + total - 6 * z[1]
+        total += step * (1 - z[0])
+        found.append([*z, total])
+        z = over @ z
+    return np.array([*found, [*z, total]])
+
+
+def compare(run, expected, bound=1e-9):
+    for i, name in enumerate(("x", "x_dot", "u", "e")):
+        np.testing.assert_allclose(run[name], expected[:, i], rtol=0, atol=bound, err_msg=name)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_backend_against_the_closed_form(backend):
+    run = model_of(backend).simulate((0, 3), START, VALUES, t_eval=np.linspace(0, 3, 31), **TIGHT)
+    compare(run, loop(30))
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_every_formulation_and_method(formulation):
+    model = model_of(formulation=formulation)
+    for method in model.methods:
+        run = model.simulate((0, 1), START, VALUES, t_eval=np.linspace(0, 1, 11), method=method, **TIGHT)
+        compare(run, loop(10))
+
+
+def test_accepted_steps_and_continuous_output_hold_what_follows_an_instant():
+    run = model_of().simulate((0, 1), START, VALUES, **TIGHT)
+    expected = loop(10)
+    at = np.searchsorted(run.t, np.linspace(0, 1, 11)[:-1] - 1e-12)
+    np.testing.assert_allclose(run["u"][at], expected[:-1, 2], atol=1e-9)
+    assert np.all(np.diff(run.t) > 0)
+    np.testing.assert_allclose(run([0.5, 0.55, 0.59999])["u"], expected[5, 2], atol=1e-9)
+    assert {"u", "e"} <= set(run.names) and "u" in run.to_xarray()
+    late = model_of().simulate((1.7e9, 1.7e9 + 1), START, VALUES, t_eval=1.7e9 + np.array([0.0, 1.0]), **TIGHT)
+    compare(late, expected[[0, -1]])
+
+
+def test_sweeps_are_single_runs():
+    model, times = model_of(), np.linspace(0, 2, 21)
+    values = {**VALUES, k_p: np.array([6.0, 8.0, 10.0]), T: np.array([0.1, 0.05, 0.07])}
+    sweep = model.sweep((0, 2), START, values, t_eval=times, **TIGHT)
+    ends = model.sweep((0, 2), START, values, **TIGHT)
+    watched = model.sweep((0, 2), START, values, reduce={"top": da.maximum(u)}, **TIGHT)
+    for i in range(3):
+        own = {key: np.broadcast_to(value, 3)[i] for key, value in values.items()}
+        run = model.simulate((0, 2), START, own, t_eval=times, **TIGHT)
+        for name in ("x", "u", "e"):
+            np.testing.assert_allclose(sweep[name][i], run[name], rtol=1e-11, atol=1e-12)
+            np.testing.assert_allclose(ends[name][i], run[name][-1], rtol=1e-11, atol=1e-12)
+            np.testing.assert_allclose(watched[name][i], run[name][-1], rtol=1e-9, atol=1e-10)
+        dense = model.simulate((0, 2), START, own, **TIGHT)
+        np.testing.assert_allclose(watched.reduced["top"][i], dense["u"].max(), rtol=1e-9)
+    compare({name: sweep[name][1][:2] for name in ("x", "x_dot", "u", "e")}, loop(3, step=0.05)[[0, 2]])
+
+
+def test_prepared_runs_and_sensitivities():
+    model, expected = model_of(), loop(20)
+    final = model.prepare((0, 2), **TIGHT)(model.state(START, VALUES), model.parameter_vector(VALUES))
+    np.testing.assert_allclose(final, expected[-1][[0, 1, 3, 2]], atol=1e-9)
+    found = model.sensitivity((0, 2), START, VALUES, wrt=[k_p, "e", m], rtol=1e-11, atol=1e-13)
+    assert found.of == ("x", "x_dot", "e", "u")
+    sides = [loop(20, gain=8 + h)[-1] for h in (1e-6, -1e-6)]
+    np.testing.assert_allclose(found.jacobians[-1, :, 0], ((sides[0] - sides[1]) / 2e-6)[[0, 1, 3, 2]], atol=1e-7)
+    sides = [loop(20, total=0.2 + h)[-1] for h in (1e-4, -1e-4)]
+    np.testing.assert_allclose(found.jacobians[-1, :, 1], ((sides[0] - sides[1]) / 2e-4)[[0, 1, 3, 2]], atol=1e-9)
+    with pytest.raises(OptionError, match="instants of controllers depend on T"):
+        model.sensitivity((0, 2), START, VALUES, wrt=[T])
+
+
+def test_several_rates_and_an_offset():
+    """A slow loop sets the speed that a fast one follows; a third, which begins later, adds to the force."""
+    slow = da.Controller("slow", period=0.3, inputs={v: 2 * (r - x)})
+    fast = da.Controller("fast", period=0.1, inputs={u: 5 * (v - x.diff())})
+    late = da.Controller("late", period=0.2, offset=0.15, inputs={y: -x}, states={f: f + 1})
+    scene = cart(slow, fast, late, inputs=(u, v, y), force=u + y)
+    model, start = da.compile_model(scene), {x: 0.1, x.diff(): 0, f: 0}
+    times = np.linspace(0, 1.2, 25)
+    with pytest.raises(InitialStateError, match="missing for the states y"):
+        model.simulate((0, 1.2), start, {m: 2, c: 0.5, r: 1})
+    run = model.simulate((0, 1.2), {**start, y: 0.5}, {m: 2, c: 0.5, r: 1}, t_eval=times, **TIGHT)
+    over, z, speed, force, more, count, found = expm(A * 0.05), np.array([0.1, 0.0, 0.0]), 0.0, 0.0, 0.5, 0, []
+    for k in range(25):
+        if k % 6 == 0 and k < 24:
+            speed = 2 * (1 - z[0])
+        if k % 2 == 0 and k < 24:
+            force = 5 * (speed - z[1])
+        if k >= 3 and (k - 3) % 4 == 0:
+            more, count = -z[0], count + 1
+        z[2] = force + more
+        found.append([z[0], z[1], force, speed, more, count])
+        z = over @ z
+    for i, name in enumerate(("x", "x_dot", "u", "v", "y", "f")):
+        np.testing.assert_allclose(run[name], np.array(found)[:, i], atol=1e-9, err_msg=name)
+
+
+def test_states_of_first_order_and_time_in_laws():
+    """A lag behind a held force, a law in time, and a law that uses the new input in its state."""
+    law = da.Controller("law", period=sp.Rational(1, 5), inputs={u: sp.sin(3 * t) + y}, states={e: u + e})
+    model = da.compile_model(cart(law, force=y, states={y: (u - y) / 2}))
+    run = model.simulate(
+        (0, 1), {x: 0, x.diff(): 0, y: 0.1, e: 0}, {m: 2, c: 0.5}, t_eval=np.linspace(0, 1, 6), **TIGHT
+    )
+    lag, total = 0.1, 0.0
+    for k in range(5):
+        held = np.sin(0.6 * k) + lag
+        total += held
+        np.testing.assert_allclose([run["u"][k], run["e"][k]], [held, total], atol=1e-9)
+        lag = held + (lag - held) * np.exp(-0.1)
+    np.testing.assert_allclose(run["y"][-1], lag, atol=1e-9)
+
+
+def test_events_between_and_at_instants():
+    model, kick = model_of(), {x.diff(): x.diff() + 1}
+    for at in (0.53, 0.5):
+        event = da.Event(t - sp.Rational(str(at)), name="kick", apply=kick)
+        run = model.simulate((0, 1), START, VALUES, events=[event], **TIGHT)
+        swept = model.sweep((0, 1), START, VALUES, events=[event], **TIGHT)
+        before = loop(6)[5]  # right behind the instant at 0.5
+        z = expm(A * (at - 0.5)) @ before[:3] + [0, 1, 0]
+        z = expm(A * (0.6 - at)) @ z
+        expected = loop(4, z=[*z[:2], 0.0], total=before[3])[-1]
+        for found in (run, swept):
+            values = [found[name][-1] for name in ("x", "x_dot", "u", "e")]
+            np.testing.assert_allclose(values, expected, atol=1e-8, err_msg=str(at))
+    crossing = model.simulate((0, 1), START, VALUES, events=[da.Event(u - 1, name="low", terminal=False)], **TIGHT)
+    np.testing.assert_allclose(crossing.events["low"].t, [0.1 * np.flatnonzero(loop(10)[:-1, 2] < 1)[0]], atol=1e-12)
+
+
+def test_python_functions_do_the_same_in_single_runs():
+    calls = []
+
+    def law(now, q, qdot, states, parameters):
+        calls.append(now)
+        p = {name: parameters[name] for name in ("k_p", "k_i", "k_d", "r", "T")}
+        force = p["k_p"] * (p["r"] - q[0]) + p["k_i"] * states["e"] - p["k_d"] * qdot[0]
+        return [force], {"e": states["e"] + p["T"] * (p["r"] - q[0])}
+
+    scene = cart(da.Controller("own", period=T, states=[e], inputs=[u], function=law))
+    scene.add_loads((scene.bodies[0].point, (k_p + k_i + k_d + r - 16) * scene.frame.x))  # so that they are parameters
+    model = da.compile_model(scene)
+    run = model.simulate((2, 3), START, VALUES, t_eval=np.linspace(2, 3, 11), **TIGHT)
+    compare(run, loop(10))
+    np.testing.assert_allclose(calls, 2 + 0.1 * np.arange(10), atol=1e-12)
+    state, p = model.state(START, VALUES), model.parameter_vector(VALUES)
+    for refused in (
+        lambda: model.sweep((0, 1), START, VALUES),
+        lambda: model.prepare((0, 1))(state, p),
+        lambda: model.sensitivity((0, 1), START, VALUES, wrt=["m"]),
+    ):
+        with pytest.raises(CapabilityError, match=r"calls no Python functions, .*own.* write them as expressions"):
+            refused()
+    wrong = da.compile_model(cart(da.Controller("own", period=0.1, inputs=[u], function=lambda *a: ([1, 2], None))))
+    with pytest.raises(ValueInputError, match=r"returned inputs .1, 2.; it must give finite numbers for u"):
+        wrong.simulate((0, 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
+
+
+FAULTS = {
+    "an unknown coordinate": (lambda: pid(inputs={u: -y}), "input 'u' of controller 'pid': y.* is no coordinate"),
+    "no input": (lambda: pid(inputs={v: x}), "gives 'v', which is no input of the scene; declare it with add_inputs"),
+    "nothing": (lambda: pid(inputs={}), "controller 'pid' gives no inputs"),
+    "a period of zero": (lambda: da.Controller("pid", period=0, inputs={u: x}), "period of controller 'pid' is 0 s"),
+    "a period that moves": (
+        lambda: da.Controller("pid", period=x, inputs={u: x}),
+        "period of controller 'pid' must be a number or a function of parameters",
+    ),
+    "a coordinate as state": (lambda: pid(states={x: x}), "state 'x' is a coordinate of the scene too"),
+    "no mapping": (lambda: da.Controller("pid", period=1, inputs=[u]), "without function=, states and inputs must be"),
+    "both": (
+        lambda: da.Controller("pid", period=1, inputs={u: x}, function=max),
+        "with function=, which must be callable, states and inputs list symbols alone",
+    ),
+    "no controller": (lambda: "pid", "'pid' is not a Controller"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named(fault):
+    make, text = FAULTS[fault]
+    with pytest.raises(SceneError, match=text):
+        da.compile_model(cart(make()))
+
+
+def test_what_controllers_cannot_do_is_refused_by_name():
+    model = model_of()
+    with pytest.raises(UnknownNameError, match="'u' is set by a controller of the scene"):
+        model.simulate((0, 1), START, VALUES, inputs={"u": 1.0})
+    with pytest.raises(OptionError, match="runs forwards in time"):
+        model.simulate((1, 0), START, VALUES)
+    for refused in (lambda: model.linearize(0, START, VALUES), lambda: model.trim(START, VALUES)):
+        with pytest.raises(CapabilityError, match=r"does not know of sampled controllers .*pid"):
+            refused()
+    with pytest.raises(SceneError, match="two controllers are called 'pid'"):
+        da.compile_model(cart(pid(), pid()))
+    with pytest.raises(SceneError, match="'u' belongs to controller 'pid' too"):
+        da.compile_model(cart(pid(), da.Controller("more", period=1, inputs={u: x})))
+    with pytest.raises(SceneError, match="'u' is set at sampling instants and held in between, so that it has no rate"):
+        da.compile_model(cart(pid(), force=u.diff()))
+    with pytest.raises(ValueInputError, match=r"acts 1e.* times"):
+        model.simulate((0, 1), START, {**VALUES, T: 1e-9})
+    assert "pid" in model.explain()
