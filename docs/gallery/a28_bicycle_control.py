@@ -78,28 +78,28 @@ K = np.linalg.solve(R + Bd.T @ P @ Bd, Bd.T @ P @ Ad)
 print("gains:", K.round(2), " largest |z|:", abs(np.linalg.eigvals(Ad - Bd @ K)).max().round(3))
 
 # %%
-# The loop is closed around the full model: `model.prepare` runs one period at a time, with the torque held in it.
+# The full model with the regulator, after a push: a rate of lean at the start. The torque is held between instants.
 
-period = model.prepare((0, PERIOD), rtol=1e-10, atol=1e-12)
-places = [model.layout.state.index(name) for name in part]
-level = np.array([np.pi / 2, 0, 0, 0])
-
-
-def ride(push, seconds, gains):
-    """Return times, (lean, steer and their rates) and torques after a push, a rate of lean at the start."""
-    state = model.state(rolling | {"psi_dot": push}, p, inputs={u: 0.0})
-    values = model.parameter_vector(p, inputs={u: 0.0})
-    seen, torques = [state[places] - level], []
-    for _ in range(round(seconds / PERIOD)):
-        torques.append(float(-(gains @ seen[-1])[0]))
-        state = period(state, values, np.array(torques[-1:]))
-        seen.append(state[places] - level)
-    return np.arange(len(seen)) * PERIOD, np.array(seen), np.array(torques)
+gains = symbols("k1:5")
+deviation = [psi - pi / 2, psif, psi.diff(), psif.diff()]
+law = -sum(k * error for k, error in zip(gains, deviation, strict=True))
+scene.add_controllers(da.Controller("regulator", period=PERIOD, inputs={u: law}))
+controlled = da.compile_model(scene, formulation="projected")
 
 
-times, motion, torques = ride(0.3, 4.0, K)
-print(f"lean at most {np.degrees(abs(motion[:, 0]).max()):.1f} degrees, after 4 s {np.degrees(motion[-1, 0]):.3f}")
-assert abs(motion[-1, :2]).max() < 1e-3
+def ride(push, seconds, rows):
+    """Return the ride after a push, with the gains given."""
+    values = p | dict(zip(gains, np.ravel(rows), strict=True))
+    instants = np.arange(round(seconds / PERIOD) + 1) * PERIOD
+    return controlled.simulate(
+        (0, seconds), rolling | {"psi_dot": push}, values, t_eval=instants, rtol=1e-10, atol=1e-12
+    )
+
+
+run = ride(0.3, 4.0, K)
+lean = run["psi"] - np.pi / 2
+print(f"lean at most {np.degrees(abs(lean).max()):.1f} degrees, after 4 s {np.degrees(lean[-1]):.3f}")
+assert abs(lean[-1]) < 1e-3
 
 # %%
 # The check: published matrices, M q'' + v C q' + (g K_0 + v^2 K_2) q = (0, u), for a small push.
@@ -123,18 +123,20 @@ def linear_rates(t, e, torque):
 for _ in range(80):
     expected.append(seen)
     seen = solve_ivp(linear_rates, (0, PERIOD), seen, args=-(K @ seen), rtol=1e-11, atol=1e-16).y[:, -1]
-_, small, _ = ride(1e-4, 4.0, K)
-error = abs(small[:80] - expected).max() / abs(small).max()
+small = ride(1e-4, 4.0, K)
+found = np.stack([small[name] for name in part], axis=1) - [np.pi / 2, 0, 0, 0]
+error = abs(found[:80] - expected).max() / abs(found).max()
 print(f"largest difference of the motions after a small push: {error:.1e} of the largest rate")
 assert error < 1e-6
 
 # %%
-_, falling, _ = ride(0.3, 0.8, 0 * K)
+falling = ride(0.3, 0.8, 0 * K)
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
-left.plot(times, np.degrees(motion[:, 0]), label="lean")
-left.plot(times, np.degrees(motion[:, 1]), label="steer")
-left.plot(times[: len(falling)], np.degrees(falling[:, 0]), "k:", label="lean without control")
+fine = run(np.linspace(0, 4, 500))
+left.plot(fine.t, np.degrees(fine["psi"]) - 90, label="lean")
+left.plot(fine.t, np.degrees(fine["psif"]), label="steer")
+left.plot(falling.t, np.degrees(falling["psi"]) - 90, "k:", label="lean without control")
 left.set(xlabel="t [s]", ylabel="angle [degrees]", ylim=(-2, 25))
 left.legend()
-right.step(times[:-1], torques, where="post")
+right.step(run.t, run["u"], where="post")
 right.set(xlabel="t [s]", ylabel="torque [N m]", xlim=(0, 2))

@@ -485,3 +485,32 @@ def test_states_are_trimmed_and_linearised_too():
         model.trim({"x": 0.0, "x_dot": 0.0}, p, inputs={"u": 0.0})
     with pytest.raises(OptionError, match="2 conditions are to be met by 1 free values"):
         model.trim(rest, p, inputs={"u": 3.0}, free=["x"])
+
+
+def test_a_sampled_loop_designed_with_python_control():
+    """A linear scene under gains of dlqr: its run with a Controller is python-control's own simulation of the loop."""
+    control = pytest.importorskip("control")
+    z, y = dynamicsymbols("z y")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("two_masses", frame=N, origin=O, coordinates=[z, y])
+    P, Q = O.locatenew("P", z * N.x), O.locatenew("Q", y * N.x)
+    scene.add_bodies(Particle("P", P, m), Particle("Q", Q, M))
+    pull = k * (y - z) + c * (y - z).diff()
+    scene.add_inputs(u)
+    scene.add_loads((P, (pull + u) * N.x), (Q, -pull * N.x))
+    plant, p = da.compile_model(scene, backend="numpy"), {"m": 1.0, "M": 0.5, "k": 30.0, "c": 0.1}
+    rest = {"z": 0.0, "y": 0.0, "z_dot": 0.0, "y_dot": 0.0}
+    system = plant.linearize(0.0, rest, p, inputs={u: 0}).to_control()
+    discrete = control.sample_system(system, 0.1)
+    gain, _, _ = control.dlqr(discrete, np.diag([10.0, 10.0, 1.0, 1.0]), np.array([[0.5]]))
+    loop = control.ss(discrete.A - discrete.B @ gain, discrete.B, np.eye(4), 0, 0.1)
+    times = 0.1 * np.arange(41)
+    start = np.array([0.3, -0.2, 0.0, 1.0])
+    expected = control.initial_response(loop, times, start).outputs
+
+    state = sp.Matrix([z, y, z.diff(), y.diff()])
+    scene.add_controllers(da.Controller("lqr", period=sp.Rational(1, 10), inputs={u: -(sp.Matrix(gain) * state)[0]}))
+    closed = da.compile_model(scene, backend="numpy")
+    run = closed.simulate((0.0, 4.0), dict(zip(rest, start, strict=True)), p, t_eval=times, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose([run[name] for name in rest], expected, atol=1e-9)
+    assert np.abs(np.linalg.eigvals(loop.A)).max() < 1.0
