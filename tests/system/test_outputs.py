@@ -95,19 +95,26 @@ def test_values_by_newton(backend, formulation):
 
 
 def test_values_on_jax():
-    """A spring, a joint between two bodies, accelerations and vectors together."""
+    """A spring, a joint between two bodies, accelerations, vectors, and a parameter of an event, in one run."""
+    u, w = dynamicsymbols("u w")
     scene = double_pendulum()
     scene.add_actuators(LinearSpring(k, LinearPathway(O, Q)))
-    R = da.unknowns("R")
-    scene.add_joints(da.Joint("rod", body="q", other="p", at=P, force=R * B.x))
-    outputs = {"acc": ACCELERATION, "alpha": a.diff(T, 2)}
-    given = {**VALUES, k: 3.0}
+    R, S = da.unknowns("R S")
+    scene.add_joints(da.Joint("rod", body="q", other="p", at=P, force=R * B.x + S * B.y))
+    released = scene.release(u, Q, N.x).release(w, Q, N.y)
+    outputs = {"acc": ACCELERATION, "alpha": a.diff(T, 2), "pull": R}
+    level = sp.Symbol("level", positive=True)
+    start = {**START, "u": 0.7 * (np.cos(0.3) + np.cos(0.8)), "w": 0.7 * (np.sin(0.3) + np.sin(0.8))}
     found, wanted = (
-        da.compile_model(scene, backend=backend, outputs=outputs).simulate((0, 0.5), START, given, t_eval=[0, 0.5])
+        da.compile_model(released, backend=backend, outputs=outputs).simulate(
+            (0, 0.5), start, {**VALUES, k: 3.0, level: 0.2}, t_eval=[0, 0.5], events=[da.Event(a - level, name="low")]
+        )
         for backend in ("jax", "numpy")
     )
-    for name in ("acc_x", "acc_y", "acc_z", "alpha"):
+    for name in ("acc_x", "acc_y", "acc_z", "alpha", "pull"):
         np.testing.assert_allclose(found[name], wanted[name], rtol=1e-6, atol=1e-12)
+    assert len(found.events["low"].t) == len(wanted.events["low"].t) > 0
+    np.testing.assert_allclose(found.events["low"].t, wanted.events["low"].t, rtol=1e-6)
     assert np.ptp(found["energy"]) < 1e-6
 
 
