@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError, list_names
 from ..ir.interpret import interpret_rows
-from ..ir.program import Layout
 from ..options import TrimOptions
 from ..results.operating_point import OperatingPoint
 from . import inputs as run_input
 from .assembly import assembled
-from .input_expansion import held_at, input_places
+from .input_expansion import held_at
 from .newton import Root, floored, newton
 from .sampling import WITHOUT, refuse_sampling
 from .singular import redundant
 from .steady_conditions import SteadyConditions
-from .symbol_assumptions import ROUNDING, refuse_contradictions
+from .trim_report import TrimChoice, TrimReport, given_places
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -29,10 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["trim"]
 
 _RANK = 1e-9
-_SHOWN = 1e-3
-"""Share of the largest component of a direction from which on a value belongs to it."""
-
-_MOST_SHOWN = 6
 _SPREAD = 4.0
 """How many times the spread of a condition by rounding may be left of it."""
 
@@ -58,7 +52,7 @@ def trim(
             "the accelerations or constraints are not finite at the guess: start from other values, or check the"
             " parameters that the scene divides by"
         )
-    return _Report(able, conditions, root, chosen, share).point()
+    return TrimReport(able, conditions, root, chosen, share).point()
 
 
 def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, FloatArray]:
@@ -84,12 +78,6 @@ def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> Float
     terms = floored(conditions.terms(root.unknowns), conditions.groups)
     limits = tolerance * terms + _ROUNDING * root.scale + _SPREAD * conditions.rounding(root.unknowns)
     return np.abs(root.residual) / limits
-
-
-def _given_places(layout: Layout) -> dict[str, int]:
-    """Return where among the parameters those of the user and the values of the inputs stand, by name."""
-    places = {name: i for i, name in enumerate(layout.parameters) if name in layout.given}
-    return places | dict(zip(layout.inputs, input_places(layout), strict=True))
 
 
 def _free_names(model: CompiledModel, given: Iterable[Any] | None) -> list[str]:
@@ -159,16 +147,6 @@ def _refuse_undetermined(model: CompiledModel, t: float, x: FloatArray, c: Float
         )
 
 
-@final
-@dataclass(frozen=True)
-class _Chosen:
-    """Names of what may change, of what follows from the constraints besides, and whether `steady` was left out."""
-
-    free: tuple[str, ...]
-    follow: tuple[str, ...]
-    default: bool
-
-
 def _conditions(
     model: CompiledModel,
     options: TrimOptions,
@@ -176,10 +154,10 @@ def _conditions(
     p: FloatArray,
     free: Sequence[str],
     follow: tuple[str, ...],
-) -> tuple[SteadyConditions, _Chosen]:
+) -> tuple[SteadyConditions, TrimChoice]:
     layout = model.layout
     names = layout.variables
-    given = _given_places(layout)
+    given = given_places(layout)
     nonholonomic = len(layout.constraints) > layout.holonomic
     if options.steady is None:
         steady = [name for name in layout.rates if not (nonholonomic and name in follow)] + [*layout.states]
@@ -201,138 +179,4 @@ def _conditions(
         free_p=tuple(i for name, i in given.items() if name in changing),
         steady=tuple(i for i, name in enumerate(names) if name in steady),
     )
-    return conditions, _Chosen(tuple(free), follow, options.steady is None)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Report:
-    """What came of the iteration, in words and by name."""
-
-    model: CompiledModel
-    conditions: SteadyConditions
-    root: Root
-    chosen: _Chosen
-    share: FloatArray
-
-    def point(self) -> OperatingPoint:
-        """Return the result.
-
-        Raises
-        ------
-        OptionError
-            Where more conditions than free values could not be met.
-        """
-        layout, root = self.model.layout, self.root
-        x, p = self.conditions.values(root.unknowns)
-        names = layout.variables
-        c = self.conditions.constants(p)
-        changes = self.conditions.changes(x, c)
-        initial = dict(zip(names, x.tolist(), strict=True))
-        given = {name: float(p[i]) for name, i in _given_places(layout).items()}
-        fault = self._fault(x, c, initial, given)
-        return OperatingPoint(
-            t=self.conditions.t,
-            converged=not fault,
-            message=fault or self._success(),
-            iterations=root.iterations,
-            free=self.chosen.free,
-            initial=initial,
-            parameters={name: given[name] for name in layout.given},
-            inputs={name: given[name] for name in layout.inputs},
-            residual=dict(zip(self.conditions.labels, root.residual.tolist(), strict=True)),
-            derivatives=dict(zip(names, changes.tolist(), strict=True)),
-            undetermined=self._undetermined(),
-            aliases=layout.aliases,
-        )
-
-    def _success(self) -> str:
-        found = f"all {len(self.root.residual)} conditions hold after {self.root.iterations} iterations"
-        lost = self._undetermined()
-        if not lost:
-            return found
-        return (
-            f"{found}; they do not determine {list_names(lost)}, so that each iteration took the least change of the"
-            " free values"
-        )
-
-    def _undetermined(self) -> tuple[str, ...]:
-        directions = self.root.free
-        if not directions.size:
-            return ()
-        share = np.linalg.norm(directions, axis=1)
-        return tuple(name for name, part in zip(self._unknowns(), share, strict=True) if part > _SHOWN)
-
-    def _unknowns(self) -> list[str]:
-        layout = self.model.layout
-        names = layout.variables
-        places = self.conditions
-        given = {i: name for name, i in _given_places(layout).items()}
-        return [names[i] for i in places.free_x] + [given[i] for i in places.free_p]
-
-    def _fault(self, x: FloatArray, c: FloatArray, initial: Mapping[str, float], given: Mapping[str, float]) -> str:
-        """Return why the result is no equilibrium or steady motion; nothing where it is."""
-        layout = self.model.layout
-        if not np.all(self.share <= 1.0):
-            return self._left(x, c)
-        try:
-            refuse_contradictions(layout.assumptions, initial, ROUNDING)
-            refuse_contradictions(layout.assumptions, given)
-        except ValueInputError as reason:
-            return f"all conditions hold, but {reason}"
-        if self.chosen.default:
-            every, covered = self.conditions.accelerations_left(x, c, self.conditions.steady)
-            if covered < every:
-                moving = self._accelerating(x, c)
-                return (
-                    "the conditions hold, but do not determine every acceleration there"
-                    f" ({list_names(moving) or 'the others'} may change): give all rates in the guess, or name in"
-                    " steady what must not change"
-                )
-        return ""
-
-    def _accelerating(self, x: FloatArray, c: FloatArray) -> list[str]:
-        second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
-        limit = 1e-9 * max(1.0, float(np.max(np.abs(second))))
-        return [name for name, a in zip(self.model.layout.rates, second, strict=True) if abs(a) > limit]
-
-    def _left(self, x: FloatArray, c: FloatArray) -> str:
-        """Return what could not vanish, and what to do.
-
-        Raises
-        ------
-        OptionError
-            Where there are more conditions than free values.
-        """
-        root = self.root
-        worst = [i for i in np.argsort(-self.share) if not self.share[i] <= 1.0][:_MOST_SHOWN]
-        left = ", ".join(f"{self.conditions.labels[i]} = {root.residual[i]:.3g}" for i in worst)
-        at = ", ".join(f"{name} = {v:.6g}" for name, v in zip(self._unknowns(), root.unknowns, strict=True))
-        count, unknowns = self._count(x, c), len(root.unknowns)
-        if count > unknowns:
-            raise OptionError(
-                f"{count} conditions are to be met by {unknowns} free values"
-                f" ({list_names(self._unknowns())}), and are not: {left} is left at best, at {at}. Let more be free"
-                " (free=[...]), or name in steady only what must not change; a steady motion may leave out the"
-                " coordinates that follow from velocity constraints"
-            )
-        return (
-            f"not all conditions could be met: {left} is left after {root.iterations} iterations, at {at}. There may be"
-            " no equilibrium or steady motion with the values that are held; otherwise start nearer to it, or let other"
-            " values be free"
-        )
-
-    def _count(self, x: FloatArray, c: FloatArray) -> int:
-        """Return the number of conditions that say something and do not follow from others."""
-        root, groups = self.root, self.conditions.groups
-        unmet = ~(self.share <= 1.0)
-        rows = np.abs(root.jacobian) @ np.maximum(1.0, np.abs(root.unknowns)) / root.scale
-        tells = (rows > _RANK) | unmet
-        count = int(np.count_nonzero(tells & ((groups == 2) | (groups == 4))))
-        for group in (0, 1):
-            own = root.jacobian[groups == group] / root.scale[groups == group, np.newaxis]
-            rank = int(np.linalg.matrix_rank(own, tol=_RANK)) if own.size else 0
-            count += max(rank, int(np.any(unmet[groups == group])))
-        steady = self.conditions.steady
-        _, independent = self.conditions.accelerations_left(x, c, steady)
-        return count + min(independent, int(np.count_nonzero(tells & (groups == 3))))
+    return conditions, TrimChoice(tuple(free), follow, options.steady is None)
