@@ -12,7 +12,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen import BACKENDS
-from dalembert.errors import SceneError, UnknownNameError, ValueInputError
+from dalembert.errors import OptionError, SceneError, UnknownNameError, ValueInputError
 from dalembert.ir.input_parameters import coefficient_places, hidden_parameters
 from dalembert.ir.program import Program
 
@@ -211,3 +211,24 @@ def test_contacts_with_a_constant_input() -> None:
     sweep = model.sweep((0, 1), start, p, inputs={u: np.array([4.0, 9.0])})
     np.testing.assert_allclose(sweep.final["x"], [0.0, 1.0], atol=1e-9)
     assert model.forcing(0.0, [0.0, 0.0], [0.0, 0.0], p, inputs={u: 4.0})[0] == pytest.approx(4.0)
+
+
+def test_traced_runs_take_constant_inputs_among_the_parameters() -> None:
+    jax = pytest.importorskip("jax")
+    model = da.compile_model(forced(), backend="jax")
+    solve = model.solve_fn(["x", "x_dot"])
+    with jax.enable_x64(True):
+        times, start = np.array([0.0, 3.0]), np.array([0.0, 0.0])
+
+        def end(value: Any) -> Any:
+            return solve(times, start, {"m": 1.0, "k": 2.0, "u": value}).y[-1, 0]
+
+        value, slope = jax.value_and_grad(end)(1.5)
+        assert float(value) == pytest.approx(exact(1.5, 3.0), rel=1e-7)
+        assert float(slope) == pytest.approx(exact(1.0, 3.0), rel=1e-6)
+        with pytest.raises(UnknownNameError, match="missing inputs: u"):
+            solve(times, start, {"m": 1.0, "k": 2.0})
+        with pytest.raises(UnknownNameError, match=r"unknown parameter 'w'.*Known: k, m, u\."):
+            solve(times, start, {"m": 1.0, "k": 2.0, "u": 1.0, "w": 1.0})
+        with pytest.raises(OptionError, match="'u' has samples"):
+            end(da.samples([0.0, 3.0], [1.0, 2.0]))

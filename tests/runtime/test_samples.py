@@ -412,6 +412,34 @@ def test_contacts_under_samples_that_let_them_stick_and_slip(backend: str) -> No
     assert final[0] == pytest.approx(wanted, abs=1e-10)
 
 
+def test_a_belt_whose_speed_jumps_is_refused() -> None:
+    N, O = ReferenceFrame("N"), Point("O")
+    F, normal = da.unknowns("F normal")
+    y = dynamicsymbols("y")
+    where = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("belt", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("block", where, m))
+    scene.add_joints(da.Joint("belt", body="block", at=where, force=F * N.x + normal * N.y))
+    scene.add_holonomic_constraints(y)
+    scene.add_loads((where, -k * x * N.x - g * m * N.y))
+    scene.add_friction(da.CoulombFriction(normal, F, slip=x.diff() - u, mu=0.3, name="belt"))
+    scene.add_inputs(u)
+    model, p = da.compile_model(scene), {m: 1.0, k: 5.0, g: 9.8}
+    start = {x: 0.0, x.diff(): 0.0, y: 0.0, y.diff(): 0.0}
+    with pytest.raises(ValueInputError, match=r"slip velocity of 'belt'.*kind='linear' or 'cubic'"):
+        model.simulate((0, 1), start, p, inputs={u: da.samples([0.0, 1.0], [0.0, 1.0], "hold", "hold")})
+    run = model.simulate((0, 1), start, p, inputs={u: da.samples([0.0, 1.0], [0.0, 0.2])}, **TIGHT)
+    assert run["x"][-1] == pytest.approx(0.1, abs=1e-10)  # it sticks, and moves with the belt
+
+
+def test_comparisons_and_estimates_of_errors(models: Any) -> None:
+    run = models().simulate((0.0, 2.0), START, P, inputs=records("hold"), error_estimate=True)
+    assert np.max(run.error_estimate["x"]) < 1e-7
+    table = models().compare_formulations((0.0, 2.0), START, P, inputs=records("linear"))
+    assert sum(row.status == "SUCCESS" for row in table.rows) >= 3
+    assert "inputs        u, v" in models().explain()
+
+
 def test_many_knots_cost_no_table_of_constants(models: Any) -> None:
     model, count = models(), 100_001
     t = np.linspace(0.0, 100.0, count)

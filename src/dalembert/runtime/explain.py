@@ -44,6 +44,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"state         {list_names(layout.state)}",
         *([f"first order   {list_names(layout.states)}"] if layout.states else []),
         *_controllers(stages),
+        *([f"inputs        {list_names(layout.inputs)}"] if layout.inputs else []),
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
         *_stiff(methods),

@@ -104,6 +104,7 @@ class _SceneReader(GeometryReader):
         wanted = read_outputs(self, outputs)
         controllers = self._controllers(nonholonomic)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian)
+        requirements += [(0, f"the slip velocity of {contact.name!r}", contact.slip or ()) for contact in contacts]
         symbols = self._symbols(requirements)
         if not self.faults:
             self.faults += foreign_points(

@@ -15,7 +15,9 @@ from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, following, middles
 from ...integrators.jax.solvers import METHODS
-from ...ir.program import Program, representative
+from ...integrators.samples import Samples
+from ...ir.input_parameters import hidden_parameters
+from ...ir.program import Layout, Program, representative
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
@@ -81,7 +83,8 @@ class Solve:
 
     The arguments are JAX arrays or numbers, and every one may be differentiated: t (n_t,) sorted in either
     direction; `initial` a mapping of the names `given` to scalars, an array (n_given,) in their order, or the state
-    y (n_y,) where nothing was named; p a mapping of all parameters to scalars, or an array (n_p,). Steps are
+    y (n_y,) where nothing was named; p a mapping of all parameters, and inputs that are constant in time, to scalars,
+    or an array (n_p,) as of ``model.parameter_vector``. Steps are
     chosen from the values alone: derivatives are those of the steps taken, at fixed sizes, and those by a time are
     rates. Derivatives of what a run did not reach are NaN.
 
@@ -156,7 +159,9 @@ class Solve:
                 "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        p = _vector("parameter", p, self._program.layout.parameters, self._program.layout.defaults)
+        layout = self._program.layout
+        shown = (*layout.given, *layout.inputs)
+        p = _vector("parameter", _with_inputs(layout, p), layout.parameters, layout.defaults, shown)
         return _solved(self, _times(t), _vector("initial value", initial, self.given), p)
 
     def __eq__(self, other: object) -> bool:
@@ -256,15 +261,55 @@ def _times(t: Any) -> Any:
     return jnp.asarray(times)
 
 
-def _vector(kind: str, values: Any, names: tuple[str, ...], defaults: Mapping[str, float] | None = None) -> Any:
-    """Return an array of values by name, or of an array in their order; some may have defaults."""
+def _with_inputs(layout: Layout, values: Any) -> Any:
+    """Return parameters by name with those that stand for inputs, whose values are among them.
+
+    Raises
+    ------
+    UnknownNameError
+        For inputs without values.
+    OptionError
+        For samples.
+    """
+    if not isinstance(values, Mapping) or not layout.inputs:
+        return values
+    table: dict[str, Any] = {str(key): value for key, value in values.items()}
+    missing = [name for name in layout.inputs if name not in table]
+    if missing:
+        raise UnknownNameError(
+            f"missing inputs: {list_names(missing)}. Give each a number beside the parameters: solve(t, initial,"
+            f" {{..., {missing[0]!r}: 0.0}})"
+        )
+    for name in layout.inputs:
+        value = table.pop(name)
+        if isinstance(value, Samples):
+            raise OptionError(
+                f"input {name!r} has samples, and solve takes numbers, which are constant in time: a traced run does"
+                " not end steps at knots. Use model.simulate or model.sweep, or solve from knot to knot"
+            )
+        knot, constant, *others = hidden_parameters(name)
+        table |= {knot: 0.0, constant: value, **dict.fromkeys(others, 0.0)}
+    return table
+
+
+def _vector(
+    kind: str,
+    values: Any,
+    names: tuple[str, ...],
+    defaults: Mapping[str, float] | None = None,
+    shown: tuple[str, ...] | None = None,
+) -> Any:
+    """Return an array of values by name, or of an array in their order; some may have defaults.
+
+    Messages list the names `shown`.
+    """
     if not isinstance(values, Mapping):
         array = jnp.asarray(values, dtype=float)
         if array.shape != (len(names),):
             raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
         return array
     table = {**(defaults or {}), **{str(key): value for key, value in values.items()}}
-    wrong = [unknown_name(kind, name, names) for name in table if name not in names]
+    wrong = [unknown_name(kind, name, shown or names) for name in table if name not in names]
     missing = [name for name in names if name not in table]
     if missing:
         wrong.append(f"missing {kind}s: {list_names(missing)}")
