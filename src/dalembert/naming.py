@@ -14,8 +14,11 @@ _ACCELERATION_SUFFIX = "_ddot"
 _LONGEST = 500
 """Characters of an identifier; LLVM takes those that differ only beyond 1,024 for one."""
 
-GENERATED = frozenset({"abs", "c", "float", "fn", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"})
-"""Identifiers that generated code uses itself."""
+GENERATED = frozenset(
+    {"abs", "c", "float", "fn", "jnp", "math", "max", "min", "numba", "out", "p", "s", "t", "y"}
+    | {"close", "entry", "orders", "turn"}
+)
+"""Identifiers that generated code uses itself, the last four as labels of Taylor steps in assembly."""
 
 
 def rate_name(coordinate: str) -> str:

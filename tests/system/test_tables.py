@@ -254,3 +254,85 @@ def test_pairs_of_jax_stop_at_knots_and_are_differentiated():
         )(DAMPING)
     exact = model("linear").sensitivity((0, 3), start(), GIVEN, of=[x], wrt=[c], **TIGHT).jacobians[-1]
     assert float(found) == pytest.approx(float(np.ravel(exact)[0]), rel=1e-6)
+
+
+def straight(as_table, argument=x, slope=-3.0, constant=1.0, name="line"):
+    """Return a line as a table with knots all along it, or as it is."""
+    knots = np.linspace(-6, 6, 25)
+    values = slope * knots + constant
+    return da.table(argument, knots, values, name=name) if as_table else slope * argument + constant
+
+
+def on_a_line(as_table):
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("line", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("mass", P, m))
+    scene.add_loads((P, straight(as_table) * N.x))
+    return scene, P
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_tables_of_inputs_and_in_states(method):
+    u, z = dynamicsymbols("u z")
+    times = np.linspace(0, 4, 9)
+    record = da.samples(times, 2.0 * np.sin(3.0 * times), kind="linear")
+    ends = []
+    for as_table in (True, False):
+        scene, P = on_a_line(as_table)
+        scene.add_inputs(u)
+        scene.add_states({z: straight(as_table, z, -1.0, 0.0) + x})
+        scene.add_loads((P, (0.3 * z + straight(as_table, u, 2.0, 0.0)) * N.x))
+        begin = {x: 1.2, x.diff(): 0.3, z: 0.5}
+        run = da.compile_model(scene).simulate((0, 4), begin, {m: 1.0}, inputs={u: record}, method=method, **TIGHT)
+        assert run.success
+        ends.append([run["x"][-1], run["z"][-1]])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-10)
+
+
+def test_events_and_reductions_in_sweeps():
+    bounce = da.Event(x - 1.0, direction=1, apply={x.diff(): -0.9 * x.diff()}, name="bounce")
+    found = []
+    for as_table in (True, False):
+        made = da.compile_model(on_a_line(as_table)[0])
+        cases = made.sweep(
+            (0, 4),
+            {x: np.linspace(-1, 0.9, 9), x.diff(): 1.0},
+            {m: 1.0},
+            events=[bounce],
+            reduce={"hit": da.first_crossing(x - 0.3)},
+            method="taylor",
+            **TIGHT,
+        )
+        found.append([cases["x"], cases.reduced["hit"], cases.events["bounce"].last])
+    for with_table, without in zip(*found, strict=True):
+        np.testing.assert_allclose(with_table, without, atol=1e-9)
+
+
+def test_contacts():
+    y, g = dynamicsymbols("y"), sp.symbols("g", positive=True)
+    X, Y = da.unknowns("X Y")
+    given, ends = {m: 1.0, g: 9.81}, []
+    for as_table in (True, False):
+        scene = da.Scene("hopper", frame=N, origin=O, coordinates=[x, y])
+        Q = O.locatenew("Q", x * N.x + y * N.y)
+        scene.add_bodies(Particle("mass", Q, m))
+        scene.add_loads((Q, straight(as_table) * N.x))
+        scene.apply_uniform_gravity(-g * N.y)
+        scene.add_joints(da.Joint("floor", body="mass", at=Q, force=X * N.x + Y * N.y))
+        scene.add_contacts(da.UnilateralContact(normal=Y, gap=y, restitution=0.3))
+        made = da.compile_model(scene)
+        begin = {x: 1.5, y: 0.2, x.diff(): 0.0, y.diff(): 0.0}
+        run = made.simulate((0, 3), begin, given, **TIGHT)
+        cases = made.sweep((0, 3), begin | {x: [1.0, 1.5]}, given, **TIGHT)
+        assert run.success and np.all(cases.status == 0)
+        ends.append([run["x"][-1], *cases["x"]])
+        if as_table:
+            fast = {x: [1.5, 5.0], y: 0.2, x.diff(): [0.0, 30.0], y.diff(): 0.0}
+            assert list(made.sweep((0, 3), fast, given).status) == [Status.SUCCESS, Status.OUTSIDE_TABLE]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-10)
+
+
+def test_names_of_labels_in_assembly_serve_as_names():
+    from dalembert.naming import Namer
+
+    assert not {Namer()(name) for name in ("entry", "orders", "turn", "close")} & {"entry", "orders", "turn", "close"}

@@ -112,12 +112,12 @@ def _table(namer: Namer, body: list[Assignment], x: Operand, key: Operand, order
     assert not isinstance(key, str) and not isinstance(order, str)
     place = write("piece", "piece", x, key)
     rows = [coefficient_row(int(order), power) for power in range(table_of(key).degree - int(order) + 1)]
-    value = write("entry", "entry", place, key, float(rows[-1]))
+    value = write("number", "entry", place, key, float(rows[-1]))
     if len(rows) == 1:
         return value
     s = write("z", "sub", x, write("origin", "entry", place, key, float(ORIGIN)))
     for row in rows[-2::-1]:
-        value = write("z", "add", write("z", "mul", value, s), write("entry", "entry", place, key, float(row)))
+        value = write("z", "add", write("z", "mul", value, s), write("number", "entry", place, key, float(row)))
     return value
 
 
