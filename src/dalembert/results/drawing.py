@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
-from sympy.core.function import AppliedUndef
-from sympy.physics.mechanics import dynamicsymbols
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, list_names
+from ..scene.shape_values import force_values, length_value, vector_value
 from ..scene.shapes import BODY_SHAPES, Box, Cylinder, Disk, Ground, Path, Rod, Shape, Sphere, Spring
 from . import shape_meshes
 
@@ -177,26 +176,11 @@ class _Builder:
 
     def number(self, expression: Any, name: str) -> float:
         """Return a length as a number."""
-        found = sp.sympify(expression)
-        free = {symbol: self.values[str(symbol)] for symbol in found.free_symbols if str(symbol) in self.values}
-        value = found.subs(free)
-        if not value.is_number or not float(value) > 0.0:
-            known = list_names(list(self.values))
-            raise OptionError(
-                f"shape {name!r}: {expression} is no positive length; it may contain the parameters of the scene:"
-                f" {known}"
-            )
-        return float(value)
+        return length_value(expression, self.values, name)
 
     def vector(self, vector: Any, frame: Any, name: str) -> FloatArray:
         """Return a vector that is fixed in a frame as numbers (3,)."""
-        found = vector.to_matrix(frame)
-        value = found.subs(
-            {symbol: self.values[str(symbol)] for symbol in found.free_symbols if str(symbol) in self.values}
-        )
-        if not all(x.is_number for x in value) or not any(value):
-            raise OptionError(f"shape {name!r}: {vector} is not fixed in the frame {frame}, or is zero")
-        return np.array([float(x) for x in value])
+        return vector_value(vector, frame, self.values, name)
 
     def point(self, point: Any) -> FloatArray:
         """Return the positions (n_t, 3) of a point of the skeleton."""
@@ -294,23 +278,11 @@ class _Builder:
 
     def _force(self, joint: Any, motion: Motion) -> FloatArray:
         """Return the force of a joint (n_t, 3) on the frame of the scene."""
-        components = joint.force.to_matrix(self.scene.frame)
-        functions = sorted(components.atoms(sp.Derivative, AppliedUndef), key=sp.default_sort_key)
-        plain = {f: sp.Dummy() for f in functions}
-        components = components.subs(plain)
-        arrays = {plain[f]: self._known(joint.name, f, motion) for f in functions}
-        for symbol in sorted(components.free_symbols - set(arrays), key=str):
-            if symbol == dynamicsymbols._t:
-                arrays[symbol] = motion.elapsed
-            elif str(symbol) in self.values:
-                arrays[symbol] = np.full(len(motion.t), self.values[str(symbol)])
-            else:
-                arrays[symbol] = self._known(joint.name, symbol, motion)
-        found = sp.lambdify(list(arrays), list(components), "numpy")(*arrays.values())
-        return np.stack([np.broadcast_to(np.asarray(x, dtype=float), len(motion.t)) for x in found], axis=1)
+        known = partial(self._known, joint.name, motion)
+        return force_values(joint.force, self.scene.frame, self.values, motion.elapsed, known)
 
     @staticmethod
-    def _known(joint: str, key: Any, motion: Motion) -> FloatArray:
+    def _known(joint: str, motion: Motion, key: Any) -> FloatArray:
         try:
             return motion[key]
         except UnknownNameError:

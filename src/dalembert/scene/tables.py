@@ -10,9 +10,9 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..errors import ExpressionError, OptionError, ValueInputError, list_names
-from ..ir.tables import Table, registered, value
+from ..ir.tables import Table, array_value, registered, value
 
-__all__ = ["TABLE", "Curve", "TableFunction", "outside", "table"]
+__all__ = ["TABLE", "Curve", "TableFunction", "array_value", "outside", "table"]
 
 TABLE = "table_value"
 """Name of `dalembert.ir.tables.array_value` in generated text."""
