@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
@@ -256,4 +257,53 @@ def test_what_controllers_cannot_do_is_refused_by_name():
         da.compile_model(cart(pid(), force=u.diff()))
     with pytest.raises(ValueInputError, match=r"acts 1e.* times"):
         model.simulate((0, 1), START, {**VALUES, T: 1e-9})
-    assert "pid" in model.explain()
+    assert "pid sets u by expressions, with the states e, and holds them in between" in model.explain()
+    assert "controller pid, every T, sets" in str(da.lagrange(cart(pid())))
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+def test_a_sampled_torque_on_a_sleigh_against_scipy_stopped_at_instants(formulation):
+    scene = da.scenes.chaplygin_sleigh()
+    S, theta = scene.bodies[0].frame, scene.coordinates[2]
+    scene.add_inputs(u)
+    scene.add_loads((S, u * S.z))
+    scene.add_controllers(da.Controller("turn", period=0.25, inputs={u: sp.sin(t) - 2 * theta.diff()}))
+    model = da.compile_model(scene, formulation=formulation)
+    start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": np.cos(0.2), "theta_dot": 0.5}
+    run = model.simulate((0, 2), start, {"m": 1.0, "b": 0.3, "I_C": 0.5}, t_eval=np.linspace(0, 2, 9), **TIGHT)
+    z = np.array([0.0, 0.0, 0.2, 1.0, 0.5])
+    for k in range(8):
+        force = np.sin(0.25 * k) - 2 * z[4]
+        found = [run[name][k] for name in ("x", "y", "theta", "theta_dot", "u")]
+        np.testing.assert_allclose(found, [*z[[0, 1, 2, 4]], force], atol=1e-9)
+
+        def right(s, w, force=force):
+            speeds = [w[3] * np.cos(w[2]), w[3] * np.sin(w[2]), w[4]]
+            return [*speeds, 0.3 * w[4] ** 2, (-0.3 * w[3] * w[4] + force) / 0.5]
+
+        z = solve_ivp(right, (0, 0.25), z, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+    np.testing.assert_allclose(run["theta"][-1], z[2], atol=1e-9)
+
+
+def test_a_case_with_a_period_that_makes_no_sense_fails_alone():
+    period = sp.Symbol("T_s")
+    model = da.compile_model(cart(da.Controller("p", period=period, inputs={u: k_p * (r - x)})))
+    values = {m: 2, c: 0.5, r: 1, k_p: 3, period: np.array([0.1, -1.0, 0.2, 0.0])}
+    sweep = model.sweep((0, 1), {x: 0, x.diff(): 0}, values, t_eval=[0, 1])
+    assert sweep.success.tolist() == [True, False, True, False]
+    alone = model.simulate((0, 1), {x: 0, x.diff(): 0}, {**values, period: 0.2})
+    np.testing.assert_allclose(sweep["x"][2, -1], alone["x"][-1], rtol=1e-9)
+    with pytest.raises(ValueInputError, match="controller 'p' has the period -1 s"):
+        model.simulate((0, 1), {x: 0, x.diff(): 0}, {**values, period: -1.0})
+
+
+def test_a_function_far_from_zero_is_given_the_time_itself():
+    calls = []
+
+    def law(now, q, qdot, states, parameters):
+        calls.append((now, sorted(parameters)))
+        return [0.0], None
+
+    model = da.compile_model(cart(da.Controller("own", period=0.5, inputs=[u], function=law)))
+    model.simulate((1.7e9, 1.7e9 + 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
+    assert calls == [(1.7e9, ["c", "m"]), (1.7e9 + 0.5, ["c", "m"])]

@@ -42,15 +42,24 @@ class Sampling:
     program: Program
     kernels: SamplingKernels
 
+    def schedules(self, c: FloatArray) -> FloatArray:
+        """Return the periods of all controllers, then their offsets (k, 2 n), for constants (k, n_c)."""
+        nothing = np.zeros((len(c), len(self.program.layout.state)))
+        return interpret_rows(self.kernels.times, np.zeros(len(c)), nothing, c)
+
     def instants(
-        self, c: FloatArray, t0: float, t1: float, clock: SamplingClock | None = None, wanted: FloatArray | None = None
+        self,
+        schedule: FloatArray,
+        t0: float,
+        t1: float,
+        clock: SamplingClock | None = None,
+        wanted: FloatArray | None = None,
     ) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the instants (m,) from t0 on, before t1, and which controllers act at each (m,).
 
-        They depend on constants (n_c,).
-
-        With a clock they count from its origin, and those at which controllers have acted are left out. An instant
-        that differs from one of the times `wanted` (k,), in order, by rounding is that.
+        `schedule` is a row of `schedules`. With a clock instants count from its origin, and those at which controllers
+        have acted are left out. An instant that differs from one of the times `wanted` (k,), in order, by rounding is
+        that.
 
         Raises
         ------
@@ -64,9 +73,7 @@ class Sampling:
                 f"a scene with controllers runs forwards in time, not from t = {t0:g} to {t1:g}: what they held before"
                 " cannot be told from what they hold"
             )
-        nothing = np.zeros((1, len(self.program.layout.state)))
-        found = interpret_rows(self.kernels.times, np.zeros(1), nothing, c[np.newaxis])[0]
-        periods, offsets = np.split(found, 2)
+        periods, offsets = np.split(schedule, 2)
         near = SMALLEST_OF_TIME * max(abs(t0), abs(t1))
         origin, last = (t0, -np.inf) if clock is None else (clock.origin, clock.last)
         times, acts = [], []
@@ -120,8 +127,9 @@ class Sampling:
         layout, n = self.program.layout, len(self.program.layout.coordinates)
         x = interpret_rows(self.program.kernel("expand"), np.array([t]), y[np.newaxis], c[np.newaxis])[0]
         states = dict(zip(layout.states, x[2 * n :].tolist(), strict=True))
-        parameters = {name: float(c[layout.parameters.index(name)]) for name in layout.given}
-        t += parameters.get(START, 0.0)
+        places = {name: layout.parameters.index(name) for name in layout.given if not name.startswith(START)}
+        parameters = {name: float(c[i]) for name, i in places.items()}
+        t += float(c[layout.parameters.index(START)]) if START in layout.parameters else 0.0
         assert action.function is not None
         made: Any = action.function(t, x[:n].copy(), x[n : 2 * n].copy(), states, parameters)
         try:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..codegen.base import Engine, Final, Prepared, PreparedStates
+from ..errors import ValueInputError
 from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
@@ -128,7 +129,8 @@ class SegmentedEngine(Engine):
         if self.sampling is None:
             return found
         wanted = problem.t_eval if problem.sampled is None else problem.sampled.wanted
-        return found.cut(*self.sampling.instants(problem.constants, problem.t0, problem.t1, problem.sampled, wanted))
+        schedule = self.sampling.schedules(problem.constants[np.newaxis])[0]
+        return found.cut(*self.sampling.instants(schedule, problem.t0, problem.t1, problem.sampled, wanted))
 
     def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
         """See `Engine.begun`."""
@@ -208,7 +210,11 @@ class SegmentedEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`: the first segment decides."""
-        part = replace(next(parts_of(problem, self.segments(problem))), t_eval=None)
+        try:
+            segments = self.segments(problem)
+        except ValueInputError:  # of a case whose controllers have no instants, which is told where it is run
+            segments = self._unsampled(problem)
+        part = replace(next(parts_of(problem, segments)), t_eval=None)
         if part.inputs is not None and not self.inner.follows_inputs:
             part = next(parts_of(part, KnotSegments(part)))
         return self.inner.fit(part, method)
@@ -330,25 +336,34 @@ class _Rounds:
         self.p = block.c[:, : len(program.layout.parameters)].copy()
         self.start = _going_on(len(program.layout.state))
         self.starts, self.breaks = break_times_of_cases(self.conditions, self.p, block.spans[:, 0], block.spans[:, 1])
-        self.acts = np.zeros(0, np.int64)
+        self.acts, self.bad = np.zeros(0, np.int64), np.zeros(len(block.y), np.bool_)
         if self.sampling is not None:
             self._sample(self.sampling)
 
     def _sample(self, sampling: Sampling) -> None:
-        """Add the instants of controllers to the breaks, and to the cases what happens at their starts."""
-        breaks, acts, counts, first = [], [], [], np.zeros(len(self.block.y), np.int64)
-        for i, (t0, t1) in enumerate(self.block.spans.tolist()):
+        """Add the instants of controllers to the breaks, and to the cases what happens at their starts.
+
+        A case whose periods make no sense fails alone.
+        """
+        spans, schedules = self.block.spans, sampling.schedules(self.block.c)
+        known: dict[bytes, Segments] = {}
+        cuts: list[Segments] = []
+        for i, (t0, t1) in enumerate(spans.tolist()):
             own = self.breaks[self.starts[i] : self.starts[i + 1]]
-            whole = Segments(np.concatenate([[t0], own, [t1]]), np.empty((len(own) + 1, 0)))
-            if np.all(np.isfinite([t0, t1])) and np.all(np.isfinite(self.block.c[i])):
-                whole = whole.cut(*sampling.instants(self.block.c[i], t0, t1, None, self.block.t_eval))
-            done = whole.acts or (0,) * len(whole)
-            first[i] = done[0]
-            breaks.append(whole.edges[1:-1])
-            acts.append(np.array(done[1:], np.int64))
-            counts.append(len(done) - 1)
-        self.starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
-        self.breaks, self.acts, self.first = np.concatenate(breaks), np.concatenate(acts), first
+            key = spans[i].tobytes() + schedules[i].tobytes() + own.tobytes()
+            if key not in known:
+                whole = Segments(np.concatenate([[t0], own, [t1]]), np.empty((len(own) + 1, 0)))
+                try:
+                    if np.all(np.isfinite([t0, t1])):
+                        whole = whole.cut(*sampling.instants(schedules[i], t0, t1, None, self.block.t_eval))
+                except ValueInputError:
+                    self.bad[[np.array_equal(row, schedules[i], equal_nan=True) for row in schedules]] = True
+                known[key] = whole if whole.acts else replace(whole, acts=(0,) * len(whole))
+            cuts.append(known[key])
+        self.starts = np.concatenate([[0], np.cumsum([len(cut) - 1 for cut in cuts])]).astype(np.intp)
+        self.breaks = np.concatenate([cut.edges[1:-1] for cut in cuts])
+        self.acts = np.concatenate([np.array(cut.acts[1:], np.int64) for cut in cuts])
+        self.first = np.array([cut.acts[0] for cut in cuts], np.int64)
 
     def _act(self, some: NDArray[np.intp], now: FloatArray, y: FloatArray, k: int) -> None:
         """Let controllers act where the segments k of cases begin."""
@@ -366,9 +381,11 @@ class _Rounds:
     def run(self) -> bool:
         """Run all cases; return whether that could be done."""
         block, result = self.block, self.result
-        some = np.arange(len(block.y))
+        some = np.flatnonzero(~self.bad)
         now, y = block.spans[:, 0].copy(), block.y.copy()
         result.ends[:] = 0.0
+        result.y[self.bad], result.samples[self.bad] = block.y[self.bad], np.nan
+        result.ends[self.bad, :2] = np.column_stack([now, np.full(len(now), float(Status.NON_FINITE))])[self.bad]
         k = 0
         while len(some):
             left = self.starts[some + 1] - self.starts[some]

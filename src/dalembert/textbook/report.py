@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -177,6 +177,16 @@ def _states(view: LagrangeView) -> Section:
     return Section("First-order states", tuple(_closed(view, view.state_equations.items())))
 
 
+def _controllers(view: LagrangeView) -> Section:
+    lines: list[Line] = []
+    for item in view.scene.controllers:
+        when = f"controller {item.name}, every {text(sp.sympify(item.period))}"
+        for laws in (item.inputs, item.states):
+            if isinstance(laws, Mapping):
+                lines += [(f"{when}, sets", sp.Eq(x, sp.sympify(e), evaluate=False)) for x, e in laws.items()]
+    return Section("Sampled controllers", tuple(lines))
+
+
 def _integrals(view: LagrangeView) -> Section:
     if view.scene.frictions:
         return Section("First integrals", ())
@@ -202,5 +212,6 @@ _SECTIONS: tuple[Callable[[Any], Section], ...] = (
     _reactions,
     _motion,
     _states,
+    _controllers,
     _integrals,
 )
