@@ -170,7 +170,6 @@ def test_names_of_what_a_sweep_has():
 
 def test_what_only_the_model_of_a_mode_has():
     model = da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
-    for name in ("prepare", "sensitivity"):
-        with pytest.raises(AttributeError, match=rf"no '{name}' of its own.*model\.mode\(.*\)\.{name}"):
-            getattr(model, name)
+    with pytest.raises(AttributeError, match=r"no 'sensitivity' of its own.*model\.mode\(.*\)\.sensitivity"):
+        _ = model.sensitivity
     assert not hasattr(model, "velocity") and model.mode().prepare
