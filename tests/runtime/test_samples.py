@@ -440,6 +440,28 @@ def test_comparisons_and_estimates_of_errors(models: Any) -> None:
     assert "inputs        u, v" in models().explain()
 
 
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_a_sampled_controller_sees_what_follows_a_knot(backend: str) -> None:
+    N, O = ReferenceFrame("N"), Point("O")
+    where, (period, gain) = O.locatenew("P", x * N.x), symbols("period gain")
+    scene = da.Scene("sampled controller", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("p", where, m))
+    scene.add_loads((where, (u + v - k * x) * N.x))
+    scene.add_inputs(u, v)
+    scene.add_controllers(da.Controller("law", period=period, inputs={u: -gain * x - 0.3 * v}))
+    model, knots = da.compile_model(scene, backend=backend), np.arange(21) * 0.1
+    values, y = np.random.default_rng(5).normal(size=21), np.array([0.2, 0.1])
+    for i in range(20):  # with a constant force the motion is a cosine about x = force / k
+        force, rate = -1.5 * y[0] + 0.7 * values[i], np.sqrt(2.0 / 1.3)
+        c, s, off = np.cos(0.1 * rate), np.sin(0.1 * rate), y[0] - force / 2.0
+        y = np.array([force / 2.0 + off * c + y[1] / rate * s, y[1] * c - off * rate * s])
+    p, inputs = {**P, period: 0.1, gain: 1.5}, {v: da.samples(knots, values, "hold")}
+    run = model.simulate((0.0, 2.0), START, p, inputs=inputs, **TIGHT)
+    np.testing.assert_allclose([run["x"][-1], run["x_dot"][-1]], y, atol=1e-11)
+    sweep = model.sweep((0.0, 2.0), {**START, x: np.array([0.2, 0.2])}, p, inputs=inputs, **TIGHT)
+    np.testing.assert_allclose(sweep.final["x"], y[0], atol=1e-11)
+
+
 def test_many_knots_cost_no_table_of_constants(models: Any) -> None:
     model, count = models(), 100_001
     t = np.linspace(0.0, 100.0, count)
