@@ -11,6 +11,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
+from dalembert.runtime.hybrid import motion_recorder
 from dalembert.runtime.hybrid import sweep as hybrid_sweep
 from hard_cases.contacts import corner_plate, incline_scene
 
@@ -155,7 +156,7 @@ def test_the_estimate_is_the_error_and_nan_between_the_changes():
     assert known.sum() > 390
     error = np.abs(run["theta"] - exact["theta"])[known]
     assert error.max() > 1e-9
-    np.testing.assert_allclose(estimate[known], error, rtol=0.2, atol=2e-2 * error.max())
+    np.testing.assert_allclose(estimate[known], error, rtol=0.2, atol=0.1 * error.max())  # the twin is interpolated
     steps = plate().simulate((0, 4), TILTED, PLATE, error_estimate=True, **tolerances)
     ends = np.isin(steps.t, [phase.t1 for phase in steps.phases[:-1]])
     assert np.isnan(steps.error_estimate["x_dot"]).sum() <= ends.sum() and np.isfinite(steps.error_estimate["x"][-1])
@@ -308,3 +309,77 @@ def test_a_jump_that_the_constraints_forbid_ends_its_case():
     sweep = belt().sweep((0, [1.0, 0.4]), start, p, events=[push])
     assert [Status(s) for s in sweep.status] == [Status.EVENT_STATE, Status.SUCCESS]
     assert belt().simulate((0, 1), start, p, events=[push]).status is Status.EVENT_STATE
+
+
+# -- records of single runs -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+def test_a_single_run_has_the_bits_of_a_sweep(method):
+    sweep = plate().sweep((0, 3), TILTED, PLATE, method=method)
+    run = plate().simulate((0, 3), TILTED, PLATE, method=method)
+    for name in ("x", "theta", "x_dot", "theta_dot"):
+        assert run[name][-1] == sweep[name][0]
+    assert sweep.steps[0] == run.stats.steps and sweep.phases[0] == len(run.phases)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+def test_a_recorded_run_is_continuous(method):
+    """Between its steps as good as at them; where guards cut steps, too; backwards it returns."""
+    run = plate().simulate((0, 3), TILTED, PLATE, method=method, rtol=1e-9, atol=1e-11)
+    exact = plate().simulate((0, 3), TILTED, PLATE, **FINE)
+    t = np.linspace(0, 3, 601)
+    np.testing.assert_allclose(run(t)["theta"], exact(t)["theta"], atol=2e-7)
+    np.testing.assert_allclose(run(t)["x_dot"], exact(t)["x_dot"], atol=2e-6)
+    for part in run._whole:
+        own = part.motion
+        np.testing.assert_allclose(own(own.t).y, own.y, rtol=0, atol=1e-13)
+    up = ball().simulate(
+        (0.3, 0.0), {**DROPPED, "y": 1 - G * 0.09 / 2, "y_dot": -G * 0.3}, {**BALL, "e": 0.5}, method=method
+    )
+    assert (
+        up(0.0)["y"][0] == pytest.approx(1.0, abs=1e-9)
+        and up.t[0] == 0.3
+        and up(0.1)["y_dot"][0] == pytest.approx(-G * 0.1)
+    )
+
+
+def test_records_longer_than_their_arrays(monkeypatch):
+    """Many steps within a phase, many phases, and many events: the loop returns to Python for room."""
+    options = {"max_step": 1e-3, "events": [da.Event(sp.sin(2000 * TIME), name="tick")]}
+    run = ball().simulate((0, 1.4), DROPPED, {**BALL, "e": 0.6}, **options)
+    assert run.stats.steps > 1400
+    np.testing.assert_allclose(run.events["tick"].t, np.arange(1, 892) * math.pi / 2000, rtol=1e-12)
+    np.testing.assert_array_equal(np.unique(run.events["tick"].direction), [-1, 1])
+    np.testing.assert_allclose(run.events["tick"]["x"], 0.5 * run.events["tick"].t, rtol=1e-12)
+    monkeypatch.setattr(motion_recorder, "_LINES", 3)
+    short = ball().simulate((0, 1.4), DROPPED, {**BALL, "e": 0.6}, rtol=3e-8)
+    plain = ball().simulate((0, 1.4), DROPPED, {**BALL, "e": 0.6})
+    assert [phase.modes for phase in short.phases] == [phase.modes for phase in plain.phases]
+    np.testing.assert_allclose(short.y[-1], plain.y[-1], atol=1e-12)
+
+
+def test_what_is_kept_of_a_run_is_what_was_asked_for():
+    p = {**BALL, "e": 0.5}
+    bare = ball().simulate((0, 1), DROPPED, p, dense=False, events=[da.Event(y - sp.Rational(1, 2), name="half")])
+    assert not bare.can_evaluate and len(bare.events["half"]) == 1
+    np.testing.assert_allclose(bare.events["half"]["y"], 0.5, rtol=1e-14)
+    some = ball().simulate((0, 1), DROPPED, p, t_eval=[0.0, 0.2, 0.9])
+    np.testing.assert_allclose(some["y"][:2], [1, 1 - G * 0.02], rtol=1e-13)
+    assert len(ball().simulate((0.5, 0.5), DROPPED, p).t) == 1
+    first = ball().simulate((0, 1), DROPPED, p, first_step=1e-3, method="dop853")
+    assert first.t[1] <= 1e-3 and len(first.phases) == len(bare.phases)
+    assert ball().simulate((0, 2), DROPPED, p, max_steps=4).status is Status.MAX_STEPS
+
+
+def test_the_state_after_a_jump_is_recorded():
+    yd = y.diff()
+    turn = da.Event(y - sp.Rational(1, 2), direction=-1, apply={yd: -yd / 2}, name="turn", terminal=2)
+    run = ball().simulate((0, 3), DROPPED, {**BALL, "e": 0.5}, events=[turn])
+    fall = math.sqrt(G)
+    np.testing.assert_allclose(run.events["turn"].before["y_dot"], [-fall, -fall / 2], rtol=1e-12)
+    np.testing.assert_allclose(run.events["turn"].after["y_dot"], [fall / 2, fall / 4], rtol=1e-12)
+    assert run["y_dot"][-1] == run.events["turn"].after["y_dot"][-1] and run.t[-1] == run.t[-2] == run.t_end
+    np.testing.assert_array_equal(run.constraint_violation, 0.0)
+    with_gap = ball().simulate((0, 3), DROPPED, {**BALL, "e": 0.5}, events=[turn], method="radau")
+    np.testing.assert_allclose(with_gap.events["turn"].after["y_dot"], [fall / 2, fall / 4], rtol=1e-6)

@@ -308,23 +308,33 @@ def test_the_same_run_twice_is_the_same():
     np.testing.assert_array_equal(first.q, again.q)
 
 
-def test_a_run_seen_ahead_is_the_one_that_watches_for_its_events(monkeypatch):
-    """Compiled code finds all phases."""
+def test_recorded_phases_are_those_that_python_goes_through(monkeypatch):
+    """With and without events, which occur in phases and where these end."""
     model, p = plate_model(FORCE), {**PLATE, "mu": 0.8}
+    angle = da.Event(dynamicsymbols("theta") - sp.Rational(11, 20), name="angle")
+    events = [angle, da.Event(da.unknowns("N_Q") - sp.Rational(83, 10), direction=-1, name="light")]
 
     def simulated(**options):
         return model.simulate((0, 6), at_angle(0.5), p, rtol=1e-11, atol=1e-13, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_simulate.PhasePreview, "preview", lambda *arguments: None)
-        expected = simulated()
+        patched.setattr(hybrid_simulate, "compiled_phases", lambda modes: False)
+        expected, watched = simulated(), simulated(events=events)
     monkeypatch.setattr(hybrid_simulate._Run, "_phase", None)
-    run = simulated()
-    assert modes(run) == modes(expected)
-    np.testing.assert_allclose(begins(run), begins(expected), rtol=0, atol=1e-10)
     times = np.linspace(0, 6, 50)
-    np.testing.assert_allclose(run(times).y, expected(times).y, rtol=0, atol=1e-8)
-    assert run.stats.steps > 30 and simulated(t_eval=times).t.shape == (50,)
+    for run, other in ((simulated(), expected), (simulated(events=events), watched)):
+        assert modes(run) == modes(other)
+        np.testing.assert_allclose(begins(run), begins(other), rtol=0, atol=1e-10)
+        np.testing.assert_allclose(run(times).y, other(times).y, rtol=0, atol=1e-8)
+        assert run.stats.steps > 30 and run.stats.method == "taylor"
+    for name, record in run.events.items():
+        np.testing.assert_allclose(record.t, watched.events[name].t, rtol=0, atol=1e-8)
+        np.testing.assert_array_equal(record.direction, watched.events[name].direction)
+        np.testing.assert_allclose(record.before.y, watched.events[name].before.y, rtol=0, atol=1e-8)
+    assert len(run.events["angle"]) > 3 and len(run.events["light"]) > 3
+    np.testing.assert_allclose(run.events["angle"]["theta"], 0.55, rtol=1e-14)
+    np.testing.assert_allclose(run.events["light"]["N_Q"], 8.3, rtol=1e-12)
+    assert simulated(t_eval=times).t.shape == (50,)
 
 
 # -- sweeps ---------------------------------------------------------------------------------------

@@ -157,6 +157,8 @@ class LoopCall:
         Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
     progress : LoopProgress
         Where the loop is, and whether it returns before its end.
+    steps, occurrences : ndarray
+        Records of a case that is alone (`dalembert.integrators.step_records`), with no rows where none are made.
     held : object
         What must stay alive.
     """
@@ -164,6 +166,8 @@ class LoopCall:
     entry: int
     packed_args: NDArray[np.int64]
     progress: LoopProgress
+    steps: FloatArray
+    occurrences: FloatArray
     held: object
 
 

@@ -224,7 +224,7 @@ class CompiledEngine(Engine):
             return None
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
         wanted, lanes = len(cases.t_eval), self.steps.lanes
-        dense = wanted > 0 or watched is not None
+        dense = wanted > 0 or watched is not None or cases.recorded > 0
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
         if cases.inputs is not None and (watched is not None or (wanted and (position or velocity))):
             return None  # what is watched, and samples that are projected, belong to inputs within the step
@@ -235,6 +235,7 @@ class CompiledEngine(Engine):
             method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if with_series else None
         )
         nothing_each_step = watched is None or (with_series > 0 and not wanted and not watched.kinds)
+        nothing_each_step = nothing_each_step and not cases.recorded
         advance = advance_lanes(lanes) if nothing_each_step and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, with_series)
@@ -246,7 +247,7 @@ class CompiledEngine(Engine):
             result,
             constants,
             self._events_compiled(watched, method, (degree, memory), lanes, with_series),
-            watched is not None,
+            watched is not None or cases.recorded > 0,
         )
 
     def prepared(

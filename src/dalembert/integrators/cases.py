@@ -70,6 +70,8 @@ class CaseColumns:
         Start and end; parameters in the order of the layout; initial values in the order of ``start.given``.
     start : Start
         From given values to states.
+    recorded : int
+        Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
     """
 
     count: int
@@ -84,6 +86,7 @@ class CaseColumns:
     max_steps: int
     watch: EventCode | None = None
     inputs: InputRecords | None = None
+    recorded: int = 0
 
 
 @final

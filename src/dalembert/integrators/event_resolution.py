@@ -28,7 +28,8 @@ def _take_signs(
 ) -> None:
     """Take down the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
     space.one_clock[0, 0] = t
-    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+    if events.begins != 0:
+        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
     for e in range(events.directions.size):
         value, rate, noise = (
             space.one_out[0, 3 * e],
@@ -135,7 +136,7 @@ def _count_together(
         crosses = space.signs[lane, e] * rate * direction < 0.0
         if crosses and space.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
             if change_counts(events.directions[e], -space.signs[lane, e]):
-                count_occurrence(events, space, e, t, happened, case)
+                count_occurrence(events, space, e, t, -space.signs[lane, e], happened, case)
                 space.seen[lane, e] = 1.0
 
 

@@ -141,7 +141,7 @@ def occur(
             break
         if not change_counts(events.directions[e], space.signs[lane, e]):
             continue
-        count_occurrence(events, space, e, now, happened, case)
+        count_occurrence(events, space, e, now, space.signs[lane, e], happened, case)
         if stop < 0.0 and space.happens[0, e] >= 1.0:
             stop = theta
         elif stop < 0.0:
@@ -151,15 +151,22 @@ def occur(
 
 @compiled_subset
 def count_occurrence(
-    events: EventKernels, space: EventWorkspace, e: int, now: float, happened: FloatArray, case: int
+    events: EventKernels, space: EventWorkspace, e: int, now: float, sign: float, happened: FloatArray, case: int
 ) -> None:
-    """Take down an occurrence; it is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5."""
+    """Take down an occurrence, a change to a sign.
+
+    It is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5.
+    """
     if happened[case, 3 * e] == 0.0:
         happened[case, 3 * e + 1] = now
     happened[case, 3 * e] += 1.0
     happened[case, 3 * e + 2] = now
     ends = events.last[e] > 0 and happened[case, 3 * e] >= events.last[e]
     space.happens[0, e] = 2.0 if ends else 1.0 if events.jumps[e] != 0 else 0.5
+    place = int(space.occurrences[0, 0]) + 1 if space.occurrences.shape[0] > 0 else 0
+    if 0 < place < space.occurrences.shape[0]:
+        space.occurrences[0, 0] = float(place)
+        space.occurrences[place, 0], space.occurrences[place, 1], space.occurrences[place, 2] = float(e), now, sign
 
 
 @compiled_subset

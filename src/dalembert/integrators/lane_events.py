@@ -13,7 +13,7 @@ from .projection import FAILED, NONE, WANTED, correct
 from .step_control import largest_step, status_after
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES
+from .workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, ROUNDING
 
 __all__ = ["handle_events", "hold_for_events", "test_steps", "watch_case"]
 
@@ -126,13 +126,16 @@ def _copy_polynomials(arguments: SweepArguments, lane: int, h: float) -> None:
     first, (n, terms) = old + _first_polynomial(arguments), series.shape
     scale = 1.0 if arguments.shape.memory > 0 else h
     for m in range(n):
-        power, total = 1.0, 0.0
+        power, total, size = 1.0, 0.0, 0.0
         for k in range(terms):
             value = states[first + m * terms + k, lane] * power
             series[m, k] = value
             total += value
+            size += abs(value)
             power *= scale
         gap = states[old + m, lane] - total
+        if abs(gap) <= ROUNDING * size:  # a correction by it would bend what begins flatly
+            continue
         series[m, 2] += 3.0 * gap
         series[m, 3] -= 2.0 * gap
 

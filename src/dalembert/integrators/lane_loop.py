@@ -19,6 +19,7 @@ from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
 from .lane_inputs import begin_lane_inputs, pass_lane_knots
 from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
+from .step_records import record_ends, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
 
 __all__ = ["LOOP", "SweepArguments", "sweeping"]
@@ -29,6 +30,8 @@ def _pauses(arguments: SweepArguments) -> bool:
     """Count a round; return whether the loop is to return to Python."""
     progress = arguments.state.progress
     progress.rounds += 1
+    if records_are_full(arguments):
+        return True
     if progress.rounds != progress.patience:
         return False
     progress.rounds = 0
@@ -85,7 +88,9 @@ def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[S
                     project_lanes(arguments)
                 if watched:
                     test_steps(arguments)
+                    record_steps(arguments)
                     handle_events(arguments)
+                    record_ends(arguments)
         return progress.paused
 
     return compiled_subset(loop)

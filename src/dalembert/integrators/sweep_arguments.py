@@ -79,6 +79,8 @@ class SweepArguments(NamedTuple):
         Minima, maxima and integrals are continued in it. With events or any of these, a step writes its polynomials.
     inputs : InputTable
         Records at whose knots steps end.
+    steps : (m, ...) or (0, 0)
+        Gets the steps of a case that is alone (`dalembert.integrators.step_records`).
     """
 
     kernels: SweepKernels
@@ -98,3 +100,4 @@ class SweepArguments(NamedTuple):
     happened: Matrix
     totals: Matrix
     inputs: InputTable
+    steps: Matrix

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..methods.event_constants import DEEPEST
 from ..methods.status import RUNNING
+from ..methods.step_constants import EPSILON
 from ..once import once
 from .arguments import Address, IntVector, Matrix, Record
 
@@ -22,6 +23,7 @@ __all__ = [
     "IDLE",
     "NEXT",
     "NOW",
+    "OCCURRENCE",
     "POINT_LANES",
     "REJECTIONS",
     "RUNNING",
@@ -46,6 +48,12 @@ NOW, END, NEXT = range(3)
 
 ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 """Rows of ``LaneState.tally``."""
+
+ROUNDING = 16.0 * EPSILON
+"""Share of its terms by which a polynomial may miss the end of its step without being corrected."""
+
+OCCURRENCE = 3
+"""Columns of ``EventWorkspace.occurrences``: event, time and sign."""
 
 IDLE = -2
 """Status of a lane without a case."""
@@ -86,7 +94,7 @@ class LoopProgress(Record):
     is 1 then, and it continues where it was when it is called again. This thread is to load the cases from ``coming``
     up to ``last``. Of those made ahead, ``filled`` in number, ``loaded`` is the first and ``place`` the next to enter.
     ``active`` lanes have a case; ``old`` is the first row of the states that steps begin from; ``look`` are the lanes
-    that are looked at after a step, as bits.
+    that are looked at after a step, as bits; so many steps were ``recorded``.
     """
 
     patience: int
@@ -101,6 +109,7 @@ class LoopProgress(Record):
     active: int
     old: int
     look: int
+    recorded: int
 
 
 class LaneState(NamedTuple):
@@ -205,6 +214,9 @@ class EventWorkspace(NamedTuple):
     in the present step, else 0; ``rates`` belong to its beginning.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
+
+    Where ``occurrences`` has rows, it gets event, time and sign of each occurrence, from the second row on; the first
+    has their number.
     """
 
     own: Matrix
@@ -237,6 +249,7 @@ class EventWorkspace(NamedTuple):
     rates: Matrix
     may_change: Matrix
     powers: Matrix
+    occurrences: Matrix
 
 
 def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
@@ -274,6 +287,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         rates=aligned(1, k),
         may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
+        occurrences=np.zeros((0, OCCURRENCE)),
     )
 
 

@@ -316,16 +316,16 @@ class _SamePhases:
 
 def joined_records(
     names: Sequence[str],
-    records: Sequence[tuple[Part, EventRecords]],
+    records: Sequence[Mapping[str, tuple[Part, Part, NDArray[np.int8]]]],
     make: Callable[[Sequence[Part]], HybridTrajectory],
-) -> dict[str, EventRecord]:
-    """Return one record an event from those of all phases; `make` joins motions."""
-    joined = {}
+) -> list[EventRecord]:
+    """Return one record an event from those of all phases; `make` joins motions.
+
+    Those of a phase are, by name, the motion before and after each occurrence, and the signs.
+    """
+    joined = []
     for name in names:
-        mine = [(part, record[name]) for part, record in records]
-        sides = [
-            make([replace(part, motion=getattr(record, side)) for part, record in mine]) for side in ("before", "after")
-        ]
-        directions = np.concatenate([record.direction for _, record in mine])
-        joined[name] = EventRecord(name, directions, sides[0], sides[1])
+        mine = [record[name] for record in records]
+        before, after = make([part for part, _, _ in mine]), make([part for _, part, _ in mine])
+        joined.append(EventRecord(name, np.concatenate([signs for _, _, signs in mine]), before, after))
     return joined

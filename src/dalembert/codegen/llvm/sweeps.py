@@ -16,8 +16,17 @@ from ...integrators.arguments import address_of, pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.input_steps import no_inputs
 from ...integrators.sample_projection import SampleArguments
+from ...integrators.step_records import FIRST_AT
 from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
-from ...integrators.workspace import EventKernels, LaneState, aligned, event_workspace, lane_state, no_event_workspace
+from ...integrators.workspace import (
+    OCCURRENCE,
+    EventKernels,
+    LaneState,
+    aligned,
+    event_workspace,
+    lane_state,
+    no_event_workspace,
+)
 from ...interrupts import STOPPED, check
 from ..base import CaseRun, LoopCall
 from .loops import loop_named
@@ -67,7 +76,7 @@ def case_run(
     constants : (k, n_c) or (0, 0)
         Gets the constants.
     watched : bool
-        Whether there are events or reductions.
+        Whether there are events or reductions, or steps are recorded.
     """
     k, n, wanted = cases.count, shape.n, len(cases.t_eval)
     kernels, (columns, held) = SweepKernels(*codes), _columns(cases)
@@ -87,6 +96,9 @@ def case_run(
     def arguments(turn: NDArray[np.int64]) -> SweepArguments:
         n_s, parameters = 2 + len(settings), len(cases.parameters)
         sizes = n, shape.degree, shape.n_c, n_s, shape.lanes
+        workspace = event_workspace(events, *sizes) if watched else no_event_workspace()
+        if cases.recorded:
+            workspace = workspace._replace(occurrences=np.zeros((1 + cases.recorded, OCCURRENCE)))
         return SweepArguments(
             kernels=kernels,
             shape=CaseShape(n, more - n, shape.degree, shape.memory, parameters, given, checks, k, shape.share),
@@ -101,15 +113,17 @@ def case_run(
             kept_constants=constants,
             state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
             events=events,
-            workspace=event_workspace(events, *sizes) if watched else no_event_workspace(),
+            workspace=workspace,
             happened=result.happened,
             totals=result.totals,
             inputs=no_inputs() if cases.inputs is None else cases.inputs.table(shape.lanes, n + 2 + shape.memory),
+            steps=np.zeros((cases.recorded, FIRST_AT + (shape.degree + 3) * n)) if cases.recorded else np.empty((0, 0)),
         )
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
         made = arguments(turn)
-        return LoopCall(loop.address, pack(made), made.state.progress, (held, made))
+        about = made.state.progress, made.steps, made.workspace.occurrences
+        return LoopCall(loop.address, pack(made), *about, (held, made))
 
     def work() -> None:
         made, code = arguments(turn), loop.call

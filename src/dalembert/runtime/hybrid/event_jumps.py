@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...integrators.contact_cases import UNDECIDED
 from ...integrators.event_code import Event
+from ...integrators.workspace import RUNNING
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
+from ...methods.status import Status
 from .. import inputs
+from .mode_models import Violation
+from .state import HybridState
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -29,42 +34,74 @@ class EventJumps:
     ----------
     model : CompiledModel
         Of the mode in which all that can open is open.
-    events : iterable of Event
+    violation : Violation
+        Tells how that model's motions violate the constraints of the scene.
+    events : sequence of Event
+    names : sequence of str
+        Parameters of the scene.
     """
 
-    def __init__(self, model: CompiledModel, events: Iterable[Event]) -> None:
-        self._model = model
+    def __init__(
+        self, model: CompiledModel, violation: Violation, events: Sequence[Event], names: Sequence[str]
+    ) -> None:
+        self.model, self.violation = model, violation
+        self._events, self._names = tuple(events), tuple(names)
         jumping = [replace(event, terminal=False) for event in events if event.apply is not None]
         self._codes = {event.label: model.derived.events((event,)) for event in jumping}
 
-    def __bool__(self) -> bool:
-        return bool(self._codes)
+    def __contains__(self, label: str) -> bool:
+        return label in self._codes
 
-    def __call__(
-        self, label: str, t: FloatArray, x: FloatArray, p: FloatArray, names: Sequence[str]
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return variables (k, 2 n_q + n_z) after an event, and whether the constraints allow them (k,).
+    def apply(self, state: HybridState, occurred: FloatArray, some: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Map the states of cases by the events that have just occurred in them, whose modes are to be selected then.
 
         Parameters
         ----------
-        label : str
-            Name of the event.
-        t, x : ndarray (k,), (k, 2 n_q)
-            Times [s], coordinates and rates before it.
-        p : ndarray (k, n_p)
-            Parameters of the scene, of these ``names``.
+        state : HybridState
+        occurred : ndarray (n_case, 3 n_events)
+            Number, first and last time of each event.
+        some : ndarray (k,)
+            Numbers of the cases.
+
+        Returns
+        -------
+        ndarray (k,)
+            RUNNING, or the status of cases that end: EVENT_STATE where the constraints forbid the state, EVENT where
+            the event was the last.
         """
-        program, code = self._model.stages.program, self._codes[label]
-        assert code is not None
-        kernel, size = code.jumps[0], len(program.layout.state)
-        assert kernel is not None
-        columns = {name: p[:, i] for i, name in enumerate(names)}
+        status = np.full(len(some), RUNNING, np.int64)
+        for i, event in enumerate(self._events):
+            here = (occurred[some, 3 * i + 2] == state.t[some]) & (status == RUNNING)
+            if event.label in self and np.any(here):
+                cases = some[here]
+                x, allowed = self._mapped(event.label, state.t[cases], state.x[cases], state.c[cases])
+                state.x[cases[allowed]] = x[allowed]
+                status[np.flatnonzero(here)[~allowed]] = Status.EVENT_STATE
+        for i, event in enumerate(self._events):
+            if event.label in self and event.terminal:
+                over = (occurred[some, 3 * i] >= int(event.terminal)) & (status == RUNNING)
+                status[over] = Status.EVENT
+        state.cases.modes[some[status == RUNNING]] = UNDECIDED
+        return status
+
+    def motion_state(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return states (k, n_y) and constants (k, n_c) of `model` at times, variables and parameters."""
+        program = self.model.stages.program
+        columns = {name: p[:, i] for i, name in enumerate(self._names)}
         columns = {name: np.full(len(t), value) for name, value in program.layout.defaults.items()} | columns
         if CONDITION_TIME in columns:
             columns[CONDITION_TIME] = t
         own = np.array([columns[name] for name in program.layout.parameters]).T.reshape(len(t), -1)
         c = inputs.prepare_rows(program, own)
-        y = interpret_rows(program.kernel("initial"), t, x, c)
+        return interpret_rows(program.kernel("initial"), t, x, c), c
+
+    def _mapped(self, label: str, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return variables (k, 2 n_q + n_z) after an event, and whether the constraints allow them (k,)."""
+        program, code = self.model.stages.program, self._codes[label]
+        assert code is not None
+        kernel, size = code.jumps[0], len(program.layout.state)
+        assert kernel is not None
+        y, c = self.motion_state(t, x, p)
         out = interpret_rows(code.start.kernel, t, interpret_rows(kernel, t, y, c), c)
         checks = out[:, size:]
         allowed = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.all(np.isfinite(out), axis=1)

@@ -43,12 +43,15 @@ class ModeModels:
         Returns the model of a mode, compiled when it is first needed.
     engine : callable
         Returns the engine that evaluates kernels which belong to no mode.
+    recorders : dict of str to list of MotionRecorder
+        Recorders of single runs that are not in use, by options and events.
     """
 
     automaton: HybridAutomaton
     decisions: Decisions
     model: Callable[[Mode], CompiledModel]
     engine: Callable[[], Engine]
+    recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
 

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 __all__ = ["GatheredRows", "ModeRunner", "fitting_method", "thread_workspace"]
 
 
+_FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
+"""Rows for records of steps: at least, at most, and times the components of the state."""
+
+
 @final
 @dataclass(frozen=True)
 class GatheredRows:
@@ -72,10 +76,10 @@ class ModeRunner:
         """Components of the state."""
         return len(self.model.layout.state)
 
-    def call(self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64]) -> LoopCall | None:
+    def call(self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64], recorded: bool) -> LoopCall | None:
         """Return the call that runs the cases that are gathered in a memory, None where the engine has none.
 
-        Its next case is `turn` (1,).
+        Its next case is `turn` (1,). If `recorded`, it records the steps of a case that is alone.
         """
         model, names, gathered, k = self.model, tuple(rows.states), memory.gathered, memory.gathered.shape[1]
         start = model.derived.start(names)
@@ -91,6 +95,7 @@ class ModeRunner:
             atol=self.options.atol,
             max_step=self.options.max_step,
             max_steps=self.options.max_steps,
+            recorded=max(_FEWEST_ROWS, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
         )
         happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = memory.y[: k * self.size].reshape(k, self.size)
@@ -134,9 +139,10 @@ def thread_workspace(
     decisions: Decisions,
     table: CaseTable,
     rtol: float,
-    patience: int = 0,
-) -> tuple[ThreadWorkspace, object] | None:
-    """Return memory for one thread, and what must stay alive.
+    patience: int,
+    recorded: bool,
+) -> tuple[ThreadWorkspace, Sequence[LoopCall], object] | None:
+    """Return memory for one thread, the calls of the runners, and what else must stay alive.
 
     None where a runner has no call.
 
@@ -155,6 +161,8 @@ def thread_workspace(
         Relative tolerance.
     patience : int
         Rounds of a loop over lanes after which it returns to Python; 0: it does not.
+    recorded : bool
+        Whether the steps of a case that is alone are recorded.
     """
     size = max((runner.size for runner in runners), default=0)
     events = max((len(runner.events) for runner in runners), default=0)
@@ -167,7 +175,7 @@ def thread_workspace(
     )
     turns, calls = np.zeros(len(runners), np.int64), []
     for i, runner in enumerate(runners):
-        call = runner.call(rows, memory, turns[i : i + 1])
+        call = runner.call(rows, memory, turns[i : i + 1], recorded)
         if call is None:
             return None
         if patience:
@@ -198,4 +206,4 @@ def thread_workspace(
         decision=pack(arguments).reshape(1, -1),
         progress=PhaseProgress(),
     )
-    return made, (calls, arguments)
+    return made, calls, arguments

@@ -428,7 +428,7 @@ class HybridModel(Evaluated):
             options=options,
             events=listed,
             layout=self.layout,
-            jumps=EventJumps(self._model(self._plain(OPEN)), listed),
+            jumps=self._jumps(listed),
         )
         run = simulate(self._modes, request)
         if not options.error_estimate:
@@ -576,7 +576,7 @@ class HybridModel(Evaluated):
             status=status.astype(np.int64),
             t_eval=settings.t_eval,
             reductions=PhaseReductions(table, listed),
-            jumps=EventJumps(self._model(self._plain(OPEN)), listed),
+            jumps=self._jumps(listed),
             options=options,
             threads=settings.threads,
             layout=self.layout,
@@ -654,6 +654,11 @@ class HybridModel(Evaluated):
             run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
         layout = replace(self.layout, state=self.layout.variables)
         return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, span)
+
+    def _jumps(self, events: Sequence[Event]) -> EventJumps:
+        """Return the maps of events."""
+        opened = self._plain(OPEN)
+        return EventJumps(self._model(opened), self._modes.violation(opened), events, self.layout.parameters)
 
     def _complete(self, given: Iterable[str]) -> bool:
         """Return whether values give all coordinates and rates, by themselves or by what stands for them."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codegen.base import CaseRun
+from ...codegen.base import CaseRun, LoopCall
 from ...codegen.llvm.loops import loop_named
 from ...errors import ValueInputError
 from ...hybrid import Mode
@@ -45,11 +47,12 @@ def compiled_phases(modes: ModeModels) -> bool:
 @final
 @dataclass(frozen=True, eq=False)
 class _Threads:
-    """Runners as the loop sees them, and the memory of threads, with what must stay alive."""
+    """Runners as the loop sees them, the memory of threads, the calls of the first, and what must stay alive."""
 
     plan: PhasePlan
     spaces: list[ThreadWorkspace]
     turn: NDArray[np.int64]
+    calls: Sequence[LoopCall]
     held: object
 
     def packed(self, table: CaseTable, order: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -80,6 +83,8 @@ class PhaseExecutor:
         The same arrays, and what is recorded, with nothing in ``order``.
     fits : bool
         Whether "auto" looks at the motions to find a method that fits.
+    recorded : bool
+        Whether the steps of the case, which is alone, are recorded.
     """
 
     def __init__(
@@ -93,6 +98,7 @@ class PhaseExecutor:
         table: CaseTable,
         *,
         fits: bool = True,
+        recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.threads, self.state, self.table = modes, options, threads, state, table
         self.parameters, self.rows = layout.parameters, GatheredRows.of(layout, modes.equations.contacts)
@@ -104,9 +110,10 @@ class PhaseExecutor:
         self.methods: dict[Mode, str | None] = {}
         self.numbers: dict[tuple[Mode, str], int] = {}
         self.runners: list[ModeRunner] = []
-        self._fits = fits and options.automatic
+        self._fits, self._recorded = fits and options.automatic, recorded
         self._made: tuple[tuple[int, int, int], _Threads] | None = None
         self._packed: list[NDArray[np.int64]] = []
+        self.compile_seconds = 0.0
         self._alone = np.zeros(1, np.int64)
 
     # -- runners ---------------------------------------------------------------------------
@@ -123,7 +130,9 @@ class PhaseExecutor:
         alike = self.state.mode_numbers(some)
         for number in np.unique(alike):
             here = some[alike == number]
-            mode = self.modes.automaton.mode(int(number))
+            mode, begin = self.modes.automaton.mode(int(number)), time.perf_counter()
+            self.modes.model(mode)
+            self.compile_seconds += time.perf_counter() - begin
             if mode not in self.methods:
                 self.methods[mode] = self._method(mode, here)
             numbers.runner[here] = self._runner(mode)
@@ -178,13 +187,21 @@ class PhaseExecutor:
         self._place(some[numbers.runner[some] == NOBODY])
         return self._run(np.ascontiguousarray(some[numbers.runner[some] != NOBODY], np.int64))
 
-    def run_alone(self) -> bool:
-        """Run the only case as far as it goes; return whether its mode has a runner."""
-        if self.table.numbers.runner[0] == NOBODY:
-            return self.run(self._alone)
-        return self._run(self._alone)
+    def run_alone(self, paused: Callable[[], None] | None = None) -> bool:
+        """Run the only case as far as it goes; return whether its mode has a runner.
 
-    def _run(self, order: NDArray[np.int64]) -> bool:
+        `paused` is called whenever the loop returns before that.
+        """
+        if self.table.numbers.runner[0] == NOBODY:
+            self._place(self._alone)
+        return self.table.numbers.runner[0] != NOBODY and self._run(self._alone, paused)
+
+    @property
+    def calls(self) -> Sequence[LoopCall]:
+        """The calls of the runners of the only case, as its last run made them."""
+        return () if self._made is None else self._made[1].calls
+
+    def _run(self, order: NDArray[np.int64], paused: Callable[[], None] | None = None) -> bool:
         """Run cases that have runners, or are to begin."""
         if not len(order):
             return False
@@ -194,13 +211,13 @@ class PhaseExecutor:
             self.table.numbers.runner[order] = NOBODY
             return False
         try:
-            self._work(threads, order)
+            self._work(threads, order, paused)
         except KeyboardInterrupt:
             self._made = None  # its loops are in the middle of something
             raise
         return True
 
-    def _work(self, threads: _Threads, order: NDArray[np.int64]) -> None:
+    def _work(self, threads: _Threads, order: NDArray[np.int64], paused: Callable[[], None] | None) -> None:
         """Call the loop, in threads unless a case is alone."""
         loop, threads.turn[0] = loop_named("phase_loop").call, 0
         if not self.threads:
@@ -209,6 +226,8 @@ class PhaseExecutor:
             pointer = ctypes.c_void_p(address_of(self._packed[0]))
             while loop(pointer):
                 check()
+                if paused is not None:
+                    paused()
             return
         packed, begun = threads.packed(self.table, order), itertools.count()
 
@@ -237,12 +256,13 @@ class PhaseExecutor:
         if self._made is not None and self._made[0] == key:
             return self._made[1]
         patience = 0 if self.threads else _PATIENCE
-        about = lanes, self.modes.decisions, self.table, self.options.rtol, patience
+        about = lanes, self.modes.decisions, self.table, self.options.rtol, patience, self._recorded
         made = [thread_workspace(self.runners, self.rows, together, *about) for _ in range(key[2])]
         spaces = [each[0] for each in made if each is not None]
+        calls = [each[1] for each in made if each is not None]
         if len(spaces) < len(made):
             return None
-        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), made)), []
+        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), calls[0], made)), []
         self._activate()
         return self._made[1]
 

@@ -4,30 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from threading import get_ident
-from typing import final
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Final, Prepared, PreparedStates
-from ...integrators.phase_tables import NOT_BEGUN
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import PrepareOptions, SweepOptions
-from ..reductions import Reduction
+from .lone_case import LoneCase
 from .mode_models import ModeModels
-from .output_values import BROKEN, OutputValues
-from .phases import PhaseExecutor, compiled_phases
-from .preview import case_table, no_samples
+from .phases import compiled_phases
 from .reductions import PhaseReductions
 from .request import SweepRequest
-from .state import HybridState
 from .sweep import sweep
 
 __all__ = ["prepared", "with_extension"]
-
-_NOTHING: dict[str, Reduction] = {}
 
 
 def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
@@ -38,18 +31,18 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
     """
     changing = options.inputs is not None and options.inputs.sampled
     compiled = compiled_phases(modes) and modes.conditions is None and not changing
-    own: dict[int, _OneCase] = {}
+    own: dict[int, LoneCase] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:
         if not (np.isfinite(x.sum()) and np.isfinite(p.sum())):
             return np.full_like(x, np.nan), Status.NON_FINITE
         if compiled:
-            held = own.get(get_ident())
-            if held is None:
-                held = own[get_ident()] = _OneCase(modes, layout, t_span, options)
-            found = held.run(x, p)
-            if found is not None:
-                return found
+            case = own.get(get_ident())
+            if case is None:
+                case = own[get_ident()] = LoneCase(modes, layout, options, PhaseReductions({}, ()))
+            case.begin(*t_span, x, p)
+            if case.run():
+                return case.state.x[0].copy(), Status(int(case.table.numbers.state[0]))
         return _swept(modes, layout, t_span, options, x, p)
 
     return PreparedStates(run)
@@ -63,42 +56,6 @@ def with_extension(run: Prepared, extended: Callable[[FloatArray], FloatArray]) 
         return final, run.status()
 
     return PreparedStates(called)
-
-
-@final
-class _OneCase:
-    """A case that is run again and again, and its memory."""
-
-    def __init__(self, modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> None:
-        self.modes, self.layout = modes, layout
-        contacts, nothing = len(modes.equations.contacts), PhaseReductions(_NOTHING, ())
-        sizes = len(layout.variables), len(layout.parameters)
-        t0, t1 = (np.array([t]) for t in t_span)
-        x, c = (np.zeros((1, size)) for size in sizes)
-        self.state = HybridState.starting(t0, x, c, t1 - t0, contacts, len(layout.states))
-        table = case_table(self.state, t1, nothing, np.zeros(0), no_samples(), np.empty((0, 0)))
-        self.executor = PhaseExecutor(modes, layout, options, 0, nothing, self.state, table, fits=False)
-        self.numbers = table.numbers
-        changing = (self.state.t, *self.state.cases, *self.numbers)
-        self.begins = [(values, values.copy()) for values in changing]
-
-    def run(self, x: FloatArray, p: FloatArray) -> Final | None:
-        """Return the final state and the status; None where the loop over phases cannot run the motion."""
-        for values, begin in self.begins:
-            values[...] = begin
-        state, numbers = self.state, self.numbers
-        state.x[0], state.c[0], numbers.state[0], numbers.runner[0] = x, p, RUNNING, NOT_BEGUN
-        while numbers.state[0] == RUNNING:
-            if not self.executor.run_alone():
-                return None
-        status = Status(numbers.state[0])
-        return state.x[0].copy(), self._jammed() if status in BROKEN else status
-
-    def _jammed(self) -> Status:
-        """Return the status of a failure, that of a paradox near one."""
-        values = OutputValues(self.modes, self.layout, self.state.c)
-        hopeless = values.jammed(self.state.states(np.zeros(1, np.intp), self.numbers.history))[0]
-        return Status.CONTACT_IMPOSSIBLE if hopeless else Status(self.numbers.state[0])
 
 
 def _swept(
@@ -118,7 +75,7 @@ def _swept(
         p=p[np.newaxis],
         status=np.array([RUNNING]),
         t_eval=None,
-        reductions=PhaseReductions(_NOTHING, ()),
+        reductions=PhaseReductions({}, ()),
         jumps=None,
         options=SweepOptions(
             method=options.method,

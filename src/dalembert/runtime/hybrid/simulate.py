@@ -3,37 +3,37 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from ...arrays import FloatArray
-from ...errors import InitialStateError, ValueInputError
+from ...errors import InitialStateError
 from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
-from ...hybrid.modes import STATES
 from ...integrators.contact_cases import NOISE, UNDECIDED
 from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
-from ...integrators.contact_table import GAP, MU, MU_STATIC, RESTITUTION
+from ...integrators.contact_table import GAP
 from ...integrators.event_code import Event
+from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...mechanics.equations import Guard
 from ...methods.status import Status
 from ...options import SimulateOptions
-from ...results.events import EventRecords
-from ...results.hybrid import HybridTrajectory, Part, Phase, joined_records
+from ...results.hybrid import HybridTrajectory, Part, Phase
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
-from .. import inputs
 from ..input_values import GivenInputs
-from ..simulate import simulate_from_state, simulate_in_own_time
+from ..simulate import simulate_in_own_time
 from .decisions import flag
 from .event_jumps import EventJumps
 from .mode_models import ModeModels
+from .motion_recorder import MotionRecorder, RecordedPhase, recorder_of, trajectories
 from .output_values import BROKEN, JAMMED
+from .phase_events import PhaseEvents, after_jump, event_history
 from .phases import compiled_phases
-from .preview import PhasePreview, PhaseStart
+from .start_faults import start_error
 from .state import HybridState
 
 __all__ = ["Request", "simulate"]
@@ -80,15 +80,6 @@ def simulate(modes: ModeModels, request: Request) -> HybridTrajectory:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class _Begun:
-    """State (n_y,) and constants (n_c,) from which a phase begins."""
-
-    y: FloatArray
-    c: FloatArray
-
-
-@final
 class _Run:
     """One run in progress."""
 
@@ -104,28 +95,35 @@ class _Run:
         self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
         self.mode: Mode | None = None
         self.parts: list[Part] = []
-        self.records: list[tuple[Part, EventRecords]] = []
+        self.phases: list[Phase] = []
+        self.records: list[PhaseEvents] = []
         self.counts = {event.label: 0 for event in request.events}
         self.steps = self.rejected = self.evaluations = self.soon = 0
         self.compile_seconds = 0.0
         self.method = request.options.method
         self.note = ""
-        # events of users may happen just where a phase ends, and are located together with its guards
-        changing = self.breaks is not None or self.inputs is not None
-        alone = bool(request.events) or changing or not compiled_phases(modes)
-        about = modes, request.layout, request.options, request.t1, self.now
-        self.preview = None if alone else PhasePreview(*about)
+        self.recorder: MotionRecorder | None = None
 
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
-        status = self._decide(())
+        request = self.request
+        if self.breaks is None and self.inputs is None and compiled_phases(self.modes):
+            with recorder_of(self.modes, request.layout, request.options, request.events) as self.recorder:
+                return self._joined(self._end())
+        return self._joined(self._end())
+
+    def _end(self) -> Status:
+        """Run to the end and return the status."""
+        status: Status | None = None
+        if self.recorder is None or self.request.options.first_step is not None:
+            status = self._decide(())
+            status = self._phase() if status is None else status
         while status is None:
-            status = self._previewed()
-            if status is None:
-                status = self._phase()
+            status = None if self.recorder is None else self._recorded(self.recorder)
+            status = self._phase() if status is None else status
         if not self.parts:
             self._stay(status)
-        return self._joined(status)
+        return status
 
     # -- between phases --------------------------------------------------------------------
 
@@ -144,7 +142,7 @@ class _Run:
         self.modes.decisions.decide(self.now, np.zeros(1, np.intp), self.request.options.rtol)
         status = Status(int(cases.status[0]))
         if status is Status.INITIAL_STATE:
-            raise self._complaint()
+            raise start_error(self.modes, self.now) or InitialStateError("the initial state contradicts the contacts")
         if status is not Status.SUCCESS:
             self.note = self._where()
             return status
@@ -162,37 +160,6 @@ class _Run:
             return {}
         columns = self.inputs.columns(np.array([t]), np.zeros(1, np.intp), self.forward > 0.0)
         return {name: float(column[0]) for name, column in columns.items()}
-
-    def _complaint(self) -> Exception:
-        """Return what is wrong with the start."""
-        decisions, now = self.modes.decisions, self.now
-        values = decisions.values(now.t, now.x, now.c)
-        gap, mu, static, e = (decisions.numbers(values, which)[0] for which in (GAP, MU, MU_STATIC, RESTITUTION))
-        faults = []
-        for i, contact in enumerate(self.modes.equations.contacts):
-            if mu[i] < 0.0:
-                faults.append(f"mu of {contact.name!r} is {mu[i]:g}; it must not be negative")
-            elif static[i] < mu[i]:
-                faults.append(
-                    f"mu_static of {contact.name!r} is {static[i]:g}, less than mu = {mu[i]:g}; raise it, or leave it"
-                    " out"
-                )
-            if not 0.0 <= e[i] <= 1.0:
-                faults.append(f"restitution of {contact.name!r} is {e[i]:g}; it must lie between 0 and 1")
-        if faults:
-            return ValueInputError("; ".join(faults))
-        for i, contact in enumerate(self.modes.equations.contacts):
-            name = self.modes.equations.symbols.unknowns[contact.normal]
-            if contact.constraint is None:
-                continue
-            if not decisions.pushes_open(values[0], i):
-                faults.append(
-                    f"contact {contact.name!r}: {name} pushes its gap closed here; turn the sign of the gap, or the"
-                    " direction of the force in the joint"
-                )
-            elif gap[i] < 0.0:
-                faults.append(f"contact {contact.name!r} penetrates: its gap is {gap[i]:.3g}; start with gap >= 0")
-        return InitialStateError("the initial state contradicts the contacts:\n  " + "\n  ".join(faults))
 
     def _where(self) -> str:
         """Return where the run ended, for the note."""
@@ -219,20 +186,11 @@ class _Run:
         before = time.perf_counter()
         model = self.modes.model(mode)
         self.compile_seconds += time.perf_counter() - before
-        own = self._parameters(self._present(mode))
+        cases = self.now.cases
+        added = self.modes.added(mode, self.now.directions()[0], cases.sides[0], cases.rest[0])
+        own = {**self.request.parameters, **self._inputs_at(self.t)}
+        own |= {name: float(value) for name, value in added.items()}
         return simulate_in_own_time(model, (self.t, t1), initial, own, self._options(events))
-
-    def _parameters(self, start: PhaseStart) -> dict[str, float]:
-        """Return the parameters of a mode."""
-        added = self.modes.added(start.mode, start.directions, start.sides, start.rest)
-        own = self._inputs_at(start.t)
-        return {**self.request.parameters, **own, **{name: float(value) for name, value in added.items()}}
-
-    def _present(self, mode: Mode) -> PhaseStart:
-        """Return how the phase at hand begins."""
-        now = self.now
-        about = now.x[0].copy(), now.directions()[0].copy(), now.cases.sides[0].copy(), now.cases.rest[0].copy()
-        return PhaseStart(float(now.t[0]), self.soon, mode, *about)
 
     def _options(self, events: Sequence[Event] = ()) -> SimulateOptions:
         """Return the options of the next phase."""
@@ -246,71 +204,58 @@ class _Run:
             first_step=None if self.parts else options.first_step,
         )
 
-    def _previewed(self) -> Status | None:
-        """Run the phases that compiled code sees ahead; return a status where the motion ends."""
-        while self.preview is not None and self.mode is not None:
-            seen = self.preview.preview(self.now, self.soon)
-            if seen is None or not (seen.starts or seen.status is Status.SUCCESS):
-                return None
-            starts = [self._present(self.mode), *seen.starts]
-            last = seen.status is Status.SUCCESS and starts[-1].t != self.request.t1
-            begun = self._begun(starts if last else starts[:-1])
-            for start, state, following in zip(starts, begun, seen.starts, strict=False):
-                status = self._up_to(following.t, start.mode, state)
-                if status is not Status.SUCCESS:
-                    return status
-            self.mode, self.soon = starts[-1].mode, starts[-1].soon
-            if last:
-                return self._up_to(self.request.t1, self.mode, begun[-1])
-            self._go_to(starts[-1], seen.state)
-            if seen.status is not None:  # the last phase fails, or takes no time: its run says how it ends
-                return None
-        return None
+    def _recorded(self, recorder: MotionRecorder) -> Status | None:
+        """Run phases by compiled code as far as it serves their modes; return a status where the motion ends."""
+        case = recorder.case
+        numbers = case.table.numbers
+        if self.mode is None:
+            case.begin(self.t, self.request.t1, self.now.x[0], self.now.c[0])
+        else:
+            case.begin_from(self.now, self.request.t1)
+        numbers.soon[0], numbers.steps[0] = self.soon, self.steps + self.rejected
+        case.table.occurred[0, ::3] = list(self.counts.values())
+        phases = recorder.run(self.request.jumps)
+        self.compile_seconds += case.executor.compile_seconds
+        self.now.copied_from(case.state)
+        self.soon, status = int(numbers.soon[0]), case.status
+        self._add_phases(phases, status)
+        if status is Status.INITIAL_STATE and not phases:
+            raise start_error(self.modes, self.now) or InitialStateError("the initial state contradicts the contacts")
+        self.t = float(self.now.t[0])
+        if status is None or status is Status.INITIAL_STATE:  # the model of the mode says what is wrong
+            self.mode = self.modes.automaton.mode(int(self.now.mode_numbers()[0]))
+            return None
+        if status in (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS):
+            self.note = self._where()
+        elif status is Status.EVENTS_ACCUMULATE:
+            self.note = self._changing(*(self.modes.named(phase.mode) for phase in (phases[-2:] * 2)[:2]))
+        if any(phase.after is not None for phase in phases[-1:]) and status is Status.EVENT:
+            self._end_after_jump()
+        return status
 
-    def _go_to(self, start: PhaseStart, later: HybridState) -> None:
-        """Go to the beginning of a phase; what contacts remember is taken from a later state."""
-        self.now.copied_from(later)
-        now, cases = self.now, self.now.cases
-        now.t[:], now.x[:], cases.sides[:], cases.rest[:] = start.t, start.x, start.sides, start.rest
-        cases.directions[:] = start.directions.ravel()
-        cases.modes[:] = [STATES.index(state) for state in start.mode]
-        cases.after[:] = UNDECIDED
+    def _add_phases(self, phases: Sequence[RecordedPhase], status: Status | None) -> None:
+        """Take down the phases that compiled code has run; those that took no time leave none but the last."""
+        kept = [phase for phase in phases if phase.t0 != phase.t1 or phase.after is not None]
+        if status is not None and not (status.success and (kept or self.parts)):
+            kept += [phase for phase in phases[-1:] if phase not in kept]
+        options, labels = self.request.options, [event.label for event in self.request.events]
+        ended = Status.SUCCESS if status is None else status
+        dense = options.dense or options.t_eval is not None
+        runs = trajectories(self.modes, kept, self.request.parameters, ended, labels, dense=dense)
+        for phase, run in zip(kept, runs, strict=True):
+            self._add(run, phase.mode, phase.t1, phase.after)
 
-    def _begun(self, starts: Sequence[PhaseStart]) -> list[_Begun]:
-        """Return states (n_y,) and constants (n_c,) from which phases begin, each in its mode."""
-        begun = [_Begun(np.empty(0), np.empty(0)) for _ in starts]
-        for mode in dict.fromkeys(start.mode for start in starts):
-            some = [i for i, start in enumerate(starts) if start.mode == mode]
-            own = [self._parameters(starts[i]) for i in some]
-            program = self.modes.model(mode).stages.program
-            c = inputs.prepare_rows(program, np.array([[p[name] for name in program.layout.parameters] for p in own]))
-            t, x = np.array([starts[i].t for i in some]), np.array([starts[i].x for i in some])
-            y = self.modes.states(mode, t, x, c)
-            for place, i in enumerate(some):
-                begun[i] = _Begun(y[place], c[place])
-        return begun
-
-    def _up_to(self, t1: float, mode: Mode, begun: _Begun) -> Status:
-        """Run one phase that ends at a time; return its status. One that takes no time is left out."""
-        self.mode = mode
-        if t1 == self.t:
-            return Status.SUCCESS
-        run = simulate_from_state(self.modes.model(mode), (self.t, t1), begun.y, begun.c, self._options())
-        self._add(run, mode, float(run.t[-1]))
-        return run.status if run.status is Status.SUCCESS else self._failed(run, mode)
-
-    def _add(self, run: Trajectory, mode: Mode, end: float) -> None:
-        """Take down a phase that ended at a time; one that took no time, and in which nothing occurred, leaves none."""
+    def _add(self, run: Trajectory, mode: Mode, end: float, after: FloatArray | None = None) -> None:
+        """Take down a phase that ended at a time, and perhaps in a jump."""
         stats = run.stats
         self.steps, self.rejected = self.steps + stats.steps, self.rejected + stats.rejected
         self.evaluations += stats.evaluations
-        self.method = stats.method
-        if end == self.t != self.request.t1 and run.status is Status.EVENT and not self.request.events:
-            return
+        self.method = stats.method or self.method
         part = Part(Phase(self.t, end, self.modes.named(mode)), run, self.modes.violation(mode))
         self.t = end
         self.parts.append(part)
-        self.records.append((part, run.events))
+        self.phases.append(part.phase)
+        self.records.append(PhaseEvents(part, run.events, after))
         for event in self.request.events:
             self.counts[event.label] += len(run.events[event.label])
 
@@ -326,7 +271,9 @@ class _Run:
             else run.t[-1]
         )
         before = self.t
-        self._add(run, mode, float(end))
+        occurred = any(len(run.events[event.label]) for event in self.request.events)
+        if end != self.t or end == self.request.t1 or not ended or occurred:
+            self._add(run, mode, float(end))
         happened = [name for name, record in run.events.items() if len(record) and record.t[-1] == end] if ended else []
         if not ended:
             return self._failed(run, mode)
@@ -343,23 +290,35 @@ class _Run:
         for event in self.request.events:
             if event.label in happened and event.apply is None and 0 < int(event.terminal) <= self.counts[event.label]:
                 return Status.EVENT
-        applied = [event for event in self.request.events if event.label in happened and event.apply is not None]
         self._renew_inputs()
-        for event in applied:
-            about = np.array([self.t]), self.now.x, self.now.c, self.request.layout.parameters
-            after, allowed = self.request.jumps(event.label, *about)
-            if not allowed[0]:
-                return Status.EVENT_STATE
-            self.now.x[:] = after
-        if any(0 < int(event.terminal) <= self.counts[event.label] for event in applied):
-            return Status.EVENT
+        if any(label in self.request.jumps for label in happened):
+            return self._jump(happened)
         fired = [guard for guard in self.modes.guards(mode) if guard.output in happened]
         if any(guard.kind == "paradox" for guard in fired):
             self.note = self._where()
             return Status.CONTACT_IMPOSSIBLE
-        if applied:
-            self.mode, fired = None, []
         return self._decide(fired)
+
+    def _jump(self, happened: Sequence[str]) -> Status | None:
+        """Map the state by the events that ended a phase, and decide how the motion goes on."""
+        occurred = [
+            (self.counts[e.label], np.nan, self.t if e.label in happened else np.nan) for e in self.request.events
+        ]
+        here = np.zeros(1, np.intp)
+        status = int(self.request.jumps.apply(self.now, np.array(occurred).reshape(1, -1), here)[0])
+        self.records[-1] = replace(self.records[-1], after=self.now.x[0].copy())
+        if status == RUNNING:
+            self.mode = None
+            return self._decide(())
+        if status == Status.EVENT:
+            self._end_after_jump()
+        return Status(status)
+
+    def _end_after_jump(self) -> None:
+        """Record the state after a jump with which the motion ends."""
+        last = self.records[-1]
+        assert last.after is not None
+        self.parts.append(after_jump(last.part, self.request.jumps, last.after, self.request.c))
 
     def _failed(self, run: Trajectory, mode: Mode) -> Status:
         """Return how a phase ended that no event ended; a failure near Painleve's paradox is one of that."""
@@ -381,10 +340,13 @@ class _Run:
         if self.soon < SOON_IN_A_ROW:
             return None
         after = self.modes.named(self.mode or ())
-        before = self.parts[-1].phase.modes if self.parts else after
-        changing = [name for name in before if before[name] != after.get(name)] or list(before)
-        self.note = f"contact {', '.join(changing)} {self._where()}"
+        self.note = self._changing(self.phases[-1].modes if self.phases else after, after)
         return Status.EVENTS_ACCUMULATE
+
+    def _changing(self, before: Mapping[str, str], after: Mapping[str, str]) -> str:
+        """Return which contacts change, and where, for the note."""
+        changing = [name for name in before if before[name] != after.get(name)] or list(before)
+        return f"contact {', '.join(changing)} {self._where()}"
 
     # -- results ---------------------------------------------------------------------------
 
@@ -396,7 +358,9 @@ class _Run:
         initial = dict(zip(names, self.now.x[0].tolist(), strict=True))
         options = SimulateOptions(method=self.request.options.method)
         run = simulate_in_own_time(model, (self.t, self.t), initial, self.request.parameters, options)
-        self.parts.append(Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode)))
+        part = Part(Phase(self.t, self.t, self.modes.named(mode)), run, self.modes.violation(mode))
+        self.parts.append(part)
+        self.phases.append(part.phase)
 
     def _sliding_mode(self) -> Mode:
         """Return the mode at the start in which all that touches is closed, and slips."""
@@ -413,7 +377,7 @@ class _Run:
         stats = RunStatistics(
             self.method, self.steps, self.rejected, self.evaluations, self.compile_seconds, seconds, self.note
         )
-        phases = [part.phase for part in self.parts]
+        phases = self.phases
         name = self.modes.equations.name
 
         def make(parts: Sequence[Part]) -> HybridTrajectory:
@@ -425,6 +389,6 @@ class _Run:
             run = run(times[(times - self.t) * self.forward <= 0.0])
         if not self.request.events or not self.records:
             return run
-        labels = [event.label for event in self.request.events]
-        records = joined_records(labels, self.records, make)
-        return run.with_events(EventRecords(list(records.values()), self.modes.equations.symbols.aliases))
+        aliases = self.modes.equations.symbols.aliases
+        about = make, self.request.jumps, self.request.c, aliases
+        return run.with_events(event_history(self.request.events, self.records, *about))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
-from ...integrators.contact_cases import UNDECIDED
 from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
 from ...integrators.event_code import Event
 from ...integrators.phase_loop import next_history
@@ -26,11 +25,11 @@ from ..case_blocks import meter
 from ..input_values import GivenInputs
 from ..sweep import begin_sweep
 from ..symbol_assumptions import warn_of_motion
+from .case_table import case_table
 from .decisions import flag
 from .mode_models import ModeModels
 from .output_values import BROKEN, JAMMED, OutputValues
 from .phases import PhaseExecutor, compiled_phases
-from .preview import case_table
 from .request import SweepRequest
 from .state import HybridState, placed
 
@@ -61,11 +60,8 @@ class _Sweep:
         self.now = HybridState.starting(request.t, request.x, request.p, self.span, k, len(request.layout.states))
         wanted = 0 if request.t_eval is None else len(request.t_eval)
         self.samples = samples = States.nothing_yet(count * wanted, len(self.names), k)
-        slipping = samples.directions.reshape(len(samples.t), 2 * k), samples.sides, samples.rest
-        t_eval = np.empty(0) if request.t_eval is None else request.t_eval
-        recorded = (samples.t, samples.x, samples.mode, samples.history, *slipping)
         self.reductions = request.reductions
-        table = case_table(self.now, request.t1, self.reductions, t_eval, recorded, np.empty((0, 0)))
+        table = case_table(self.now, request.t1, self.reductions, request.t_eval, samples, np.empty((0, 0)))
         self.numbers, self.occurred, self.totals = table.numbers, table.occurred, table.totals
         self.status, self.phases, self.steps = self.numbers.state, self.numbers.phases, self.numbers.steps
         self.soon, self.next = self.numbers.soon, self.numbers.next
@@ -280,27 +276,16 @@ class _Sweep:
 
     def _jump(self, going: NDArray[np.intp]) -> None:
         """Map the states of cases in which events have occurred that do so, and let them begin anew."""
-        some, jumps = going[self.numbers.runner[going] == JUMPS], self.request.jumps
+        some = going[self.numbers.runner[going] == JUMPS]
         if not len(some):
             return
         self._renew_inputs(some)
-        for i, event in enumerate(self.reductions.asked):
-            here = some[(self.occurred[some, 3 * i + 2] == self.now.t[some]) & (self.status[some] == _RUNNING)]
-            if event.apply is None or not len(here):
-                continue
-            about = self.now.t[here], self.now.x[here], self.now.c[here]
-            assert jumps is not None
-            x, allowed = jumps(event.label, *about, self.request.layout.parameters)
-            self.now.x[here[allowed]] = x[allowed]
-            self.status[here[~allowed]] = int(Status.EVENT_STATE)
-        for i, event in enumerate(self.reductions.asked):
-            if event.apply is not None and event.terminal:
-                over = (self.occurred[some, 3 * i] >= int(event.terminal)) & (self.status[some] == _RUNNING)
-                self.status[some[over]] = int(Status.EVENT)
+        assert self.request.jumps is not None
+        self.status[some] = self.request.jumps.apply(self.now, self.occurred, some)
         going = self.status[some] == _RUNNING
         self.phases[some[~going]] -= self.now.cases.passed[some[~going]] != 0.0
         some = some[going]
-        self.numbers.runner[some], self.now.cases.modes[some] = NOT_BEGUN, UNDECIDED
+        self.numbers.runner[some] = NOT_BEGUN
         if self.executor is None:
             self._begin_cases(some)
 

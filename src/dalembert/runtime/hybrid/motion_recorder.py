@@ -1,0 +1,285 @@
+"""Records of one motion with contacts by the loop over phases, and the trajectories of its phases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...hybrid import Mode
+from ...hybrid.modes import STATES
+from ...integrators.event_code import Event
+from ...integrators.events import Occurrence
+from ...integrators.problem import PiecewisePolynomial
+from ...integrators.projected_states import projected
+from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
+from ...integrators.workspace import ROUNDING
+from ...ir.program import Layout
+from ...methods.status import Status
+from ...options import StepOptions
+from ...results.motion import RunStatistics
+from ...results.trajectory import Trajectory
+from .. import inputs
+from ..symbol_assumptions import warn_of_motion
+from .event_jumps import EventJumps
+from .lone_case import LoneCase
+from .mode_models import ModeModels
+from .mode_runners import ModeRunner
+from .reductions import PhaseReductions
+
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["MotionRecorder", "RecordedPhase", "trajectories"]
+
+_MOST_KEPT = 16
+"""Sets of options and events whose recorders are kept."""
+
+_LINES = 256
+"""Phases after which the loop returns to Python."""
+
+
+@final
+@dataclass(eq=False)
+class RecordedPhase:
+    """What was recorded of a phase.
+
+    Attributes
+    ----------
+    t0, t1 : float
+        Its span [s].
+    mode : Mode
+    x : ndarray (2 n_q + n_z,)
+        Coordinates, rates and first-order states where it begins.
+    directions, sides, rest : ndarray (n_contacts, 2), (n_contacts,), (n_contacts,)
+        Directions of slip, signs of normal reactions and rest speeds.
+    runner : ModeRunner or None
+        What ran it; None where it took no time.
+    rows : list of ndarray (k, ...)
+        Records of its steps (`dalembert.integrators.step_records`).
+    occurrences : ndarray (m, 3)
+        Event, time and sign of what occurred in it.
+    after : ndarray (2 n_q + n_z,) or None
+        The same after the jump that ended it.
+    """
+
+    t0: float
+    t1: float
+    mode: Mode
+    x: FloatArray
+    directions: FloatArray
+    sides: FloatArray
+    rest: FloatArray
+    runner: ModeRunner | None = None
+    rows: list[FloatArray] = field(default_factory=list)
+    occurrences: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    after: FloatArray | None = None
+
+    @property
+    def steps(self) -> FloatArray:
+        """All records of steps (k, ...)."""
+        return self.rows[0] if len(self.rows) == 1 else np.concatenate(self.rows)
+
+    def parameters(self, modes: ModeModels, given: Mapping[str, float]) -> list[float]:
+        """Return the parameters of the model of its mode."""
+        values = {**given, **modes.added(self.mode, self.directions, self.sides, self.rest)}
+        return [float(values[name]) for name in modes.model(self.mode).layout.parameters]
+
+
+@contextmanager
+def recorder_of(
+    modes: ModeModels, layout: Layout, options: StepOptions, events: Sequence[Event]
+) -> Iterator[MotionRecorder]:
+    """Context with a recorder for these options and events, which is kept for the next run that is given the same."""
+    key = repr((options.method, options.rtol, options.atol, options.max_step, options.max_steps, tuple(events)))
+    if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
+        modes.recorders.clear()
+    kept = modes.recorders.setdefault(key, [])
+    try:
+        recorder = kept.pop()
+    except IndexError:
+        recorder = MotionRecorder(modes, layout, options, PhaseReductions({}, tuple(events)))
+    yield recorder
+    kept.append(recorder)
+
+
+@final
+class MotionRecorder:
+    """Runs motions and records them, one after the other.
+
+    Parameters
+    ----------
+    modes : ModeModels
+    layout : Layout
+        Of the scene.
+    options : StepOptions
+        Method, tolerances, largest step and number of steps.
+    watched : PhaseReductions
+        The events that users watch.
+    """
+
+    def __init__(self, modes: ModeModels, layout: Layout, options: StepOptions, watched: PhaseReductions) -> None:
+        self.case, self._modes = LoneCase(modes, layout, options, watched, lines=_LINES, fits=True), modes
+        self._phases: list[RecordedPhase] = []
+        self._rows: list[tuple[ModeRunner, FloatArray]] = []
+        self._occurrences: list[FloatArray] = []
+
+    def run(self, jumps: EventJumps) -> list[RecordedPhase]:
+        """Run the motion that `case` has begun as far as compiled code serves its modes; return its phases."""
+        self._phases, self._rows, self._occurrences = [], [], []
+        if self.case.begins_in_mode:
+            self._take_lines(self.case.line()[np.newaxis])
+        self.case.run(jumps, self._take, self._jumped)
+        self._take()
+        self._sort()
+        return self._phases
+
+    def _take(self) -> None:
+        """Take what the loop has recorded so far."""
+        numbers, executor = self.case.table.numbers, self.case.executor
+        if numbers.logged[0]:
+            self._take_lines(self.case.log[: int(numbers.logged[0])].copy())
+            numbers.logged[0] = 0
+        for runner, call in zip(executor.runners, executor.calls, strict=False):
+            count, occurred = call.progress.recorded, int(call.occurrences[0, 0])
+            if count:
+                self._rows.append((runner, call.steps[:count].copy()))
+                call.progress.recorded = 0
+            if occurred:
+                self._occurrences.append(call.occurrences[1 : 1 + occurred].copy())
+                call.occurrences[0, 0] = 0.0
+
+    def _take_lines(self, lines: FloatArray) -> None:
+        """Take lines of the log (n, ...): beginnings of phases."""
+        k, first = len(self._modes.equations.contacts), 2
+        modes = [tuple(STATES[number] for number in row) for row in lines[:, first : first + k].astype(int).tolist()]
+        directions = lines[:, first + k : first + 3 * k].reshape(len(lines), k, 2)
+        sides, rest = lines[:, first + 3 * k : first + 4 * k], lines[:, first + 4 * k : first + 5 * k]
+        for i, (t, mode) in enumerate(zip(lines[:, 0].tolist(), modes, strict=True)):
+            self._phases.append(RecordedPhase(t, t, mode, lines[i, first + 5 * k :], directions[i], sides[i], rest[i]))
+
+    def _jumped(self) -> None:
+        self._phases[-1].after = self.case.state.x[0].copy()
+
+    def _sort(self) -> None:
+        """Give every phase its end, its steps, and what occurred in it."""
+        if not self._phases:
+            return
+        for phase, following in zip(self._phases, self._phases[1:], strict=False):
+            phase.t1 = following.t0
+        self._phases[-1].t1 = float(self.case.state.t[0])
+        forward = 1.0 if self._phases[-1].t1 >= self._phases[0].t0 else -1.0
+        begins = forward * np.array([phase.t0 for phase in self._phases])
+        for runner, recorded in self._rows:
+            rows = recorded[recorded[:, ENDED_AT] != recorded[:, START_AT]]  # others are of phases that took no time
+            places = np.searchsorted(begins, forward * rows[:, START_AT], side="right") - 1
+            for place in np.unique(places):
+                phase = self._phases[place]
+                phase.runner = runner
+                phase.rows.append(rows[places == place])
+        if self._occurrences:
+            found = np.concatenate(self._occurrences)
+            found = found[np.argsort(forward * found[:, 1], kind="stable")]
+            places = np.maximum(np.searchsorted(begins, forward * found[:, 1], side="left") - 1, 0)
+            for place in np.unique(places):
+                self._phases[place].occurrences = found[places == place]
+
+
+def trajectories(
+    modes: ModeModels,
+    phases: Sequence[RecordedPhase],
+    given: Mapping[str, float],
+    status: Status,
+    labels: Sequence[str],
+    *,
+    dense: bool,
+) -> list[Trajectory]:
+    """Return the motions of recorded phases, with their events.
+
+    Parameters
+    ----------
+    modes : ModeModels
+    phases : sequence of RecordedPhase
+    given : mapping of str to float
+        Parameters of the scene.
+    status : Status
+        How the last of them ended.
+    labels : sequence of str
+        Names of the events that users watch.
+    dense : bool
+        Whether they can be evaluated between their steps.
+    """
+    found: list[Trajectory | None] = [None] * len(phases)
+    for mode in dict.fromkeys(phase.mode for phase in phases):
+        some, model = [i for i, phase in enumerate(phases) if phase.mode == mode], modes.model(mode)
+        c = inputs.prepare_rows(
+            model.stages.program, np.array([phases[i].parameters(modes, given) for i in some]).reshape(len(some), -1)
+        )
+        for row, i in zip(c, some, strict=True):
+            ended = status if i == len(phases) - 1 else Status.SUCCESS
+            found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense)
+    return [motion for motion in found if motion is not None]
+
+
+def _trajectory(
+    modes: ModeModels,
+    model: CompiledModel,
+    phase: RecordedPhase,
+    c: FloatArray,
+    status: Status,
+    labels: Sequence[str],
+    dense: bool,
+) -> Trajectory:
+    """Return the motion of one phase with constants c (n_c,)."""
+    n, program = len(model.layout.state), model.stages.program
+    rows = phase.steps if phase.rows else np.empty((0, FIRST_AT + 6 * n))
+    polynomials = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1) if len(rows) else np.empty((0, n, 4))
+    if len(rows):
+        first = polynomials[0, :, 0]
+    else:
+        first = modes.states(phase.mode, np.array([phase.t0]), phase.x[np.newaxis], c[np.newaxis])[0]
+    t = np.concatenate([[phase.t0], rows[:, ENDED_AT]])
+    y = np.concatenate([first[np.newaxis], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
+    method = "" if phase.runner is None else phase.runner.method
+    if len(rows):
+        output = PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
+    else:
+        output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), first.reshape(1, 1, n))
+    attempts = int(rows[-1, ATTEMPTS_AT]) if len(rows) else 0
+    stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
+    run = Trajectory(program, c, status, t, y, stats, output if dense else None)
+    run.ended_at(phase.t1)
+    if model.derived.signed:
+        warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
+    run.with_monitors(model.monitors).of_scene(model.stages.scene)
+    if not labels:
+        return run
+    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences.tolist() if e < len(labels)]
+    low, high = sorted((phase.t0, phase.t1))
+    times = np.clip(np.array([t for _, t, _ in found]), low, high)
+    states = projected(program, c, times, output(times)) if found else np.empty((0, n))
+    states[times == phase.t1] = y[-1]
+    listed = zip(found, times.tolist(), states, strict=True)
+    return run.with_events(labels, [Occurrence(e, at, own, own, sign) for (e, _, sign), at, own in listed])
+
+
+def _coefficients(rows: FloatArray, polynomials: FloatArray, *, in_time: bool) -> FloatArray:
+    """Return coefficients (k, degree + 1, n_y) in the fraction of each step, up to where events cut it.
+
+    As where events are searched, polynomials end in the states in which the steps ended.
+    """
+    n, terms = polynomials.shape[1:]
+    whole, powers = (rows[:, END_AT] - rows[:, START_AT])[:, np.newaxis], np.arange(terms)
+    found = polynomials * (whole**powers)[:, np.newaxis] if in_time else polynomials.copy()
+    gap = rows[:, FIRST_AT : FIRST_AT + n] - found.sum(axis=2)
+    gap[np.abs(gap) <= ROUNDING * np.abs(found).sum(axis=2)] = 0.0
+    found[:, :, 2] += 3.0 * gap
+    found[:, :, 3] -= 2.0 * gap
+    share = (rows[:, ENDED_AT] - rows[:, START_AT])[:, np.newaxis] / whole
+    found *= (share**powers)[:, np.newaxis]
+    return np.ascontiguousarray(found.transpose(0, 2, 1))

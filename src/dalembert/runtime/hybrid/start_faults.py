@@ -1,0 +1,43 @@
+"""Faults of initial states and parameters of scenes with contacts."""
+
+from __future__ import annotations
+
+from ...errors import InitialStateError, ValueInputError
+from ...integrators.contact_table import GAP, MU, MU_STATIC, RESTITUTION
+from .mode_models import ModeModels
+from .state import HybridState
+
+__all__ = ["start_error"]
+
+
+def start_error(modes: ModeModels, now: HybridState) -> Exception | None:
+    """Return what is wrong with the start of a motion, None where nothing is."""
+    decisions = modes.decisions
+    values = decisions.values(now.t, now.x, now.c)
+    gap, mu, static, e = (decisions.numbers(values, which)[0] for which in (GAP, MU, MU_STATIC, RESTITUTION))
+    faults = []
+    for i, contact in enumerate(modes.equations.contacts):
+        if mu[i] < 0.0:
+            faults.append(f"mu of {contact.name!r} is {mu[i]:g}; it must not be negative")
+        elif static[i] < mu[i]:
+            faults.append(
+                f"mu_static of {contact.name!r} is {static[i]:g}, less than mu = {mu[i]:g}; raise it, or leave it out"
+            )
+        if not 0.0 <= e[i] <= 1.0:
+            faults.append(f"restitution of {contact.name!r} is {e[i]:g}; it must lie between 0 and 1")
+    if faults:
+        return ValueInputError("; ".join(faults))
+    for i, contact in enumerate(modes.equations.contacts):
+        name = modes.equations.symbols.unknowns[contact.normal]
+        if contact.constraint is None:
+            continue
+        if not decisions.pushes_open(values[0], i):
+            faults.append(
+                f"contact {contact.name!r}: {name} pushes its gap closed here; turn the sign of the gap, or the"
+                " direction of the force in the joint"
+            )
+        elif gap[i] < 0.0:
+            faults.append(f"contact {contact.name!r} penetrates: its gap is {gap[i]:.3g}; start with gap >= 0")
+    if not faults:
+        return None
+    return InitialStateError("the initial state contradicts the contacts:\n  " + "\n  ".join(faults))
