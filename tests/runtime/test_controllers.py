@@ -291,6 +291,9 @@ def test_a_case_with_a_period_that_makes_no_sense_fails_alone():
     values = {m: 2, c: 0.5, r: 1, k_p: 3, period: np.array([0.1, -1.0, 0.2, 0.0])}
     sweep = model.sweep((0, 1), {x: 0, x.diff(): 0}, values, t_eval=[0, 1])
     assert sweep.success.tolist() == [True, False, True, False]
+    watched = model.sweep((0, 1), {x: 0, x.diff(): 0}, values, events=[da.Event(x - r / 10, name="there")])
+    assert watched.success.tolist() == [True, False, True, False]
+    np.testing.assert_allclose(watched["x"][::2], sweep["x"][::2, -1], rtol=1e-8)
     alone = model.simulate((0, 1), {x: 0, x.diff(): 0}, {**values, period: 0.2})
     np.testing.assert_allclose(sweep["x"][2, -1], alone["x"][-1], rtol=1e-9)
     with pytest.raises(ValueInputError, match="controller 'p' has the period -1 s"):

@@ -20,7 +20,7 @@ from ..reduction.sampling_kernels import Action, SamplingKernels
 from ..scene.elapsed import START
 from ..scene.model import ControllerModel
 
-__all__ = ["WITHOUT", "Sampling", "refuse_functions", "refuse_sampling"]
+__all__ = ["WITHOUT", "NoInstants", "Sampling", "refuse_functions", "refuse_sampling"]
 
 WITHOUT = "compile the scene without them, copy() of it before add_controllers, so that their inputs are given"
 
@@ -29,6 +29,11 @@ _MOST = 10_000_000
 
 Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 """Outputs (k, n_out) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
+
+
+@final
+class NoInstants(ValueInputError):
+    """Periods or offsets of controllers make no sense, or instants are too many."""
 
 
 @final
@@ -63,7 +68,7 @@ class Sampling:
 
         Raises
         ------
-        ValueInputError
+        NoInstants
             For periods and offsets that make no sense, and too many instants.
         OptionError
             For runs backwards in time.
@@ -79,13 +84,13 @@ class Sampling:
         times, acts = [], []
         for i, (action, period, offset) in enumerate(zip(self.kernels.actions, periods, offsets, strict=True)):
             if not (period > 0.0 and np.isfinite(period) and offset >= 0.0 and np.isfinite(offset)):
-                raise ValueInputError(
+                raise NoInstants(
                     f"controller {action.name!r} has the period {period:g} s and the offset {offset:g} s; the former"
                     " must be positive and the latter zero or positive, both finite"
                 )
             count = max(0.0, np.ceil((t1 - origin - offset) / period)) + 1.0
             if count > _MOST:
-                raise ValueInputError(
+                raise NoInstants(
                     f"controller {action.name!r} acts {count:.3g} times between t = {t0:g} and {t1:g}, {_MOST:,} at"
                     " most are possible: give a longer period, or a shorter span"
                 )

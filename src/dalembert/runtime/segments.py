@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..codegen.base import Engine, Final, Prepared, PreparedStates
-from ..errors import ValueInputError
 from ..integrators.breakpoints import break_times, break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
@@ -31,7 +30,7 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.starting import Start
 from .inputs import prepare_rows
-from .sampling import Sampling
+from .sampling import NoInstants, Sampling
 
 if TYPE_CHECKING:
     from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
@@ -212,7 +211,7 @@ class SegmentedEngine(Engine):
         """See `Engine.fit`: the first segment decides."""
         try:
             segments = self.segments(problem)
-        except ValueInputError:  # of a case whose controllers have no instants, which is told where it is run
+        except NoInstants:  # of a case whose controllers have no instants, which is told where it is run
             segments = self._unsampled(problem)
         part = replace(next(parts_of(problem, segments)), t_eval=None)
         if part.inputs is not None and not self.inner.follows_inputs:
@@ -313,7 +312,22 @@ class SegmentedEngine(Engine):
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
         elif knots or block.watch is not None or not _Rounds(self, block, method, result).run():
+            self._one_by_one(block, method, result)
+
+    def _one_by_one(self, block: CaseBlock, method: str, result: BlockResult) -> None:
+        """Write the results of many cases, of which one whose controllers have no instants fails alone."""
+        if self.sampling is None:
             super().integrate_block(block, method, result)
+            return
+        for i in range(len(block.y)):
+            one = slice(i, i + 1)
+            inputs = None if block.inputs is None else block.inputs.part(one, len(block.y))
+            part = replace(block, y=block.y[one], c=block.c[one], spans=block.spans[one], inputs=inputs)
+            try:
+                super().integrate_block(part, method, result[one])
+            except NoInstants:
+                result.y[i], result.samples[i] = block.y[i], np.nan
+                result.ends[i] = block.spans[i, 0], float(Status.NON_FINITE), 0.0
 
 
 def _going_on(states: int) -> Start:
@@ -356,7 +370,7 @@ class _Rounds:
                 try:
                     if np.all(np.isfinite([t0, t1])):
                         whole = whole.cut(*sampling.instants(schedules[i], t0, t1, None, self.block.t_eval))
-                except ValueInputError:
+                except NoInstants:
                     self.bad[[np.array_equal(row, schedules[i], equal_nan=True) for row in schedules]] = True
                 known[key] = whole if whole.acts else replace(whole, acts=(0,) * len(whole))
             cuts.append(known[key])
