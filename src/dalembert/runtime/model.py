@@ -844,7 +844,8 @@ class CompiledModel(Evaluated):
         method, rtol, atol
             As for `simulate`.
         mode : str
-            "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and ``jax.jacfwd``.
+            For "kvaerno5", "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and
+            ``jax.jacfwd``; the other methods serve both, nested too.
         max_step : float
             Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
             motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.

@@ -140,6 +140,17 @@ def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows
     return project(projections(steps.go), steps.t + steps.h, ends, steps.c)[0]
 
 
+def _again(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
+    """Return the ends of steps on the constraints, made so that JAX finds the derivatives of `_correction` there."""
+    if not projections(steps.go):
+        return ends
+    still = jax.lax.stop_gradient
+    fixed = steps._replace(t=still(steps.t), y=still(steps.y), c=still(steps.c))
+    held = _settled(projections, fixed, still(ends))
+    at = tuple(on + (end - still(end)) for on, end in zip(held, ends, strict=True))
+    return _correction(projections, steps, at, steps.c)
+
+
 def _correction(projections: Callable[[Any], Projections], steps: Steps, at: Rows, c: Rows) -> Rows:
     """Return states, on the constraints already, after one correction of each kind.
 
@@ -185,6 +196,10 @@ class _PairSteps:
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
         return _settled(self._projections, steps, self._stages(steps)[1])
+
+    def moved(self, steps: Steps) -> Rows:
+        """See `Differentiable`."""
+        return _again(self._projections, steps, self._stages(steps)[1])
 
     def rates(self, steps: Steps) -> Rows:
         """Return the rates of the states at the starts of steps."""
@@ -286,6 +301,10 @@ class _SeriesSteps:
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
         return _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
+
+    def moved(self, steps: Steps) -> Rows:
+        """See `Differentiable`."""
+        return _again(self._projections, steps, self._ends(steps, steps.y, steps.c))
 
     def rates(self, steps: Steps) -> Rows:
         """Return the rates of the states at the starts of steps."""

@@ -13,8 +13,9 @@ import numpy as np
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
-from ...integrators.jax.motion import Limits, Motion, following, middles
+from ...integrators.jax.motion import Limits, Motion, middles
 from ...integrators.jax.solvers import METHODS
+from ...integrators.jax.starts import started
 from ...integrators.samples import Samples
 from ...ir.input_parameters import hidden_parameters
 from ...ir.program import Layout, Program, representative
@@ -210,8 +211,8 @@ class Solve:
             # Breaks stay where they are when the start moves: what moves is the state there.
             start, place = jax.lax.stop_gradient(start), self._program.conditions.place
             middle = middles(jax.lax.stop_gradient(t) - start, course.breaks)[0]
-            rates = self._elapsed["rhs"](0.0, y0, c.at[place].set(start + middle))
-            y0 = following(y0[None], -t[:1], jax.lax.stop_gradient(rates)[None])[0]
+            fixed = c.at[place].set(start + middle)
+            y0 = started(lambda elapsed, y, c: self._elapsed["rhs"](elapsed, y, c), y0, t[0] - start, fixed)
         t = t - start
         if METHODS.get(self._method, METHODS["tsit5"]).ends:
             if decisions(self._program) is not None:
@@ -223,7 +224,7 @@ class Solve:
         )
         order = order_for(clipped_tolerance(rtol, atol)) if self._method == "taylor" else 0
         pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
-        return Motion(pieces, limits, forward=options["mode"] == "forward")(t, y0, c, course.breaks, course.moved)
+        return Motion(pieces, limits)(t, y0, c, course.breaks, course.moved)
 
 
 @partial(jax.jit, static_argnums=0)

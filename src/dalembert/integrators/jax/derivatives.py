@@ -26,9 +26,7 @@ __all__ = [
     "instantiate",
     "jacobians",
     "pulled",
-    "pulled_over",
     "pushed",
-    "pushed_over",
     "rows_at",
 ]
 
@@ -137,7 +135,9 @@ def jacobians(function: Any, y: Rows) -> Any:
     return jnp.moveaxis(columns, (0, 1), (-2, -1))
 
 
-def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bool) -> tuple[Any, Any]:
+def pushed(
+    linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bool, sources: Any = None
+) -> tuple[Any, Any]:
     """Return the change of the states at the starts of attempts (room, n_y) and at the end (n_y,).
 
     Parameters
@@ -150,6 +150,8 @@ def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bo
         Change of the first state (n_y,), and of the constants.
     keep
         Whether the changes at the starts are wanted; else there are none.
+    sources
+        Changes (room, n_y) that enter at the ends of the steps, where there are any.
     """
 
     def chunk(number: Any, carry: Any) -> Any:
@@ -163,6 +165,8 @@ def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bo
             if keep:
                 kept = lax.dynamic_update_index_in_dim(kept, change, first + j, 0)
             after = linear.push(_at(along, j), _at(shifts, j), change)
+            if sources is not None:
+                after = after + sources[first + j]
             return jnp.where(steps.h[j] != 0.0, after, change), kept
 
         return lax.fori_loop(0, CHUNK, one, carry)
@@ -172,8 +176,17 @@ def pushed(linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bo
     return kept, end
 
 
-def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: Any) -> tuple[Any, Any]:
-    """Return the cotangents of the first state (n_y,) and of the constants (n_c,).
+def pulled(
+    linear: Linear,
+    record: Record,
+    c: Any,
+    starts: tuple[Any, Any],
+    end: Any,
+    *,
+    rows: Any = None,
+    sources: bool = False,
+) -> tuple[Any, ...]:
+    """Return the cotangents of the first state (n_y,), of the constants (n_c,), and of `sources` where they are wanted.
 
     A batch of runs goes back in chunks of steps, and so does a run that does not go back one stage after the other.
 
@@ -183,12 +196,21 @@ def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: An
         The derivatives of the steps.
     record, c
         The run, and its constants (n_c,).
-    at, starts
+    starts
         Numbers of attempts (k,), and cotangents of the states at their starts (k, n_y).
     end
         Cotangent of the last state (n_y,).
+    rows
+        Cotangents (room, n_y) of the states at all starts, in place of `starts`, where there are any.
+    sources
+        Whether the cotangents (room, n_y) of the ends of steps are wanted.
     """
-    given = (jnp.zeros_like(record.y).at[at].add(starts),) if len(at) else ()
+    at, some = starts
+    if rows is None and len(at):
+        rows = jnp.zeros_like(record.y).at[at].add(some)
+    given = () if rows is None else (rows,)
+    if sources:
+        return _pulled_in_chunks(linear, record, c, given, end, sources=True)
     in_chunks = partial(_pulled_in_chunks, linear)
     if linear.in_turn is None or jax.default_backend() != "cpu":  # elsewhere it is long rows that are fast
         return in_chunks(record, c, given, end)
@@ -203,7 +225,9 @@ def pulled(linear: Linear, record: Record, c: Any, at: Any, starts: Any, end: An
     return found
 
 
-def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, ...], end: Any) -> tuple[Any, Any]:
+def _pulled_in_chunks(
+    linear: Linear, record: Record, c: Any, given: tuple[Any, ...], end: Any, *, sources: bool = False
+) -> tuple[Any, ...]:
     """Return what `pulled` does, with the cotangents (room, n_y) at the starts of attempts where there are any."""
     chunks = -(-record.count // CHUNK)
 
@@ -218,27 +242,17 @@ def _pulled_in_chunks(linear: Linear, record: Record, c: Any, given: tuple[Any, 
             moved = steps.h[j] != 0.0
             before = jnp.where(moved, before, ahead)
             within = jax.tree.map(lambda value: jnp.where(moved, value, 0.0), within)
-            return sum((rows[j] for rows in added), start=before), within
+            return sum((rows[j] for rows in added), start=before), (within, ahead if sources else ())
 
-        ahead, total = carry
-        ahead, within = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
-        return ahead, total + _summed(linear.share(steps, places, within))
+        ahead, total, kept = carry
+        ahead, (within, ends) = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
+        if sources:
+            kept = lax.dynamic_update_slice_in_dim(kept, ends, first, 0)
+        return ahead, total + _summed(linear.share(steps, places, within)), kept
 
-    found: tuple[Any, Any] = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c)))
-    return found
-
-
-def pushed_over(linear: Linear, steps: Steps, dy: Any, dc: Any) -> Any:
-    """Return the changes at the ends of steps (k, n_y) from those at their starts (k, n_y) and of the constants."""
-    along, places = linear.along(steps)
-    return jax.vmap(linear.push)(along, linear.shifts(steps, places, _like(dc, steps.c)), dy)
-
-
-def pulled_over(linear: Linear, steps: Steps, ahead: Any) -> tuple[Any, Any]:
-    """Return the cotangents at the starts of steps (k, n_y), and of the constants, from those at their ends."""
-    along, places = linear.along(steps)
-    before, within = jax.vmap(linear.pull)(along, ahead)
-    return before, _summed(linear.share(steps, places, within))
+    kept = jnp.zeros_like(record.y) if sources else ()
+    first, share, kept = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c), kept))
+    return (first, share, kept) if sources else (first, share)
 
 
 def _steps(linear: Linear, record: Record, first: Any, c: Any) -> Steps:

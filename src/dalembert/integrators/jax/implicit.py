@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
+from ...errors import OptionError
 from ...methods.status import Status
-from .motion import following, in_order
+from .derivatives import instantiate
+from .motion import in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
@@ -19,6 +23,34 @@ __all__ = ["implicit_motion"]
 
 _CHECKPOINTS = 16
 """States that a reverse run keeps: with diffrax's default, many more, gradients of short runs take longer."""
+
+
+@jax.custom_jvp
+def _following(y: Any, t: Any, rates: Any) -> Any:
+    """Return states (n_t, n_y), which change with times (n_t,) by rates (n_t, n_y)."""
+    return y
+
+
+@_following.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    (y, t, rates), (dy, dt, _) = values, tangents
+    return y, _once(dy + dt[:, None] * rates, t)
+
+
+@jax.custom_jvp
+def _once(dy: Any, t: Any) -> Any:
+    """Return changes of states as they are; that they change with the times is not known."""
+    return dy
+
+
+@partial(_once.defjvp, symbolic_zeros=True)
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    if not isinstance(tangents[1], SymbolicZero):
+        raise OptionError(
+            'solve_fn by \'kvaerno5\' has no second derivatives by times: take method="dopri8", "tsit5" or'
+            ' "taylor", or differentiate by parameters and initial values alone'
+        )
+    return values[0], instantiate(tangents[0])
 
 
 def implicit_motion(
@@ -75,8 +107,7 @@ def implicit_motion(
     known = ordered & jnp.all(jnp.isfinite(y), axis=1)
     if ends:
         known &= (jnp.arange(len(t)) == 0) | (status == int(Status.SUCCESS))
-    rates = jax.vmap(kernels["rhs"], (0, 0, None))(t, still(y), still(c))
-    y = following(y, given, rates)
+    y = _following(y, given, jax.vmap(kernels["rhs"], (0, 0, None))(t, y, c))
     return (_lost_pushed if mode == "forward" else _lost_pulled)(y, known, (y0, c, given)), status
 
 

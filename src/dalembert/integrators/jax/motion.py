@@ -13,22 +13,23 @@ from typing import Any, NamedTuple, Protocol, final
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from ...methods.status import Status
 from ...once import once_property
-from .derivatives import CHUNK, Linear, Record, Steps, instantiate, pulled, pulled_over, pushed, pushed_over, rows_at
+from .along import Along, Course, Differentiable
+from .derivatives import CHUNK, Record, Steps, instantiate, rows_at
 from .jumping import moved_until, sure_until
-from .lanes import RUNNING, Attempts, Batch, Function, Projections, Rows, State, advanced, begun, direction_of
+from .lanes import Attempts, Batch, Function, Projections, Rows
+from .linear_maps import apply
+from .recording import course_of
+from .timed import At, Timed
+from .unknown import Known, OrNan
 
-__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "following", "in_order", "middles"]
-
-_BLOCK = 32
-"""Attempts that a run without derivatives takes down before it looks which of them pass over wanted times."""
+__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "in_order", "middles"]
 
 
-class Stepping(Linear, Protocol):
+class Stepping(Differentiable, Protocol):
     """Steps of given sizes, and their derivatives."""
 
     def __call__(self, steps: Steps) -> Rows:
@@ -79,17 +80,20 @@ class Limits:
 
 
 @final
-class _Way(NamedTuple):
-    """Course of a run: its record, which times it reached (n_t,), and for more than two times the steps over them.
+class _Full(NamedTuple):
+    """A run with its record, in floating point numbers: states (n_t, n_y), status, and as in `Course` and `Known`.
 
-    These are the numbers of the attempts, and the steps cut at the times. Times that are `moved` (n_t,) lie behind a
-    jump whose time depends on constants.
+    `passing` are the attempts that pass over more than two times: their numbers, starts, and sizes to the times.
     """
 
-    record: Record
+    y: Any
+    status: Any
+    count: Any
+    taken: Any
+    end: Any
+    passing: tuple[Any, Any, Any]
     known: Any
-    passing: tuple[Any, Steps] | None
-    moved: Any = None
+    moved: Any
 
 
 def in_order(t: Any) -> tuple[Any, Any]:
@@ -108,95 +112,10 @@ def middles(t: Any, breaks: Any) -> Any:
     return behind + 0.5 * (ahead - behind)
 
 
-@jax.custom_jvp
-def following(y: Any, t: Any, rates: Any) -> Any:
-    """Return states (n_t, n_y), which change with times (n_t,) by rates (n_t, n_y)."""
-    return y
-
-
-@following.defjvp
-def _(values: Any, tangents: Any) -> tuple[Any, Any]:
-    (y, _, rates), (dy, dt, _) = values, tangents
-    return y, dy + dt[:, None] * rates
-
-
-def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
-    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how the run ended.
-
-    An attempt is one row, its start, its size and the state, as every array that is written to costs an attempt time.
-    """
-    shape = jnp.shape(batch.t0)
-    start = begun(attempts, batch)
-
-    def row(t: Any, size: Any, y: Rows) -> Any:
-        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (t, size, *y)])
-
-    def body(carry: Any) -> Any:
-        i, state, taken = carry
-        after, size = advanced(attempts, projections, batch, batch.t1, state)
-        if room:
-            new = row(state.t, size, state.y)
-            taken = lax.dynamic_update_index_in_dim(taken, new, i, 0)
-        return i + 1, after, taken
-
-    width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
-    first = (0, start, jnp.zeros((room, width, *shape)))
-    count, end, taken = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, first)
-    return jnp.asarray(count), taken, end
-
-
-def _passing(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
-    """Return the number of attempts, where those began that pass over times t (n_t, ...), and how the run ended.
-
-    The beginnings (n_t, 1 + n_y, ...) are a time and the state there. Attempts are taken down in blocks of `room`, so
-    that memory does not grow with their number.
-    """
-    shape = jnp.shape(batch.t0)
-    direction = direction_of(batch)
-
-    def row(state: State) -> Any:
-        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (state.t, *state.y)])
-
-    def attempt(carry: Any) -> Any:
-        i, state, block = carry
-        block = lax.dynamic_update_index_in_dim(block, row(state), i, 0)
-        return i + 1, advanced(attempts, projections, batch, batch.t1, state)[0], block
-
-    def goes_on(carry: Any) -> Any:
-        return (carry[0] < room) & jnp.any(carry[1].status == RUNNING)
-
-    def found(count: Any, block: Any, times: Any, direction: Any, begins: Any) -> Any:
-        starts = jnp.where(jnp.arange(room) < count, direction * block[:, 0], jnp.inf)
-        at = jnp.searchsorted(starts, direction * times, side="right") - 1
-        return jnp.where((at >= 0)[:, None], block[jnp.maximum(at, 0)], begins)
-
-    if shape:
-        found = jax.vmap(found, (None, -1, -1, -1, -1), -1)
-
-    def body(carry: Any) -> Any:
-        total, state, block, begins = carry
-        count, state, block = lax.while_loop(goes_on, attempt, (0, state, block))
-        return total + count, state, block, found(count, block, t, direction, begins)
-
-    start = begun(attempts, batch)
-    first = row(start)
-    begins = jnp.broadcast_to(first, (len(t), *first.shape))
-    carry = (0, start, jnp.zeros((room, *first.shape)), begins)
-    count, end, _, begins = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, carry)
-    return jnp.asarray(count), begins, end
-
-
-def _course(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
-    """Return what `_record` does where there is room, else what `_passing` does for times t (n_t, ...) between ends."""
-    if room or not len(t):
-        return _record(attempts, projections, room, batch)
-    return _passing(attempts, projections, _BLOCK, batch, t)
-
-
 def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
     """Return how one case went, whose state and constants are arrays."""
     batch = batch._replace(y=(batch.y,), c=(batch.c,))
-    count, taken, end = _course(pieces.one, pieces.one_projections, room, batch, t)
+    count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, t)
     return Record(count, taken, end.y[0], end.t, end.status.astype(float))
 
 
@@ -215,12 +134,10 @@ class Motion:
         The method.
     limits : Limits
         How the steps are chosen.
-    forward : bool
-        Whether derivatives are pushed forward (``jax.jvp``), else pulled back (``jax.vjp``).
     """
 
-    def __init__(self, pieces: Pieces, limits: Limits, *, forward: bool) -> None:
-        self._pieces, self._limits, self._forward = pieces, limits, forward
+    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+        self._pieces, self._limits = pieces, limits
         self._room = -(-limits.max_steps // CHUNK) * CHUNK
 
     def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Any, Any]:
@@ -262,7 +179,7 @@ class Motion:
         @jax.custom_batching.custom_vmap
         def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any, t: Any) -> Record:
             batch = self._batch(t0, t1, tuple(y.T), tuple(c.T), breaks.T)
-            count, taken, end = _course(pieces.many, pieces.many_projections, room, batch, t.T)
+            count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, t.T)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
             return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
 
@@ -282,94 +199,79 @@ class Motion:
     def _passing(self) -> Callable[..., tuple[Any, Any]]:
         """The function (t, y0, c, breaks, moved) -> states (n_t, n_y), the status as a number."""
 
-        def primal(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-            y, status, _ = self._run(t, y0, c, breaks, 0)
-            return y, status
+        def plain(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
+            return self._run(t, y0, c, breaks, 0)[:2]
 
-        if self._forward:
-            forward = jax.custom_jvp(primal)
-            forward.defjvp(self._push, symbolic_zeros=True)
-            return forward
-        reverse = jax.custom_vjp(primal)
-        reverse.defvjp(self._ahead, self._back, symbolic_zeros=True)
-        return reverse
+        def push(values: Any, tangents: Any) -> Any:
+            full = self._full(*values)
+            dy = self._changes(full, values, tangents, kept=False)[0]
+            return (full.y, full.status), (dy, jnp.zeros_like(full.status))
 
-    def _push(self, values: Any, tangents: Any) -> Any:
-        """Return what `_passing` does, and its change."""
-        (t, y0, c, breaks, moved), (dt, dy, dc) = values, tangents[:3]
+        passing = jax.custom_jvp(plain)
+        passing.defjvp(push, symbolic_zeros=True)
+        return passing
+
+    @once_property
+    def _full(self) -> Callable[..., _Full]:
+        """The function (t, y0, c, breaks, moved) -> a run with its record, differentiated as such."""
+
+        def push(values: Any, tangents: Any) -> Any:
+            full = self._full(*values)
+            dy, end, rows = self._changes(full, values, tangents, kept=True)
+            still = jax.tree.map(jnp.zeros_like, full)
+            taken = jnp.concatenate([still.taken[:, :2], rows], axis=1)
+            return full, still._replace(y=dy, taken=taken, end=end)
+
+        full = jax.custom_jvp(self._recorded)
+        full.defjvp(push, symbolic_zeros=True)
+        return full
+
+    def _changes(self, full: _Full, values: Any, tangents: Any, *, kept: bool) -> tuple[Any, ...]:
+        """Return the changes of the states (n_t, n_y), of the last one, and where `kept` of those in the record."""
+        (t, _, c, breaks, _), (dt, dy, dc) = values, tangents[:3]
         dy, dc = instantiate(dy), instantiate(dc)
-        y, status, way = self._recorded(t, y0, c, breaks, moved)
-        along, end = pushed(self._pieces.steps, way.record, c, dy, dc, keep=way.passing is not None)
-        if way.passing is None:
-            dy = jnp.stack([dy, end])[: len(t)]
-        else:
-            at, steps = way.passing
-            dy = pushed_over(self._pieces.steps, steps, along[at], dc)
+        timed = len(t) > 2
+        course = Course(full.count, full.taken, full.end, *full.passing, c)
+        end, over, *rows = apply(Along(self._pieces.steps, kept), course, (dy, dc))
+        changes = over if timed else jnp.stack([dy, end])[: len(t)]
+        changes = apply(Timed(self._rates), At(t, full.y, c, breaks), (changes, dc))
         if not isinstance(dt, SymbolicZero):
-            dy = dy + dt[:, None] * self._rates(t, y, c, breaks)
-        known = way.known
-        if way.moved is not None:
-            known &= ~(way.moved & jnp.any(dc[jnp.array(self._pieces.moved_by)] != 0.0))
-        return (y, status), (jnp.where(known[:, None], dy, jnp.nan), jnp.zeros_like(status))
+            changes = changes + dt[:, None] * self._rates(t, full.y, c, breaks)
+        known = Known(full.known, full.moved, c)
+        sources = instantiate(dt), dy, dc
+        return apply(OrNan(self._pieces.moved_by), known, (changes, sources)), end, *rows
 
-    def _ahead(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-        """Return what `_passing` does, and what `_back` needs; states only where the times are differentiated."""
-        y, status, way = self._recorded(*(given.value for given in (t, y0, c, breaks, moved)))
-        return (y, status), (way, t.value, y if t.perturbed else None, c.value, breaks.value)
-
-    def _back(self, kept: Any, cotangents: Any) -> Any:
-        """Return the cotangents of the times (n_t,), of the first state (n_y,) and of the constants (n_c,)."""
-        (way, t, y, c, breaks), given = kept, instantiate(cotangents[0])
-        known, steps = way.known[:, None], self._pieces.steps
-        # What is asked of states that were not reached has no answer, however little else it has to do with them.
-        failed = jnp.any(~known & (given != 0.0))
-        given = jnp.where(known, given, 0.0)
-        if way.passing is None:
-            none = jnp.zeros(0, dtype=int), jnp.zeros((0, given.shape[1]))
-            first, share = pulled(steps, way.record, c, *none, given[1] if len(t) > 1 else 0.0 * given[0])
-            first = first + given[0]
-        else:
-            at, passing = way.passing
-            starts, extra = pulled_over(steps, passing, given)
-            first, share = pulled(steps, way.record, c, at, starts, jnp.zeros_like(given[0]))
-            share = share + extra
-        times = jnp.zeros_like(t)
-        if y is not None:
-            times = jnp.where(way.known, jnp.sum(given * self._rates(t, y, c, breaks), axis=1), 0.0)
-        if way.moved is not None:
-            moved_by = jnp.zeros(len(c), dtype=bool).at[jnp.array(self._pieces.moved_by)].set(True)
-            share = jnp.where(moved_by & jnp.any(way.moved[:, None] & (given != 0.0)), jnp.nan, share)
-        found = (jnp.where(failed, jnp.nan, cotangent) for cotangent in (times, first, share))
-        return *found, jnp.zeros_like(breaks), jnp.zeros_like(breaks)
-
-    def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> tuple[Any, Any, _Way]:
-        """Return what `_run` does; what lies behind a jump is not known to those who differentiate."""
-        y, status, way = self._run(t, y0, c, breaks, self._room)
+    def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> _Full:
+        """Return a run with its record; what lies behind a jump is not known to those who differentiate."""
+        y, status, record, known, passing = self._run(t, y0, c, breaks, self._room)
         decided, moved_by = self._pieces.decided, self._pieces.moved_by
-        if not len(y0) or (decided is None and not moved_by):
-            return y, status, way
+        behind = jnp.zeros(len(t))
 
         def rates(t: Any, y: Rows, c: Rows) -> Rows:
-            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, way.record.count > 0))
+            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
 
         direction, place = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.place
-        if decided is not None:
-            until = sure_until(decided, rates, place, way.record, c, direction)
-            way = way._replace(known=way.known & (direction * (t - until) <= 0.0))
-        if moved_by:
-            until = moved_until(rates, place, way.record, c, direction, (t[-1], breaks, moved > 0.0))
-            way = way._replace(moved=direction * (t - until) > 0.0)
-        return y, status, way
+        if decided is not None and len(y0):
+            until = sure_until(decided, rates, place, record, c, direction)
+            known &= direction * (t - until) <= 0.0
+        if moved_by and len(y0):
+            until = moved_until(rates, place, record, c, direction, (t[-1], breaks, moved > 0.0))
+            behind = (direction * (t - until) > 0.0).astype(float)
+        count, known = record.count.astype(float), known.astype(float)
+        return _Full(y, status, count, record.taken, record.end, passing, known, behind)
 
     def _rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
         """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
         place = self._pieces.steps.place
-        rows = rows_at(place, c, t if place is None else middles(t, breaks))
-        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(t[0]))
+        rows = rows_at(place, c, t if place is None else middles(jax.lax.stop_gradient(t), breaks))
+        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
         return jnp.stack(self._pieces.steps.rates(steps), axis=1)
 
-    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Any, Any, _Way]:
-        """Return the states (n_t, n_y), NaN where they were not reached, the status, and the way there."""
+    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Any, Any, Record, Any, Any]:
+        """Return the states (n_t, n_y), NaN where they were not reached, the status, the record, what was reached.
+
+        Last come the attempts that pass over the times, as in `_Full`.
+        """
         t, ordered = in_order(t)
         record = self._one(room, t[0], t[-1], y0, c, breaks, t if len(t) > 2 else t[:0])
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
@@ -377,8 +279,8 @@ class Motion:
         known = ordered & (forward * (t - record.reached) <= 0.0)
         if len(t) <= 2:
             y = jnp.stack([y0, record.end])[: len(t)]
-            return jnp.where(known[:, None], y, jnp.nan), record.status, _Way(record, known, None)
-        at: Any = ()
+            return jnp.where(known[:, None], y, jnp.nan), record.status, record, known, (jnp.zeros(0),) * 3
+        at = jnp.zeros(0, dtype=int)
         if room:
             times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
             at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
@@ -389,4 +291,4 @@ class Motion:
         rows = rows_at(self._pieces.steps.place, c, begins + 0.5 * size)
         steps = Steps(begins, size, tuple(states.T), rows, record.count > 0)
         y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
-        return y, record.status, _Way(record, known, (at, steps))
+        return y, record.status, record, known, (at.astype(float), begins, size)

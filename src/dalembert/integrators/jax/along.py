@@ -1,0 +1,219 @@
+"""Changes along a recorded run as linear maps, pushed forward and pulled back, to any order.
+
+A change of the first state and of the constants goes from step to step, and from some steps to states at wanted times;
+cotangents go back. What these maps are made of changes with the states along the run and the constants, too: such
+changes of second order are changes along the same run that enter at every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, final
+
+import jax
+import jax.numpy as jnp
+
+from .derivatives import CHUNK, Linear, Record, Steps, pulled, pushed, rows_at
+from .lanes import Rows
+from .linear_maps import LinearMap, apply
+from .row_maps import Given, PushedRows
+
+__all__ = ["Along", "Course", "Differentiable"]
+
+
+class Differentiable(Linear, Protocol):
+    """Steps, their first derivatives, and steps that JAX differentiates."""
+
+    def moved(self, steps: Steps) -> Rows:
+        """Return the ends of steps, made so that JAX finds their derivatives."""
+
+
+@final
+class Course(NamedTuple):
+    """A recorded run, in floating point numbers.
+
+    Attributes
+    ----------
+    count, taken, end : Array (), (room, 2 + n_y), (n_y,)
+        As in `Record`.
+    at, begins, sizes : Array (n_t,)
+        The attempts that pass over wanted times, by number; when these began, and how far they go to the times.
+    c : Array (n_c,)
+        Constants.
+    """
+
+    count: Any
+    taken: Any
+    end: Any
+    at: Any
+    begins: Any
+    sizes: Any
+    c: Any
+
+    @property
+    def record(self) -> Record:
+        """The run as a record."""
+        return Record(self.count.astype(int), self.taken, self.end, jnp.nan, jnp.nan)
+
+
+@final
+@dataclass(frozen=True)
+class _Step:
+    """Ends of steps (k, n_y) from states (k, n_y) and constants (n_c,); where nothing moves, states as they are."""
+
+    linear: Differentiable
+
+    def __call__(self, sizes: Any, y: Any, c: Any, end: Any) -> Any:
+        t, h, go = sizes
+        moves = (h != 0.0)[:, None]
+        safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
+        ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows_at(self.linear.place, c, t + 0.5 * h), go[0] > 0.0))
+        return jnp.where(moves, jnp.stack(ends, axis=1), y)
+
+
+@final
+@dataclass(frozen=True)
+class _Pushed:
+    """The change of the end of a step with its start and the constants, as a function of rows."""
+
+    step: _Step
+
+    def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
+        (y, dy), (c, dc, end) = rows, shared
+        return jax.jvp(lambda y, c: self.step(sizes, y, c, end), (y, c), (dy, dc))[1], ()
+
+
+@final
+@dataclass(frozen=True)
+class _Pulled:
+    """The cotangents of the start of a step, and of the constants, as a function of rows."""
+
+    step: _Step
+
+    def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
+        (y, ahead), (c, end) = rows, shared
+        return jax.vjp(lambda y, c: self.step(sizes, y, c, end), y, c)[1](ahead)
+
+
+def _steps(course: Course, rows: Any, shared: Any) -> Given:
+    """Return all steps but those over wanted times, with `rows` beside their states."""
+    go = jnp.broadcast_to(course.count, course.taken.shape[:1])
+    sizes = course.taken[:, 0], course.taken[:, 1], go
+    return Given(-(-course.count // CHUNK), sizes, (course.taken[:, 2:], rows), shared)
+
+
+def _times(course: Course) -> Any:
+    """Return the steps over wanted times and their states."""
+    go = jnp.broadcast_to(course.count, course.begins.shape)
+    return (course.begins, course.sizes, go), course.taken[course.at.astype(int), 2:]
+
+
+@final
+@dataclass(frozen=True)
+class Along:
+    """Changes along a run: from `Course` and (change of the first state, of the constants) to changes at the ends.
+
+    The value is the change of the last state (n_y,) and of the states at wanted times (n_t, n_y); where they are
+    `kept`, also of those at the starts of attempts (room, n_y). With `sources`, changes that enter at the ends of all
+    steps (room, n_y) and at wanted times (n_t, n_y) follow those of the constants.
+    """
+
+    linear: Differentiable
+    kept: bool = False
+    sources: bool = False
+
+    def __call__(self, held: Course, moving: Any) -> Any:
+        """See `LinearMap`."""
+        dy, dc, *sources = moving
+        timed = len(held.at) > 0
+        rows, end = pushed(
+            self.linear, held.record, held.c, dy, dc, keep=self.kept or timed, sources=sources[0] if sources else None
+        )
+        at_times = jnp.zeros((0, len(dy)))
+        if timed:
+            sizes, states = _times(held)
+            starts = rows[held.at.astype(int)]
+            at_times, _ = _Pushed(_Step(self.linear))(sizes, (states, starts), (held.c, dc, held.end))
+        if sources:
+            at_times = at_times + sources[1]
+        return (end, at_times, rows) if self.kept else (end, at_times)
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Against(self.linear, self.kept, self.sources)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        """See `LinearMap`."""
+        return self
+
+    def change(self, held: Course, dheld: Course, moving: Any, value: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        dy, dc = moving[:2]
+        rows = value[2] if self.kept else apply(Along(self.linear, True, self.sources), held, moving)[2]
+        step = _Step(self.linear)
+        given = _steps(held, rows, (held.c, dc, held.end))
+        none = jnp.zeros_like
+        moved = (dheld.taken[:, 2:], none(rows)), (dheld.c, none(dc), none(held.end))
+        new, _ = apply(PushedRows(_Pushed(step), CHUNK), given, moved)
+        sizes, states = _times(held)
+        at = held.at.astype(int)
+
+        def over(y: Any, c: Any) -> Any:
+            return _Pushed(step)(sizes, (y, rows[at]), (c, dc, held.end))[0]
+
+        later = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1] if len(at) else none(value[1])
+        return apply(Along(self.linear, self.kept, True), held, (none(dy), none(dc), new, later))
+
+
+@final
+@dataclass(frozen=True)
+class _Against:
+    """The transpose of `Along`."""
+
+    linear: Differentiable
+    kept: bool
+    sources: bool
+
+    def __call__(self, held: Course, moving: Any) -> Any:
+        end, at_times, *kept = moving
+        at, share = held.at.astype(int), jnp.zeros_like(held.c)
+        starts = jnp.zeros((0, len(end)))
+        if len(at):
+            sizes, states = _times(held)
+            starts, share = _Pulled(_Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
+        rows = kept[0].at[at].add(starts) if kept else None
+        first, added, *ahead = pulled(
+            self.linear, held.record, held.c, (at, starts), end, rows=rows, sources=self.sources
+        )
+        return (first, share + added, ahead[0], at_times) if self.sources else (first, share + added)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return Along(self.linear, self.kept, self.sources)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        return self
+
+    def change(self, held: Course, dheld: Course, moving: Any, value: Any, still: Any) -> Any:
+        end, at_times = moving[:2]
+        ahead = value[2] if self.sources else apply(_Against(self.linear, self.kept, True), held, moving)[2]
+        step, none = _Step(self.linear), jnp.zeros_like
+        given = _steps(held, ahead, (held.c, held.end))
+        moved = (dheld.taken[:, 2:], none(ahead)), (dheld.c, none(held.end))
+        rows, added = apply(PushedRows(_Pulled(step), CHUNK), given, moved)
+        sizes, states = _times(held)
+        at = held.at.astype(int)
+
+        def over(y: Any, c: Any) -> Any:
+            return _Pulled(step)(sizes, (y, at_times), (c, held.end))
+
+        if len(at):
+            starts, more = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1]
+            rows, added = rows.at[at].add(starts), added + more
+        first, share, *others = apply(
+            _Against(self.linear, True, self.sources), held, (none(end), none(at_times), rows)
+        )
+        return (first, share + added, *others)

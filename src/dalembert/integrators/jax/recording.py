@@ -1,0 +1,89 @@
+"""Loops of traced runs: with a record of all attempts, or of those that pass over wanted times alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun, direction_of
+
+__all__ = ["course_of"]
+
+_BLOCK = 32
+"""Attempts that a run without derivatives takes down before it looks which of them pass over wanted times."""
+
+
+def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
+    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how the run ended.
+
+    An attempt is one row, its start, its size and the state, as every array that is written to costs an attempt time.
+    """
+    shape = jnp.shape(batch.t0)
+    start = begun(attempts, batch)
+
+    def row(t: Any, size: Any, y: Rows) -> Any:
+        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (t, size, *y)])
+
+    def body(carry: Any) -> Any:
+        i, state, taken = carry
+        after, size = advanced(attempts, projections, batch, batch.t1, state)
+        if room:
+            new = row(state.t, size, state.y)
+            taken = lax.dynamic_update_index_in_dim(taken, new, i, 0)
+        return i + 1, after, taken
+
+    width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
+    first = (0, start, jnp.zeros((room, width, *shape)))
+    count, end, taken = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, first)
+    return jnp.asarray(count), taken, end
+
+
+def _passing(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return the number of attempts, where those began that pass over times t (n_t, ...), and how the run ended.
+
+    The beginnings (n_t, 1 + n_y, ...) are a time and the state there. Attempts are taken down in blocks of `room`, so
+    that memory does not grow with their number.
+    """
+    shape = jnp.shape(batch.t0)
+    direction = direction_of(batch)
+
+    def row(state: State) -> Any:
+        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (state.t, *state.y)])
+
+    def attempt(carry: Any) -> Any:
+        i, state, block = carry
+        block = lax.dynamic_update_index_in_dim(block, row(state), i, 0)
+        return i + 1, advanced(attempts, projections, batch, batch.t1, state)[0], block
+
+    def goes_on(carry: Any) -> Any:
+        return (carry[0] < room) & jnp.any(carry[1].status == RUNNING)
+
+    def found(count: Any, block: Any, times: Any, direction: Any, begins: Any) -> Any:
+        starts = jnp.where(jnp.arange(room) < count, direction * block[:, 0], jnp.inf)
+        at = jnp.searchsorted(starts, direction * times, side="right") - 1
+        return jnp.where((at >= 0)[:, None], block[jnp.maximum(at, 0)], begins)
+
+    if shape:
+        found = jax.vmap(found, (None, -1, -1, -1, -1), -1)
+
+    def body(carry: Any) -> Any:
+        total, state, block, begins = carry
+        count, state, block = lax.while_loop(goes_on, attempt, (0, state, block))
+        return total + count, state, block, found(count, block, t, direction, begins)
+
+    start = begun(attempts, batch)
+    first = row(start)
+    begins = jnp.broadcast_to(first, (len(t), *first.shape))
+    carry = (0, start, jnp.zeros((room, *first.shape)), begins)
+    count, end, _, begins = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, carry)
+    return jnp.asarray(count), begins, end
+
+
+def course_of(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return what `_record` does where there is room, else what `_passing` does for times t (n_t, ...) between ends."""
+    if room or not len(t):
+        return _record(attempts, projections, room, batch)
+    return _passing(attempts, projections, _BLOCK, batch, t)

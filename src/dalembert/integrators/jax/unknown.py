@@ -1,0 +1,106 @@
+"""Derivatives that are not known, made NaN: behind the end of a run, and behind jumps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+
+from .linear_maps import LinearMap, apply
+
+__all__ = ["Known", "OrNan"]
+
+
+@final
+class Known(NamedTuple):
+    """Which derivatives of states (n_t, n_y) are known.
+
+    Attributes
+    ----------
+    known : Array (n_t,)
+        1 where they are, else 0.
+    moved : Array (n_t,)
+        1 where those by the constants `moved_by` are not.
+    c : Array (n_c,)
+        The constants.
+    """
+
+    known: Any
+    moved: Any
+    c: Any
+
+
+@final
+@dataclass(frozen=True)
+class OrNan:
+    """Changes of states (n_t, n_y) as they are, or NaN; they come with those of what they follow from.
+
+    These are (of the times (n_t,), of the first state (n_y,), of the constants (n_c,)): what is pulled back to them is
+    NaN where something was asked of states that are not known, however little they have to do with it.
+    """
+
+    moved_by: tuple[int, ...]
+
+    def __call__(self, held: Known, moving: Any) -> Any:
+        """See `LinearMap`."""
+        rows, (_, _, dc) = moving
+        known = held.known > 0.0
+        if self.moved_by:
+            known &= ~((held.moved > 0.0) & jnp.any(dc[jnp.array(self.moved_by)] != 0.0))
+        return jnp.where(known[:, None], rows, jnp.nan)
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Asked(self.moved_by)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        """See `LinearMap`."""
+        return self
+
+    def change(self, held: Known, dheld: Known, moving: Any, value: Any, still: Any) -> Any:
+        """See `LinearMap`: zero, or NaN where the value is, and where the constants move what is not known."""
+        none = jax.tree.map(jnp.zeros_like, moving)
+        known = held.known * jnp.all(jnp.isfinite(value), axis=1)
+        return apply(self, held._replace(known=known), (none[0], (*none[1][:2], dheld.c)))
+
+
+@final
+@dataclass(frozen=True)
+class _Asked:
+    """The transpose of `OrNan`."""
+
+    moved_by: tuple[int, ...]
+
+    def __call__(self, held: Known, moving: Any) -> Any:
+        known = held.known > 0.0
+        asked = jnp.any(moving != 0.0, axis=1)
+        lost = jnp.where(jnp.any(~known & asked), jnp.nan, 0.0)
+        share = jnp.full_like(held.c, lost)
+        if self.moved_by:
+            by = jnp.zeros(len(held.c), dtype=bool).at[jnp.array(self.moved_by)].set(True)
+            share = jnp.where(by & jnp.any((held.moved > 0.0) & asked), jnp.nan, share)
+        first = jnp.full(moving.shape[1], lost)
+        return jnp.where(known[:, None], moving, 0.0), (jnp.full(len(known), lost), first, share)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return OrNan(self.moved_by)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        return self
+
+    def change(self, held: Known, dheld: Known, moving: Any, value: Any, still: Any) -> Any:
+        """Return zero, or NaN where the value is, and where the constants move what was asked for."""
+        changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), value)
+        if not self.moved_by:
+            return changes
+        asked = held.moved * jnp.any(moving != 0.0, axis=1)
+        once = Known(jnp.ones(1), jnp.max(asked, initial=0.0)[None], held.c)
+        none = jnp.zeros(1), jnp.zeros(1)
+        lost = apply(OrNan(self.moved_by), once, (jnp.zeros((1, 1)), (*none, dheld.c)))[0, 0]
+        return jax.tree.map(lambda found: found + lost, changes)

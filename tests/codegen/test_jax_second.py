@@ -1,0 +1,111 @@
+"""Second derivatives of traced runs: all ways to nest first ones, by everything that is given together."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import OptionError
+from runtime.test_sensitivity import MOTIONS
+
+jax = pytest.importorskip("jax")
+
+QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+"""Compiles several times faster, to code that is slower to run."""
+OPTIONS = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.02, "max_steps": 64}
+STEP = 1e-4
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def value_of(model, given, sizes):
+    """Return a function of parameters, given values and times side by side; these are the numbers of each."""
+    solve = model.solve_fn(given, **OPTIONS)
+
+    def value(z):
+        p, initial, times = jax.numpy.split(z, np.cumsum(sizes)[:-1])
+        motion = solve(times, initial, dict(zip(model.layout.given, p, strict=True)))
+        rows = jax.numpy.concatenate([motion.q, motion.qdot, motion.outputs], axis=1)
+        return (jax.numpy.cos(1.0 + jax.numpy.arange(rows.size).reshape(rows.shape)) * rows).sum()
+
+    return value
+
+
+def difference(gradient, at, direction):
+    """Return the change of a gradient in a direction."""
+    values = [np.array(gradient(at + k * STEP * direction)) for k in (-2, -1, 1, 2)]
+    return (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * STEP)
+
+
+def test_products_with_hessians_of_the_sleigh():
+    """By parameters, initial values and times: the start, one within, the end."""
+    parameters, initial, outputs = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax", outputs=list(outputs))
+    at = np.concatenate([model.parameter_vector(parameters), list(initial.values()), [0.1, 0.2, 0.4]])
+    value = value_of(model, initial, (3, 5, 3))
+    pair = jax.jit(lambda z, v: jax.jvp(jax.grad(value), (z,), (v,)), compiler_options=QUICK)
+    direction = np.sin(1.0 + np.arange(len(at)))
+    expected = difference(lambda z: pair(z, direction)[0], at, direction)
+    np.testing.assert_allclose(pair(at, direction)[1], expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.fixture(scope="module")
+def switched():
+    """A spring whose force stops at half a second: steps end there, wherever runs start."""
+    k, m, x, t = *sp.symbols("k m", positive=True), dynamicsymbols("x"), dynamicsymbols._t
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("switched", frame=N, origin=O, coordinates=[x])
+    mass = O.locatenew("mass", x * N.x)
+    scene.add_bodies(Particle("body", mass, m))
+    scene.add_loads((mass, -k * x**3 * sp.Piecewise((1 + t, t < sp.Rational(1, 2)), (2, True)) * N.x))
+    with jax.enable_x64(True):
+        model = da.compile_model(scene, backend="jax")
+        value = value_of(model, ("x", "x_dot"), (2, 2, 2))
+        at = np.array([1.3, 0.7, 0.8, 0.4, 0.2, 0.9])
+        gradient = jax.jit(jax.grad(value), compiler_options=QUICK)
+        return value, at, np.array([difference(gradient, at, unit) for unit in np.eye(len(at))])
+
+
+@pytest.mark.parametrize(
+    "hessian",
+    [jax.hessian, lambda f: jax.jacfwd(jax.jacfwd(f)), lambda f: jax.jacrev(jax.jacfwd(f))],
+    ids=["hessian", "forward twice", "reverse of forward"],
+)
+def test_all_ways_to_nest_derivatives_over_a_break(switched, hessian):
+    value, at, expected = switched
+    found = jax.jit(hessian(value), compiler_options=QUICK)(at)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_products_with_hessians_in_batches(switched):
+    """Cases with points and directions of their own; one that runs out of steps is NaN, and it alone."""
+    value, at, expected = switched
+
+    def product(z, v):
+        return jax.jvp(jax.grad(value), (z,), (v,))[1]
+
+    directions = np.cos(np.arange(18.0)).reshape(3, 6)
+    long = at + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 90.0])
+    found = np.array(jax.jit(jax.vmap(product), compiler_options=QUICK)(np.stack([at, long, at]), directions))
+    assert np.isnan(found[1]).all()
+    np.testing.assert_allclose(found[::2], directions[::2] @ expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_second_derivatives_by_times_of_kvaerno5_are_refused():
+    parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
+    solve = model.solve_fn(initial, method="kvaerno5", mode="forward")
+
+    def end(b, t):
+        return solve(jax.numpy.stack([0.0, t]), initial, {**parameters, "b": b}).q[-1, 0]
+
+    jax.eval_shape(jax.jacfwd(jax.jacfwd(end)), 0.3, 0.5)
+    jax.eval_shape(jax.jacfwd(jax.jacfwd(end, argnums=1)), 0.3, 0.5)
+    for inner in (0, 1):
+        with pytest.raises(OptionError, match="no second derivatives by times"):
+            jax.eval_shape(jax.jacfwd(jax.jacfwd(end, argnums=inner), argnums=1), 0.3, 0.5)
