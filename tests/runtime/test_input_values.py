@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin, symbols
+from sympy import Abs, cos, sign, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -190,6 +190,25 @@ def test_faults_of_scenes_with_inputs() -> None:
         da.compile_model(scene)
     with pytest.raises(UnknownNameError, match="the scene has no inputs"):
         da.compile_model(da.scenes.bouncing_ball()).simulate((0, 1), {}, {}, inputs={u: 1.0})
+
+
+def test_kinks_of_inputs_in_positions_are_refused() -> None:
+    N, O = ReferenceFrame("N"), Point("O")
+    support = O.locatenew("A", Abs(u) * N.x)
+    bob = support.locatenew("P", ell * sin(theta) * N.x - ell * cos(theta) * N.y)
+    scene = da.Scene("kinked", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(Particle("p", bob, m))
+    scene.add_inputs(u)
+    with pytest.raises(
+        SceneError, match=r"position of point 'A' contains a condition, a kink or a jump of the input 'u'"
+    ):
+        da.compile_model(scene)
+    scene = forced(u, v)
+    scene.add_nonholonomic_constraints(x.diff() - Abs(v))
+    da.compile_model(scene)
+    scene.add_nonholonomic_constraints(x.diff() - sign(v))
+    with pytest.raises(SceneError, match=r"nonholonomic constraint 2.* contains a condition"):
+        da.compile_model(scene)
 
 
 def test_contacts_with_a_constant_input() -> None:

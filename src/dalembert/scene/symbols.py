@@ -32,6 +32,9 @@ Requirement = tuple[int, str, Sequence[Node]]
 TIME = "t"
 _SIGNS = ("zero", "positive", "negative", "nonnegative", "nonpositive")
 _WHOLE = ("even", "odd", "integer")
+_KINKS, _JUMPS = ("abs", "min", "max"), ("sign", "floor", "less", "less_equal")
+"""Operations with kinks, and with jumps."""
+
 RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 
@@ -224,9 +227,23 @@ class SymbolReader:
         smoothness, where = (0, f"the rate of {name!r}") if rate in met else (-1, "")
         mask = self.graph.mask(hidden_parameters(name))
         for required, place, nodes in requirements:
-            if required > smoothness and any(node.deps & mask for node in nodes):
+            if required < 0 or not any(node.deps & mask for node in nodes):
+                continue
+            if required > smoothness:
                 smoothness, where = required, place
+            self._refuse_breaks(u, mask, nodes, place, _JUMPS if required == 0 else _JUMPS + _KINKS)
         return InputSymbol(name, u in met or rate in met, smoothness, where)
+
+    def _refuse_breaks(self, u: Any, mask: int, nodes: Sequence[Node], place: str, breaks: Sequence[str]) -> None:
+        """Record a fault where velocities follow a function of an input that breaks between its knots."""
+        state = self._mask("coordinates") | self._mask("rates")
+        for node in Graph.topological(nodes):
+            if node.op in breaks and node.deps & mask and not node.deps & state:
+                self.faults.append(
+                    f"{place} contains a condition, a kink or a jump of the input {u.func.__name__!r}, where velocities"
+                    " would jump at a time that no step ends at: make what is needed of the input an input of its own"
+                )
+                return
 
     def _assumptions(self, parameters: Sequence[str]) -> dict[str, tuple[str, ...]]:
         """Return the declared assumptions of parameters, coordinates, angles, speeds and states, by name."""
