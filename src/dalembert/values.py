@@ -25,7 +25,7 @@ _UNITS = ("magnitude", "to_value")
 
 _TRACED = (
     "is traced by JAX, and a number is wanted here: inside jax.jit, jax.grad and jax.vmap call model.solve_fn(...), "
-    'model.vector_field and the like (backend="jax")'
+    'model.vector_field and model.functions (backend="jax")'
 )
 
 

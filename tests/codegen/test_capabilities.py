@@ -13,6 +13,7 @@ USES = {
     Capability.VECTOR_FIELD: lambda model: model.vector_field(
         0.0, model.state({"x": 0.0, "x_dot": 0.0}, {"m": 1.0}), model.parameter_vector({"m": 1.0})
     ),
+    Capability.STATE_FUNCTIONS: lambda model: model.functions.energy,
     Capability.SOLVE_FUNCTION: lambda model: model.solve_fn(),
 }
 

@@ -371,6 +371,11 @@ class TracedEngine(Protocol):
         """The rate of the state, a traced function of (t, y, args); those of equal programs are equal."""
         ...
 
+    @property
+    def state_functions(self) -> Any:
+        """Traced functions of a state: energy, mass matrix and so on."""
+        ...
+
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
         """Return a traced function that solves from given values, or from the state where `start` is None."""
         ...
@@ -381,6 +386,7 @@ class Capability(Enum):
 
     KERNEL_FUNCTIONS = 'model.kernels are functions of numba: compile with backend="numba"'
     VECTOR_FIELD = 'vector_field is for programs in JAX: compile with backend="jax"'
+    STATE_FUNCTIONS = 'model.functions are for programs in JAX: compile with backend="jax"'
     SOLVE_FUNCTION = 'solve_fn is for programs in JAX: compile with backend="jax"'
 
 

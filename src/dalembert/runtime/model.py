@@ -823,6 +823,22 @@ class CompiledModel(Evaluated):
         require(self.backend, self.stages.program, Capability.VECTOR_FIELD)
         return cast("TracedEngine", self.engine).vector_field
 
+    @property
+    def functions(self) -> Any:
+        """Pure functions of (t, y, p) that JAX traces, vectorises and differentiates, for the backend "jax".
+
+        They are `expand`, `outputs`, `energy`, `mass_matrix`, `forcing`, `constraint_jacobian`, `accelerations` and
+        `project`; t is a time, y (n_y,) a state, p a mapping of parameters and inputs to scalars, or an array as of
+        `parameter_vector`.
+
+        Raises
+        ------
+        CapabilityError
+            For a backend other than "jax".
+        """
+        require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
+        return cast("TracedEngine", self.engine).state_functions
+
     def solve_fn(
         self,
         given: Iterable[str] | None = None,

@@ -283,6 +283,11 @@ class SegmentedEngine(Engine):
         """See `TracedEngine.vector_field`."""
         return cast("TracedEngine", self.inner).vector_field
 
+    @property
+    def state_functions(self) -> Any:
+        """See `TracedEngine.state_functions`."""
+        return cast("TracedEngine", self.inner).state_functions
+
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
         """See `TracedEngine.solve_fn`."""
         return cast("TracedEngine", self.inner).solve_fn(start, method, options)

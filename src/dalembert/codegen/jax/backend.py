@@ -44,7 +44,7 @@ from ...integrators.jax.solvers import Settings as SolverSettings
 from .kernels import compile_kernel
 from .modules import loaded, rendered_module
 from .pieces import PAIRS, pieces_of
-from .pointwise import VectorField
+from .pointwise import StateFunctions, VectorField
 from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
 
@@ -163,6 +163,11 @@ class JaxEngine(Engine):
         """See `TracedEngine.vector_field`; args are the parameters p (n_p,)."""
         return VectorField(self._program)
 
+    @once_property
+    def state_functions(self) -> StateFunctions:
+        """See `TracedEngine.state_functions`."""
+        return StateFunctions(self._program)
+
     def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Solve:
         """See `TracedEngine.solve_fn`."""
         return Solve(self._program, start, method, **options)
@@ -262,7 +267,7 @@ class JaxBackend(Backend):
 
     name = "jax"
     series = ("taylor",)
-    capabilities = frozenset({Capability.VECTOR_FIELD, Capability.SOLVE_FUNCTION})
+    capabilities = frozenset({Capability.VECTOR_FIELD, Capability.STATE_FUNCTIONS, Capability.SOLVE_FUNCTION})
     methods: ClassVar[Mapping[str, str]] = {
         "dopri8": "explicit Runge-Kutta of order 8 (Prince and Dormand; diffrax, in sweeps DOP853)",
         "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras; diffrax, in sweeps a loop of our own)",

@@ -8,16 +8,20 @@ import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
 from ...ir.program import Program, representative
+from .arguments import parameters_of
 from .modules import kernels_of
 
-__all__ = ["VectorField", "checked"]
+__all__ = ["StateFunctions", "VectorField"]
+
+_SETTLED = 1e-10
+"""Size of the last correction of a projection up to which it counts as converged."""
 
 
-def checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
+def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
     """Return values (n,) in the order of `names` as an array of floating point numbers, its length checked."""
     array = jnp.asarray(values)
     if array.shape != (len(names),):
-        raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
+        raise OptionError(f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
@@ -47,7 +51,7 @@ class VectorField:
             For a state or parameters of another length.
         """
         layout, conditions = self._program.layout, self._program.conditions
-        y, p = checked("component of the state", y, layout.state), checked("parameter", args, layout.parameters)
+        y, p = _checked("the state", y, layout.state), _checked("parameters", args, layout.parameters)
         if conditions is not None:
             p = p.at[conditions.place].set(t)
         return self._kernels["rhs"](t, y, self._kernels.constants(p))
@@ -60,3 +64,86 @@ class VectorField:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VectorField, (self._program,)
+
+
+@final
+class StateFunctions:
+    """Functions of a time t, a state y (n_y,) and parameters p, which JAX traces, vectorises and differentiates.
+
+    p is a mapping of the names of parameters and inputs to scalars, or an array (n_p,) as of
+    ``model.parameter_vector``. Conditions on time are decided at t. Functions of equal models are equal.
+
+    Parameters
+    ----------
+    program : Program
+        The compiled program.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._program = representative(program)
+        self._hash = hash(("state functions", self._program))
+        self._kernels = kernels_of(self._program)
+
+    def expand(self, t: Any, y: Any, p: Any) -> tuple[Any, Any]:
+        """Return coordinates (n_q,) and rates (n_q,)."""
+        n = len(self._program.layout.coordinates)
+        x = self._point(t, y, p)[0]
+        return x[:n], x[n : 2 * n]
+
+    def outputs(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the requested outputs (n_outputs,), in the order of ``layout.outputs``."""
+        _, y, c = self._point(t, y, p)
+        return self._kernels["outputs"](t, y, c) if "outputs" in self._kernels else jnp.zeros(0)
+
+    def energy(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the energy (), kinetic and potential."""
+        return jnp.sum(self._of_scene("energy", (2,), t, y, p))
+
+    def mass_matrix(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the mass matrix (n_q, n_q)."""
+        n = len(self._program.layout.coordinates)
+        return self._of_scene("mass_matrix", (n, n), t, y, p)
+
+    def forcing(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the given actions and bias terms (n_q,): M q_ddot = forcing + reactions."""
+        return self._of_scene("forcing", (len(self._program.layout.coordinates),), t, y, p)
+
+    def constraint_jacobian(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the Jacobian (n_c, n_q) of the velocity constraints, holonomic rows first."""
+        shape = len(self._program.layout.constraints), len(self._program.layout.coordinates)
+        return self._of_scene("constraint_jacobian", shape, t, y, p)
+
+    def accelerations(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the second rates of the coordinates (n_q,), constraints included."""
+        return self._of_scene("accelerations", (len(self._program.layout.coordinates),), t, y, p)
+
+    def project(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the state (n_y,) on the constraints, as steps end: NaN where that does not converge.
+
+        Where the constraints hold by construction, it is y.
+        """
+        _, y, c = self._point(t, y, p)
+        return self._kernels.project(t, y, c, _SETTLED)
+
+    def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
+        """Return what a kernel of coordinates, rates and first-order states gives, zeros where there is none."""
+        x, _, c = self._point(t, y, p)
+        return self._kernels[kernel](t, x, c).reshape(shape) if kernel in self._kernels else jnp.zeros(shape)
+
+    def _point(self, t: Any, y: Any, p: Any) -> tuple[Any, Any, Any]:
+        """Return coordinates, rates and first-order states side by side, the state, and constants."""
+        layout, conditions = self._program.layout, self._program.conditions
+        y, p = _checked("the state", y, layout.state), parameters_of(layout, p)
+        if conditions is not None:
+            p = p.at[conditions.place].set(t)
+        c = self._kernels.constants(p)
+        return self._kernels["expand"](t, y, c), y, c
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, StateFunctions) and self._program is other._program)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StateFunctions, (self._program,)

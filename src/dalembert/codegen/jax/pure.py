@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ...errors import OptionError, list_names, unknown_name
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
-from ...integrators.samples import Samples
-from ...ir.input_parameters import hidden_parameters
-from ...ir.program import Layout, Program, representative
+from ...ir.program import Program, representative
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
 from ...transforms.nonsmooth import decisions
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
-from ...values import times_of
 from ..printers import JAX
+from .arguments import parameters_of, times, vector
 from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
 from .kernels import compile_kernel
@@ -160,10 +156,8 @@ class Solve:
                 "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        layout = self._program.layout
-        shown = (*layout.given, *layout.inputs)
-        p = _vector("parameter", _with_inputs(layout, p), layout.parameters, layout.defaults, shown)
-        return _solved(self, _times(t), _vector("initial value", initial, self.given), p)
+        p = parameters_of(self._program.layout, p)
+        return _solved(self, times(t), vector("initial value", initial, self.given), p)
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Solve) and self._key == other._key)
@@ -246,77 +240,6 @@ def _(values: Any, tangents: Any) -> Any:
         ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
         " jump, or smooth the jump (tanh)"
     )
-
-
-def _times(t: Any) -> Any:
-    """Return the times as an array, checked where they are known."""
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(t))
-    times = jnp.atleast_1d(jnp.asarray(t, dtype=float)) if traced else times_of("t", t)
-    if times.ndim != 1 or not len(times):
-        raise ValueInputError(f"t must be times (n_t,), the first of which is the start, not of shape {times.shape}")
-    if traced:
-        return times
-    steps = np.diff(times)
-    if not np.all(np.isfinite(times)) or not (np.all(steps >= 0.0) or np.all(steps <= 0.0)):
-        raise ValueInputError(f"t must be finite times in increasing order, or in decreasing order, not {t!r}")
-    return jnp.asarray(times)
-
-
-def _with_inputs(layout: Layout, values: Any) -> Any:
-    """Return parameters by name with those that stand for inputs, whose values are among them.
-
-    Raises
-    ------
-    UnknownNameError
-        For inputs without values.
-    OptionError
-        For samples.
-    """
-    if not isinstance(values, Mapping) or not layout.inputs:
-        return values
-    table: dict[str, Any] = {str(key): value for key, value in values.items()}
-    missing = [name for name in layout.inputs if name not in table]
-    if missing:
-        raise UnknownNameError(
-            f"missing inputs: {list_names(missing)}. Give each a number beside the parameters: solve(t, initial,"
-            f" {{..., {missing[0]!r}: 0.0}})"
-        )
-    for name in layout.inputs:
-        value = table.pop(name)
-        if isinstance(value, Samples):
-            raise OptionError(
-                f"input {name!r} has samples, and solve takes numbers, which are constant in time: a traced run does"
-                " not end steps at knots. Use model.simulate or model.sweep, or solve from knot to knot"
-            )
-        knot, constant, *others = hidden_parameters(name)
-        table |= {knot: 0.0, constant: value, **dict.fromkeys(others, 0.0)}
-    return table
-
-
-def _vector(
-    kind: str,
-    values: Any,
-    names: tuple[str, ...],
-    defaults: Mapping[str, float] | None = None,
-    shown: tuple[str, ...] | None = None,
-) -> Any:
-    """Return an array of values by name, or of an array in their order; some may have defaults.
-
-    Messages list the names `shown`.
-    """
-    if not isinstance(values, Mapping):
-        array = jnp.asarray(values, dtype=float)
-        if array.shape != (len(names),):
-            raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
-        return array
-    table = {**(defaults or {}), **{str(key): value for key, value in values.items()}}
-    wrong = [unknown_name(kind, name, shown or names) for name in table if name not in names]
-    missing = [name for name in names if name not in table]
-    if missing:
-        wrong.append(f"missing {kind}s: {list_names(missing)}")
-    if wrong:
-        raise UnknownNameError("\n".join(wrong))
-    return jnp.stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)
 
 
 @once

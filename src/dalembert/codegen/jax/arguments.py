@@ -1,0 +1,95 @@
+"""Arguments of traced functions: arrays, or values by name, checked where they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ...integrators.samples import Samples
+from ...ir.input_parameters import hidden_parameters
+from ...ir.program import Layout
+from ...values import times_of
+
+__all__ = ["parameters_of", "times", "vector"]
+
+
+def parameters_of(layout: Layout, p: Any) -> Any:
+    """Return parameters (n_p,) from an array, or from values by name, those of inputs among them."""
+    shown = (*layout.given, *layout.inputs)
+    return vector("parameter", _with_inputs(layout, p), layout.parameters, layout.defaults, shown)
+
+
+def times(t: Any) -> Any:
+    """Return the times as an array, checked where they are known."""
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(t))
+    times = jnp.atleast_1d(jnp.asarray(t, dtype=float)) if traced else times_of("t", t)
+    if times.ndim != 1 or not len(times):
+        raise ValueInputError(f"t must be times (n_t,), the first of which is the start, not of shape {times.shape}")
+    if traced:
+        return times
+    steps = np.diff(times)
+    if not np.all(np.isfinite(times)) or not (np.all(steps >= 0.0) or np.all(steps <= 0.0)):
+        raise ValueInputError(f"t must be finite times in increasing order, or in decreasing order, not {t!r}")
+    return jnp.asarray(times)
+
+
+def _with_inputs(layout: Layout, values: Any) -> Any:
+    """Return parameters by name with those that stand for inputs, whose values are among them.
+
+    Raises
+    ------
+    UnknownNameError
+        For inputs without values.
+    OptionError
+        For samples.
+    """
+    if not isinstance(values, Mapping) or not layout.inputs:
+        return values
+    table: dict[str, Any] = {str(key): value for key, value in values.items()}
+    missing = [name for name in layout.inputs if name not in table]
+    if missing:
+        raise UnknownNameError(
+            f"missing inputs: {list_names(missing)}. Give each a number beside the parameters: solve(t, initial,"
+            f" {{..., {missing[0]!r}: 0.0}})"
+        )
+    for name in layout.inputs:
+        value = table.pop(name)
+        if isinstance(value, Samples):
+            raise OptionError(
+                f"input {name!r} has samples, and solve takes numbers, which are constant in time: a traced run does"
+                " not end steps at knots. Use model.simulate or model.sweep, or solve from knot to knot"
+            )
+        knot, constant, *others = hidden_parameters(name)
+        table |= {knot: 0.0, constant: value, **dict.fromkeys(others, 0.0)}
+    return table
+
+
+def vector(
+    kind: str,
+    values: Any,
+    names: tuple[str, ...],
+    defaults: Mapping[str, float] | None = None,
+    shown: tuple[str, ...] | None = None,
+) -> Any:
+    """Return an array of values by name, or of an array in their order; some may have defaults.
+
+    Messages list the names `shown`.
+    """
+    if not isinstance(values, Mapping):
+        array = jnp.asarray(values, dtype=float)
+        if array.shape != (len(names),):
+            raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
+        return array
+    table = {**(defaults or {}), **{str(key): value for key, value in values.items()}}
+    wrong = [unknown_name(kind, name, shown or names) for name in table if name not in names]
+    missing = [name for name in names if name not in table]
+    if missing:
+        wrong.append(f"missing {kind}s: {list_names(missing)}")
+    if wrong:
+        raise UnknownNameError("\n".join(wrong))
+    return jnp.stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)
