@@ -29,6 +29,7 @@ __all__ = [
     "STICK",
     "Mode",
     "added_parameters",
+    "allowance_name",
     "always",
     "direction_names",
     "mode_equations",
@@ -64,6 +65,14 @@ def side_name(contact: ContactRow) -> str | None:
     return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
 
 
+def allowance_name(contact: ContactRow) -> str | None:
+    """Return the parameter that is added to a guard of a contact that opens, so that rounding cannot make it fire.
+
+    It is a normal reaction while the contact is closed, else a gap.
+    """
+    return f"allowance of {contact.name}" if contact.constraint is not None else None
+
+
 def rest_name(contact: ContactRow) -> str | None:
     """Return the parameter that holds the slip speed in a plane below which a contact counts as at rest.
 
@@ -83,6 +92,9 @@ def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
     side = side_name(contact)
     if side is not None and state in (SLIP, STICK):
         added[side] = 1.0
+    allowance = allowance_name(contact)
+    if allowance is not None:
+        added[allowance] = 0.0
     return added
 
 
@@ -232,6 +244,10 @@ class _ModeEquations:
         name = side_name(contact)
         return self.graph.one if name is None else self.graph.input(name)
 
+    def _allowance(self, contact: ContactRow) -> Node:
+        name = allowance_name(contact)
+        return self.graph.zero if name is None else self.graph.input(name)
+
     def _speed(self, row: ConstraintRow) -> Node:
         terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
         return self.graph.sum(terms) + row.drift
@@ -248,7 +264,7 @@ class _ModeEquations:
             name = contact.name
             if state == OPEN:
                 assert contact.gap is not None
-                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap))
+                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self._allowance(contact)))
                 continue
             press = graph.input(names[contact.normal]) * self._side(contact)
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
@@ -256,7 +272,7 @@ class _ModeEquations:
             else:
                 if contact.constraint is not None or state in (SLIP, STICK):
                     kind = "turn" if contact.constraint is None else "lift"
-                    guards.append((Guard(f"press of {name}", i, kind), press))
+                    guards.append((Guard(f"press of {name}", i, kind), press + self._allowance(contact)))
                 if state == STICK and contact not in self.idle:
                     guards += self._holding(i, press)
             if state == SLIP:
@@ -283,9 +299,9 @@ class _ModeEquations:
         graph, side = self.graph, self._side(contact)
         slopes = [side * direction.get(contact.normal, graph.zero) for direction in directions]
         if state != STICK or contact in self.idle or len(contact.tangential) > 1:
-            return [SharedLaw(press, tuple(slopes))]
+            return [SharedLaw(press + self._allowance(contact), tuple(slopes))]
         assert contact.mu_static is not None
-        (number,), most = contact.tangential, contact.mu_static * press
+        (number,), most = contact.tangential, contact.mu_static * press + self._allowance(contact)
         force = graph.input(self.whole.symbols.unknowns[number])
         changes = [direction.get(number, graph.zero) for direction in directions]
         return [
@@ -319,7 +335,7 @@ class _ModeEquations:
         """Return by how much friction could be larger where a contact sticks by itself."""
         graph, contact = self.graph, self.whole.contacts[i]
         assert contact.mu_static is not None
-        most = contact.mu_static * press
+        most = contact.mu_static * press + self._allowance(contact)
         forces = [graph.input(self.whole.symbols.unknowns[j]) for j in contact.tangential]
         if len(forces) > 1:
             rest = most * most - graph.sum(f * f for f in forces)

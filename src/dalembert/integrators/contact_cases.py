@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..methods.event_constants import RESOLUTION, TOGETHER
 from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset, sqrt
@@ -36,21 +37,27 @@ __all__ = [
     "MEET",
     "NOISE",
     "RESTING",
+    "ROUNDED",
     "SHARE",
+    "STILL",
     "STOP",
     "TURN",
     "UNDECIDED",
     "ContactCases",
+    "approaches",
     "contact_cases",
+    "gap_allowance",
     "gap_rate",
     "known_of",
     "laws_of_sliding",
     "rate_noise",
     "refused",
+    "returns",
     "sign",
     "slip_speed",
     "slip_terms",
     "strikes",
+    "touching",
 ]
 
 LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 16, 32, 64, 128
@@ -66,13 +73,19 @@ UNDECIDED = -1
 _LENGTH = 1.0001
 """Length that gaps are compared with beside their own size."""
 
-_STILL = 1e-12
+_MOTIONLESS = 1e-12
 """Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
 
 RESTING = 1e-7
-"""Share of the largest approach speed of a contact so far, below which an impact is none: the contact stays closed.
+"""Share of the largest approach speed of a contact so far, below which an impact has no restitution.
 
 So infinitely many impacts within a finite time end."""
+
+STILL = 1e-11
+"""The same for impacts that follow others at the same instant."""
+
+ROUNDED = 1e-14
+"""Share of the largest speed so far that rounding leaves of one that is zero."""
 
 _SLOW, _EXCURSION = 1e-4, 64.0 * EPSILON
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
@@ -90,13 +103,17 @@ class ContactCases(NamedTuple):
     x : (k, 2 n_q + n_z)
         Coordinates, rates and first-order states; the rates change.
     directions, sides : (k, 2 c), (k, c)
-        Directions of slip; signs of normal reactions.
+        Directions of slip; signs of normal reactions, or of contacts that open what is added to their guards.
     speeds, approach : (k, c)
         Largest slip speed, and largest speed at which the gap closed, so far.
     rest : (k, c)
         Slip speed in a plane below which a contact counts as at rest; negative in phases that do not begin at rest.
     flight : (k, c)
         How long each contact has been open [s].
+    loads : (k, c)
+        Largest size of the terms of each gap's acceleration so far.
+    impacts : (k,)
+        Impacts at the instant so far.
     span, passed : (k,)
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
@@ -116,6 +133,8 @@ class ContactCases(NamedTuple):
     approach: Matrix
     rest: Matrix
     flight: Matrix
+    loads: Matrix
+    impacts: IntVector
     span: Vector
     passed: Vector
     modes: IntMatrix
@@ -141,6 +160,8 @@ def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: i
         approach=np.zeros((k, contacts)),
         rest=np.ones((k, contacts)),
         flight=np.zeros((k, contacts)),
+        loads=np.zeros((k, contacts)),
+        impacts=np.zeros(k, np.int64),
         span=span,
         passed=np.zeros(k),
         modes=undecided[0],
@@ -191,7 +212,16 @@ def rate_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
             ease += entry * entry / inertia
         for m in range(table.coordinates):
             energy += space.rates[j] * mass(table, space, j, m) * space.rates[m]
-    return NOISE * terms + _STILL * sqrt(max(energy * ease, 0.0))
+    return NOISE * terms + _MOTIONLESS * sqrt(max(energy * ease, 0.0))
+
+
+@compiled_subset
+def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether the gap of a contact closes, beyond what rounding leaves of the largest speeds so far."""
+    fastest = 0.0
+    for j in range(table.constraint.size):
+        fastest = max(fastest, cases.approach[case, j], cases.speeds[case, j])
+    return -gap_rate(table, space, i) > max(rate_noise(table, space, i), ROUNDED * fastest)
 
 
 @compiled_subset
@@ -229,25 +259,58 @@ def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: C
 
 
 @compiled_subset
-def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
-    speed, terms = abs(gap_rate(table, space, i)), 0.0
+def _gap_terms(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
+    """Return the sum of the sizes of what coordinates add to a gap, to first order."""
+    terms = 0.0
     for j in range(table.coordinates):
         terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
-    slow = speed <= _SLOW * cases.approach[case, i]
-    return slow and speed * cases.flight[case, i] <= _EXCURSION * terms
+    return terms
 
 
 @compiled_subset
-def known_of(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
-    """Return what is known of a contact before a decision; what its guards say of it is written too."""
+def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
+    speed = abs(gap_rate(table, space, i))
+    slow, height = speed <= _SLOW * cases.approach[case, i], 0.25 * speed * cases.flight[case, i]
+    return slow and height <= _EXCURSION * _gap_terms(table, space, cases, case, i)
+
+
+@compiled_subset
+def _arrives(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> bool:
+    """Return whether the gap of an open contact closes at the instant, as far as positions and times can tell."""
+    if not approaches(table, space, cases, case, i):
+        return False
+    speed, terms = -gap_rate(table, space, i), _gap_terms(table, space, cases, case, i)
+    return number(table, space, i, GAP) <= TOGETHER * (terms + abs(t) * speed)
+
+
+@compiled_subset
+def gap_allowance(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> float:
+    """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
+
+    Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that.
+    """
+    if approaches(table, space, cases, case, i):
+        return 0.0
+    gap = number(table, space, i, GAP)
+    most = RESOLUTION * (_gap_terms(table, space, cases, case, i) + abs(t) * cases.approach[case, i])
+    if gap <= most:
+        return min(-gap, most)
+    return cases.sides[case, i] if cases.modes[case, i] == OPEN else 0.0
+
+
+@compiled_subset
+def known_of(
+    table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int, t: float
+) -> int:
+    """Return what is known of a contact before a decision at time t; what its guards say of it is written too."""
     fired, before = cases.fired[case, i], cases.modes[case, i]
     pick.former[i], pick.parted[i] = before, 1 if fired & SHARE != 0 else 0
     pick.broken[i] = pick.slides[i] = 0
     pick.turned[i] = 1 if fired & TURN != 0 else 0
     if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
         return LIFTING if fired & LIFT != 0 else _closed(table, space, pick, cases, case, i)
-    if before == OPEN and fired & MEET == 0:
+    if before == OPEN and fired & MEET == 0 and not _arrives(table, space, cases, case, i, t):
         return FREE
     rate, noise = gap_rate(table, space, i), rate_noise(table, space, i)
     far = before == UNDECIDED and number(table, space, i, GAP) > _gap_noise(table, space, i)
@@ -257,17 +320,36 @@ def known_of(table: ContactTable, space: ContactSpace, pick: Candidates, cases: 
 
 
 @compiled_subset
-def strikes(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a contact that touches, and was open, is struck; its approach speed is remembered."""
+def touching(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> int:
+    """Return what is known of a contact that touches after an impact."""
+    if not laws_of_sliding(table, i):
+        return TOUCHING
+    return GRIPPED if slip_speed(table, space, i) <= NOISE * cases.speeds[case, i] else SLIDING
+
+
+@compiled_subset
+def returns(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> int:
+    """Return what is known of a contact that an impact has left open, and that others may have sent back at once."""
+    if table.constraint[i] < 0 or not _arrives(table, space, cases, case, i, t):
+        return FREE
+    return touching(table, space, cases, case, i)
+
+
+@compiled_subset
+def strikes(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, begins: bool) -> bool:
+    """Return whether a contact that touches, and was open, is struck; its approach speed is remembered.
+
+    It ``begins`` unless after another impact at the same instant.
+    """
     before = cases.modes[case, i]
-    if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
+    if table.constraint[i] < 0 or (begins and not (before == UNDECIDED or before == OPEN)):
         return False
     speed = -gap_rate(table, space, i)
     largest = max(cases.approach[case, i], speed)
     cases.approach[case, i] = largest
-    if before == OPEN and _unresolved(table, space, cases, case, i):
+    if begins and before == OPEN and _unresolved(table, space, cases, case, i):
         return False
-    return speed > max(rate_noise(table, space, i), RESTING * largest)
+    return speed > max(rate_noise(table, space, i), (RESTING if begins else STILL) * largest)
 
 
 @compiled_subset

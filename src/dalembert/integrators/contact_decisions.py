@@ -10,22 +10,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..methods.status import Status
+from ..methods.step_constants import EPSILON
 from .arguments import IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
     NOISE,
     RESTING,
+    ROUNDED,
+    STILL,
     UNDECIDED,
     ContactCases,
+    approaches,
+    gap_allowance,
     gap_rate,
     known_of,
     laws_of_sliding,
     rate_noise,
     refused,
+    returns,
     sign,
     slip_speed,
     slip_terms,
     strikes,
+    touching,
 )
 from .contact_system import compliance, load_accelerations, load_impact, solve_mode
 from .contact_table import (
@@ -36,12 +43,15 @@ from .contact_table import (
     STICK,
     ContactSpace,
     ContactTable,
+    bias,
     drift,
+    mass,
     number,
+    opening_power,
     slope,
     velocity,
 )
-from .mode_candidates import FREE, GRIPPED, SLIDING, TOUCHING, Candidates
+from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates
 from .mode_selection import select_mode
 
 __all__ = [
@@ -55,9 +65,6 @@ __all__ = [
 SHORT_LOOPS = True
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
 
-_ROUNDED = 1e-14
-"""Share of the largest speed so far that rounding leaves of one that is zero."""
-
 _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and the least one [m/s]."""
@@ -65,7 +72,15 @@ a share of what friction and the motion do within the span; and the least one [m
 SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
 
+_MOST_IMPACTS = 10_000
+"""Impacts at one instant, after which they accumulate."""
+
+_ENORMOUS = 1e300
+_LOADS = 1024.0 * EPSILON
+"""Share of the gap accelerations so far that rounding of positions and forces leaves of one that is zero."""
+
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
+_ACCUMULATE = int(Status.EVENTS_ACCUMULATE)
 
 
 class DecisionArguments(NamedTuple):
@@ -91,6 +106,7 @@ class DecisionArguments(NamedTuple):
     candidates: Candidates
     demand: Vector
     cases: ContactCases
+    t: Vector
     values: Matrix
     wanted: IntVector
     after_impact: IntVector
@@ -120,7 +136,7 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
         lost = sqrt(change) * abs(cases.passed[case]) if losing and cases.modes[case, i] == SLIP else 0.0
         speed = slip_speed(table, space, i)
         largest = max(cases.speeds[case, i], speed)
-        cases.speeds[case, i] = max(largest, lost) if lost < 1e300 else largest
+        cases.speeds[case, i] = max(largest, lost) if lost < _ENORMOUS else largest
         pick.given_sides[i] = sign(table, cases, case, i)
         for a in range(2):
             pick.given_along[i, a] = cases.directions[case, 2 * i + a]
@@ -137,15 +153,23 @@ def _impact(arguments: DecisionArguments, case: int) -> int:
     """Solve for the rates after an impact and take them; return a status."""
     table, space, pick = arguments.table, arguments.space, arguments.candidates
     cases, demand = arguments.cases, arguments.demand
+    cases.impacts[case] += 1
+    if cases.impacts[case] > _MOST_IMPACTS:
+        return _ACCUMULATE
     for row in range(table.constraints):
         demand[row] = 0.0
     for i in range(table.constraint.size):
-        if pick.struck[i] != 0:
+        if pick.struck[i] == 1:
             row = table.constraint[i]
             demand[row] = -number(table, space, i, RESTITUTION) * velocity(table, space, row)
+        if pick.kind[i] == LIFTING:  # it still touches, and may be pushed
+            pick.kind[i] = TOUCHING
+            if laws_of_sliding(table, i):
+                pick.kind[i], pick.slides[i] = GRIPPED, 1 if pick.former[i] == SLIP else 0
         if pick.kind[i] == SLIDING:
             pick.kind[i], pick.slides[i] = GRIPPED, 1
         pick.broken[i] = pick.turned[i] = pick.parted[i] = 0
+        pick.still[i] = pick.least[i] = 0.0
     load_impact(table, space, demand)
     status = select_mode(table, space, pick, False, False)
     if status != _SUCCESS:
@@ -156,7 +180,8 @@ def _impact(arguments: DecisionArguments, case: int) -> int:
     for i in range(table.constraint.size):
         cases.after[case, i] = _kind_after(table, space, pick, cases, case, i)
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
-        cases.sides[case, i] = pick.best_sides[i]
+        if table.sided[i] != 0:
+            cases.sides[case, i] = pick.best_sides[i]
     return status
 
 
@@ -174,7 +199,7 @@ def _kind_after(
     table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int
 ) -> int:
     """Return what is known of a contact after an impact."""
-    if pick.kind[i] == FREE:
+    if pick.kind[i] == FREE and cases.after[case, i] != HOVERING:
         return FREE
     if table.constraint[i] >= 0:
         row = table.constraint[i]
@@ -184,6 +209,8 @@ def _kind_after(
         least = max(rate_noise(table, space, i), NOISE * terms)
         if rate > max(least, RESTING * cases.approach[case, i]):
             return FREE
+        if pick.kind[i] == FREE or rate > max(least, STILL * cases.approach[case, i]):
+            return HOVERING
     if not laws_of_sliding(table, i):
         return TOUCHING
     if pick.best_mode[i] == STICK:
@@ -201,9 +228,9 @@ def _moves(table: ContactTable, space: ContactSpace, pick: Candidates, cases: Co
     moves = False
     for i in range(table.constraint.size):
         if pick.best_mode[i] == STICK:
-            moves = moves or not slip_speed(table, space, i) <= _ROUNDED * cases.speeds[case, i]
+            moves = moves or not slip_speed(table, space, i) <= ROUNDED * cases.speeds[case, i]
         if pick.best_mode[i] != OPEN and table.constraint[i] >= 0:
-            moves = moves or not abs(gap_rate(table, space, i)) <= _ROUNDED * cases.approach[case, i]
+            moves = moves or not abs(gap_rate(table, space, i)) <= ROUNDED * cases.approach[case, i]
     return moves
 
 
@@ -246,20 +273,48 @@ def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> 
 def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
     """Find out what is known of each contact; return whether one is struck. It ``begins`` unless after an impact."""
     table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
-    struck = False
+    struck, t = False, arguments.t[case]
+    if begins:
+        cases.impacts[case] = 0
     for i in range(table.constraint.size):
         pick.struck[i] = 0
         if begins:
             cases.flight[case, i] += abs(cases.passed[case]) if cases.modes[case, i] == OPEN else 0.0
-            pick.kind[i] = known_of(table, space, pick, cases, case, i)
-            if pick.kind[i] >= TOUCHING and strikes(table, space, cases, case, i):
-                pick.struck[i], struck = 1, True
+            pick.kind[i] = known_of(table, space, pick, cases, case, i, t)
         else:
             pick.kind[i] = cases.after[case, i]
             pick.broken[i] = pick.turned[i] = pick.slides[i] = pick.parted[i] = 0
+        sent_back = not begins and (pick.kind[i] == FREE or pick.kind[i] == HOVERING)
+        if sent_back:
+            pick.kind[i] = returns(table, space, cases, case, i, t)
+        if pick.kind[i] >= TOUCHING and (begins or sent_back):
+            pick.struck[i] = 1 if strikes(table, space, cases, case, i, begins) else 0
+            struck = struck or pick.struck[i] != 0
+    for i in range(table.constraint.size):
+        if not begins and not struck and cases.after[case, i] == HOVERING:
+            pick.kind[i] = touching(table, space, cases, case, i)
         if pick.kind[i] >= TOUCHING:
             cases.flight[case, i] = 0.0
     return struck
+
+
+@compiled_subset
+def _weigh(arguments: DecisionArguments, case: int) -> None:
+    """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them."""
+    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
+    for i in range(table.constraint.size):
+        pick.still[i] = pick.least[i] = 0.0
+        if table.constraint[i] < 0 or pick.kind[i] == FREE:
+            continue
+        square, ease, power = 0.0, 0.0, opening_power(table, space, i)
+        for j in range(table.coordinates):
+            entry, inertia = slope(table, space, table.constraint[i], j), mass(table, space, j, j)
+            square += entry * entry
+            if inertia > 0.0:
+                ease += entry * entry / inertia
+        pick.still[i] = _LOADS * cases.loads[case, i]
+        if ease > 0.0 and power > 0.0:
+            pick.least[i] = pick.still[i] * square / (ease * power)
 
 
 @compiled_subset
@@ -279,15 +334,38 @@ def _joined(arguments: DecisionArguments, case: int, begins: bool) -> tuple[bool
 @compiled_subset
 def _enter(arguments: DecisionArguments, case: int) -> bool:
     """Let a case enter the selected mode; return whether a contact sticks in it."""
-    pick, cases, sticking = arguments.candidates, arguments.cases, False
+    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
+    sticking, t = False, arguments.t[case]
     for j in range(pick.best_motion.size):
         cases.motion[case, j] = pick.best_motion[j]
     for i in range(pick.kind.size):
-        cases.after[case, i] = UNDECIDED
-        cases.modes[case, i], cases.sides[case, i] = pick.best_mode[i], pick.best_sides[i]
+        if table.constraint[i] >= 0:
+            opens, terms = pick.best_mode[i] == OPEN, abs(bias(table, space, table.constraint[i]))
+            cases.sides[case, i] = gap_allowance(table, space, cases, case, i, t) if opens else pick.least[i]
+            for j in range(table.coordinates):
+                terms += abs(slope(table, space, table.constraint[i], j) * pick.best_motion[j])
+            if terms < _ENORMOUS:
+                cases.loads[case, i] = max(cases.loads[case, i], terms)
+        else:
+            cases.sides[case, i] = pick.best_sides[i]
+        cases.after[case, i], cases.modes[case, i] = UNDECIDED, pick.best_mode[i]
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
         sticking = sticking or pick.best_mode[i] == STICK
     return sticking
+
+
+@compiled_subset
+def _stopped(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Find contacts that touch, approach too slowly to be struck, and are to open; return whether there are any.
+
+    Nothing but an impact without restitution keeps them from going on.
+    """
+    stopped = False
+    for i in range(table.constraint.size):
+        if pick.kind[i] >= TOUCHING and pick.best_mode[i] == OPEN:
+            if approaches(table, space, cases, case, i):
+                pick.struck[i], stopped = 2, True
+    return stopped
 
 
 @compiled_subset
@@ -322,10 +400,14 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         cases.status[case] = _impact(arguments, case)
         return cases.status[case] == _SUCCESS
     known, meets, closing = _joined(arguments, case, begins)
+    _weigh(arguments, case)
     load_accelerations(table, space)
     cases.status[case] = select_mode(table, space, pick, known, meets)
     if cases.status[case] != _SUCCESS:
         return False
+    if _stopped(table, space, pick, cases, case):
+        cases.status[case] = _impact(arguments, case)
+        return cases.status[case] == _SUCCESS
     sticking = _enter(arguments, case)
     _choose_rest_speeds(arguments, case)
     if (closing or sticking) and _moves(table, space, pick, cases, case):

@@ -25,6 +25,7 @@ from .contact_table import (
     mass,
     number,
     reaction,
+    row_size,
     slope,
 )
 from .dense_solve import solve_dense
@@ -38,6 +39,11 @@ __all__ = [
     "shift_forces",
     "solve_mode",
 ]
+
+
+_POWERLESS = 1e-12
+"""Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it; and
+share of the slopes of a gap, up to which it makes those of a slip velocity."""
 
 
 @compiled_subset
@@ -167,6 +173,28 @@ def _reactions(table: ContactTable, space: ContactSpace, held: int, opened: int)
 
 
 @compiled_subset
+def _free_compliance(table: ContactTable, space: ContactSpace, r: int, unknown: int) -> float:
+    """Return the size of the slip acceleration for a unit of a reaction if nothing else held the system."""
+    value = 0.0
+    for m in range(table.coordinates):
+        inertia = mass(table, space, m, m)
+        if inertia > 0.0:
+            force = reaction(table, space, m, unknown)
+            value += abs(slope(table, space, table.constraints + r, m) * force) / inertia
+    return value
+
+
+@compiled_subset
+def _motionless(table: ContactTable, space: ContactSpace, r: int) -> bool:
+    """Return whether a slip velocity does not depend on the rates here, compared with how the gap does."""
+    for i in range(table.constraint.size):
+        if table.constraint[i] >= 0 and table.first[i] <= r and r < table.first[i] + table.width[i]:
+            size = row_size(table, space, table.constraints + r)
+            return size <= _POWERLESS * row_size(table, space, table.constraint[i])
+    return False
+
+
+@compiled_subset
 def _write(table: ContactTable, space: ContactSpace, place: int, opened: int) -> None:
     """Write the responses that were solved for to their row."""
     n, k, s, width = table.coordinates, table.normal.size, table.slips, 1 + table.slips
@@ -192,12 +220,15 @@ def _write(table: ContactTable, space: ContactSpace, place: int, opened: int) ->
                 value *= float(table.sense[i])
             out[(n + k + i) * width + j] = value
     for r in range(s):
+        still = _motionless(table, space, r)
         for j in range(width):
             value = 0.0
             for m in range(n):
                 value += slope(table, space, table.constraints + r, m) * space.saddle_right[m, j]
             if j == 0:
                 value -= space.slip_demand[r]
+            elif still or abs(value) <= _POWERLESS * _free_compliance(table, space, r, table.tangential[j - 1]):
+                value = 0.0
             out[(n + 2 * k + r) * width + j] = value
 
 

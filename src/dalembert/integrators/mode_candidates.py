@@ -25,6 +25,7 @@ from .contact_table import (
 __all__ = [
     "FREE",
     "GRIPPED",
+    "HOVERING",
     "LIFTING",
     "SLIDING",
     "TOUCHING",
@@ -35,9 +36,10 @@ __all__ = [
     "next_combination",
 ]
 
-FREE, LIFTING, TOUCHING, GRIPPED, SLIDING = 0, 1, 2, 3, 4
+FREE, LIFTING, TOUCHING, GRIPPED, SLIDING, HOVERING = 0, 1, 2, 3, 4, 5
 """Knowledge of a contact before a decision: open; its normal reaction has just vanished; closed without a law of
-sliding; closed with a slip velocity of zero; closed with a slip velocity."""
+sliding; closed with a slip velocity of zero; closed with a slip velocity; after an impact so slow that it stays closed,
+if no other impact follows at the same instant."""
 
 _MOST_OPTIONS = 8
 
@@ -52,13 +54,15 @@ class Candidates(NamedTuple):
     broken : (n_contacts,)
         Where friction has just failed to hold it: the direction of slip along a line, 2 in a plane; else 0.
     struck : (n_contacts,)
-        1 where it is being struck: it is closed during the impact, if that contradicts nothing.
+        1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing.
     slides : (n_contacts,)
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
     turned : (n_contacts,)
         1 where its normal reaction has just changed its sign, so that rounding decides about it.
     former, parted : (n_contacts,)
         Its former state; 1 where contacts, this one among them, can no longer share a load in their former states.
+    still, least : (n_contacts,)
+        The gap acceleration, and the normal reaction, up to which rounding may make them.
     given_along, given_sides : (n_contacts, 2), (n_contacts,)
         Directions of the slip velocities, or the former ones where there is none; former signs of normal reactions.
     base_sides : (n_contacts,)
@@ -84,6 +88,8 @@ class Candidates(NamedTuple):
     turned: IntVector
     former: IntVector
     parted: IntVector
+    still: Vector
+    least: Vector
     given_along: Matrix
     given_sides: Vector
     base_sides: Vector
@@ -119,6 +125,8 @@ def candidates_space(table: ContactTable) -> Candidates:
         turned=whole(),
         former=whole(),
         parted=whole(),
+        still=np.zeros(k),
+        least=np.zeros(k),
         given_along=np.zeros((k, 2)),
         given_sides=np.ones(k),
         base_sides=np.ones(k),

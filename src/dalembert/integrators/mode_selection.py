@@ -52,6 +52,12 @@ def _share(value: float, scale: float) -> float:
 
 
 @compiled_subset
+def _beyond(value: float, noise: float) -> float:
+    """Return a value, or zero where rounding may have made it."""
+    return 0.0 if abs(value) <= noise else value
+
+
+@compiled_subset
 def _friction(table: ContactTable, space: ContactSpace, i: int) -> float:
     """Return the sum of the sizes of the friction forces of a contact."""
     total = 0.0
@@ -137,9 +143,9 @@ def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int,
     if state == OPEN:
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
             return 1.0
-        return _share(space.gap[i], _speed(space) * row_size(table, space, table.constraint[i]))
+        return _share(_beyond(space.gap[i], pick.still[i]), _speed(space) * row_size(table, space, table.constraint[i]))
     if pick.turned[i] == 0 and (table.constraint[i] >= 0 or table.sided[i] != 0):
-        least = min(least, _share(press, force))
+        least = min(least, _share(_beyond(press, pick.least[i]), force))
     if state == STICK:
         used = 0.0
         for a in range(table.width[i]):
@@ -150,7 +156,7 @@ def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int,
         if pick.turned[i] != 0:
             press = max(press, 0.0)  # it is zero, and rounding has its sign
         limit = number(table, space, i, MU if pick.slides[i] != 0 else MU_STATIC) * press
-        least = min(least, _share(limit - sqrt(used), force))
+        least = min(least, _share(_beyond(limit - sqrt(used), pick.least[i]), force))
     if state == SLIP and pick.kind[i] == GRIPPED and number(table, space, i, MU_STATIC) > 0.0:
         share = _forward(table, space, pick, place, i, pick.along[i, 0], pick.along[i, 1])
         if pick.broken[i] != 0 and share >= -_GRAZING:

@@ -16,16 +16,16 @@ from fuzz.contacts.systems import SYSTEMS
 from fuzz.contacts.uniqueness import motions
 
 FIXED = {
-    "particle": (3, 44, 56),
+    "particle": (3, 44, 56, 73),
     "stack": (17, 21, 37),
     "rod on floor": (21, 22, 36),
     "rod in corner": (2, 21, 49),
     "plate": (1, 41, 46),
-    "wheel": (0, 9, 25),
+    "wheel": (0, 9, 25, 64),
     "slot": (26, 37, 49),
-    "chain": (3, 8, 38),
+    "chain": (3, 8, 27, 38, 42, 56, 87),
     "disc": (5, 8, 32),
-    "pendulum": (1, 32, 48),
+    "pendulum": (1, 32, 48, 53, 127),
 }
 PARTICLE = ("m", "g_x", "g_y", "k", "c", "x_0", "A", "omega", "phi", "B", "C", "nu", "belt", "mu", "mu_s", "e")
 

@@ -77,9 +77,9 @@ class Decisions:
         self._rows = rows
 
     def arguments(
-        self, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
+        self, t: FloatArray, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
     ) -> DecisionArguments:
-        """Return the arguments of the loop, with working memory of their own."""
+        """Return the arguments of the loop for cases at times t (k,), with working memory of their own."""
         table = self.table
         return DecisionArguments(
             table=table,
@@ -87,6 +87,7 @@ class Decisions:
             candidates=candidates_space(table),
             demand=np.zeros(max(table.constraints, 1)),
             cases=cases,
+            t=t,
             values=values,
             wanted=wanted,
             after_impact=np.zeros(len(wanted), np.int64),
@@ -105,7 +106,7 @@ class Decisions:
         wanted = np.ascontiguousarray(wanted, np.int64)
         while len(wanted):
             values = self.values(state.t[wanted], state.x[wanted], state.c[wanted])
-            arguments = self.arguments(state.cases, values, wanted, rtol)
+            arguments = self.arguments(state.t, state.cases, values, wanted, rtol)
             loop_named(LOOP)(arguments)
             wanted = wanted[arguments.after_impact != 0]
 

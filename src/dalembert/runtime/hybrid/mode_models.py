@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...hybrid import OPEN, SLIP, STICK, HybridAutomaton, Mode
-from ...hybrid.modes import direction_names, rest_name, side_name
+from ...hybrid.modes import allowance_name, direction_names, rest_name, side_name
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
 from ...ir.conditions import Conditions
@@ -117,7 +117,9 @@ class ModeModels:
         """
         values: dict[str, Any] = {}
         for i, (contact, state) in enumerate(zip(self.equations.contacts, mode, strict=True)):
-            names = {side_name(contact): sides[..., i]} if state in (SLIP, STICK) else {}
+            names = {allowance_name(contact): sides[..., i]}
+            if state in (SLIP, STICK):
+                names[side_name(contact)] = sides[..., i]
             if state == SLIP:
                 names |= {name: directions[..., i, j] for j, name in enumerate(direction_names(contact))}
                 names[rest_name(contact)] = rest[..., i]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.base import LoopCall
 from ...hybrid import Mode
-from ...hybrid.modes import direction_names, rest_name, side_name
+from ...hybrid.modes import allowance_name, direction_names, rest_name, side_name
 from ...integrators.arguments import pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
@@ -51,7 +51,7 @@ class GatheredRows:
         """Return the rows of a scene, start and end being the first two."""
         names = list(layout.parameters)
         names += [name for contact in contacts for name in (*direction_names(contact), "", "")[:2]]
-        names += [side_name(contact) or "" for contact in contacts]
+        names += [side_name(contact) or allowance_name(contact) or "" for contact in contacts]
         names += [rest_name(contact) or "" for contact in contacts]
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
@@ -182,7 +182,7 @@ def thread_workspace(
             call.progress.returns, call.progress.patience = 1, patience
         calls.append(call)
     numbers = len(decisions.automaton.contact_data.kernel.outputs)
-    arguments = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), rtol)
+    arguments = decisions.arguments(table.t, table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), rtol)
     scene = table.p.shape[1]
     made = ThreadWorkspace(
         gathered=memory.gathered,
