@@ -274,3 +274,22 @@ def test_loops_with_inputs_that_have_knots(plainly, forced, method, kind, span):
     assert_same_bits(compiled, found)
     wanted = {"taylor": "taylor_loop", "radau": "implicit_loop"}.get(method, "explicit_loop")
     assert wanted in names and (method == "radau" or {"input_lane_loop", "prepared_loop"} <= names)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_watched_lanes_with_inputs_that_have_knots(plainly, forced, method):
+    scene, knots, values = forced
+    x = scene.coordinates[0]
+    bounce = da.Event(x + 0.1, apply={x.diff(): -0.5 * x.diff()}, name="bounce")
+    kept = {"most": da.maximum(x), "mean": da.mean(x)}
+
+    def run():
+        options = {"method": method, "events": [bounce], "reduce": kept, **LOOSE}
+        inputs = {"u": da.samples(knots, values, "linear")}
+        sweep = da.compile_model(scene).sweep((0.0, 1.1), {"x": 0.3, "x_dot": -1.0}, {}, inputs=inputs, **options)
+        happened = sweep.events["bounce"]
+        return [sweep.final["x"], sweep.reduced["most"], sweep.reduced["mean"], happened.first, happened.count]
+
+    compiled, found, names = plainly(run)
+    assert_same_bits(compiled, found)
+    assert "input_event_lane_loop" in names

@@ -482,3 +482,46 @@ def test_many_knots_cost_no_table_of_constants(models: Any) -> None:
 def test_reductions_see_the_inputs_of_the_end(models: Any) -> None:
     sweep = models().sweep((0.0, 3.5), START, P, inputs=records("linear", scale=np.ones(2)), reduce=["u", "x"], **TIGHT)
     np.testing.assert_allclose(sweep.reduced["u"], np.interp(3.5, KNOTS, VALUES), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
+@pytest.mark.parametrize("span", [(-0.8, 3.9), (3.9, -0.8)], ids=["forward", "backward"])
+def test_events_and_reductions_in_lanes_between_knots(models: Any, method: str, kind: str, span: Any) -> None:
+    """Each case in lanes, from knot to knot, against the same case alone, knot by knot, by another loop."""
+    model = models("llvm")
+    scales = np.array([0.5, 1.0, 1.7])
+    options = {"method": method, **TIGHT}
+    bounce = da.Event(x + 0.35, apply={x.diff(): -0.9 * x.diff()}, name="bounce")
+    kept = {"most": da.maximum(x), "least": da.minimum(x.diff()), "mean": da.mean(x**2), "when": da.first_crossing(x)}
+    records = {u: da.samples(KNOTS, np.outer(scales, VALUES), kind), v: da.samples(DAMPING_KNOTS, DAMPING, kind)}
+    sweep = model.sweep(span, START, P, inputs=records, events=[bounce, x.diff()], reduce=kept, **options)
+    assert sweep.success.all()
+    for i, scale in enumerate(scales):
+        own = {u: da.samples(KNOTS, scale * VALUES, kind), v: da.samples(DAMPING_KNOTS, DAMPING, kind)}
+        alone = model.simulate(span, START, P, inputs=own, events=[bounce, x.diff()], **options)
+        for name in ("bounce", "x_dot"):
+            times = alone.events[name].t
+            assert len(times) == sweep.events[name].count[i]
+            np.testing.assert_allclose(times[:1], sweep.events[name].first[i : i + 1][: len(times)], atol=1e-9)
+            np.testing.assert_allclose(times[-1:], sweep.events[name].last[i : i + 1][: len(times)], atol=1e-9)
+        np.testing.assert_allclose(sweep.final["x"][i], alone["x"][-1], atol=1e-9)
+        turns = [alone["x"][0], alone["x"][-1], *alone.events["x_dot"]["x"], *alone.events["bounce"]["x"]]
+        np.testing.assert_allclose(sweep.reduced["most"][i], max(turns), atol=1e-9)
+        fine = alone(np.linspace(*span, 40001))
+        np.testing.assert_allclose(sweep.reduced["mean"][i], np.mean(fine["x"] ** 2), atol=1e-4)
+        np.testing.assert_allclose(sweep.reduced["least"][i], fine["x_dot"].min(), atol=2e-3)
+
+
+def test_watched_sweeps_under_samples_do_not_go_case_by_case(models: Any, monkeypatch: Any) -> None:
+    from dalembert.codegen.base import Engine
+
+    def refuse(*arguments: Any) -> None:
+        raise AssertionError("case by case")
+
+    model, records = models("llvm"), {u: da.samples(KNOTS, VALUES), v: 0.2}
+    monkeypatch.setattr(Engine, "integrate_block", refuse)
+    many = {m: np.linspace(1, 2, 5), k: 2.0}
+    assert model.sweep((0, 3), START, many, inputs=records, reduce={"top": da.maximum(x)}).success.all()
+    with pytest.raises(AssertionError, match="case by case"):
+        model.sweep((0, 3), START, many, inputs=records, reduce={"top": da.maximum(x * u)})

@@ -226,8 +226,10 @@ class CompiledEngine(Engine):
         wanted, lanes = len(cases.t_eval), self.steps.lanes
         dense = wanted > 0 or watched is not None or cases.recorded > 0
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
-        if cases.inputs is not None and (watched is not None or (wanted and (position or velocity))):
-            return None  # what is watched, and samples that are projected, belong to inputs within the step
+        if cases.inputs is not None and (
+            (watched is not None and watched.reads_inputs) or (wanted and (position or velocity))
+        ):
+            return None  # what is watched of inputs, and samples that are projected, belong to those within the step
         with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
             with_series = len(watched.events)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..methods.status import Status
+from ..ir.input_parameters import WIDTH
+from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta import CONTROLS, PROPOSAL_AT
 from .compiled_subset import call_code, compiled_subset, lowest, row
 from .input_steps import begin_inputs, pass_knots
@@ -10,7 +11,7 @@ from .step_control import status_after
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, END, NEXT, NOW
 
-__all__ = ["begin_lane_inputs", "pass_lane_knots"]
+__all__ = ["begin_lane_inputs", "pass_lane_knots", "run_on_at_knots", "watch_inputs"]
 
 
 @compiled_subset
@@ -24,8 +25,8 @@ def begin_lane_inputs(arguments: SweepArguments, lane: int) -> None:
 
 
 @compiled_subset
-def pass_lane_knots(arguments: SweepArguments) -> None:
-    """Let the cases go on that have reached a knot, with the inputs from there on."""
+def pass_lane_knots(arguments: SweepArguments) -> int:
+    """Let the cases go on that have reached a knot, with the inputs from there on; return a bit for each lane."""
     state, shape = arguments.state, arguments.shape
     left, passed = state.progress.look, 0
     while left != 0:
@@ -33,8 +34,9 @@ def pass_lane_knots(arguments: SweepArguments) -> None:
         left &= left - 1
         if _passes(arguments, lane):
             passed += 1 << lane
+    moved = passed
     if passed == 0 or shape.memory <= CONTROLS:
-        return
+        return moved
     old, remembered = state.progress.old, arguments.inputs.remembered  # slopes that were carried are of other inputs
     clock, states, settings = row(state.clock, 0), row(state.states, old), row(state.settings, 0)
     call_code(arguments.kernels.begin, clock, states, row(state.constants, 0), settings, row(remembered, 0))
@@ -43,6 +45,35 @@ def pass_lane_knots(arguments: SweepArguments) -> None:
         passed &= passed - 1
         for m in range(shape.n + 2 + CONTROLS, shape.n + 2 + shape.memory):
             state.states[old + m, lane] = remembered[m, lane]
+    return moved
+
+
+@compiled_subset
+def run_on_at_knots(arguments: SweepArguments) -> None:
+    """Have cases that have reached a knot, and not the end of their run, count as running.
+
+    What is watched along a motion does not end at a knot, where it is as smooth as the motion.
+    """
+    numbers, clock = arguments.state.numbers, arguments.state.clock
+    for lane in range(clock.shape[1]):
+        if numbers.status[lane] == Status.SUCCESS and clock[NOW, lane] != arguments.inputs.ends[0, lane]:
+            numbers.status[lane] = RUNNING
+
+
+@compiled_subset
+def watch_inputs(arguments: SweepArguments, lanes: int) -> None:
+    """Give what watches the motions of some lanes (a bit for each) the coefficients that have just been set there."""
+    state, space, inputs = arguments.state, arguments.workspace, arguments.inputs
+    count, left = state.constants.shape[0], lanes
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        for r in range(inputs.places.size):
+            for m in range(WIDTH):
+                place = inputs.places[r] + m
+                space.own[lane, place] = state.constants[place, lane]
+                for point in range(space.constants.shape[1]):
+                    space.constants[lane * count + place, point] = state.constants[place, lane]
 
 
 @compiled_subset
@@ -50,7 +81,9 @@ def _passes(arguments: SweepArguments, lane: int) -> bool:
     """Return whether the case of a lane has reached a knot; the inputs and the end of its next steps are set then."""
     state, inputs, numbers = arguments.state, arguments.inputs, arguments.state.numbers
     t = state.clock[NOW, lane]
-    if numbers.status[lane] != Status.SUCCESS or t == inputs.ends[0, lane]:
+    if (numbers.status[lane] != Status.SUCCESS and numbers.status[lane] != RUNNING) or t == inputs.ends[0, lane]:
+        return False
+    if t != state.clock[END, lane]:
         return False
     end = pass_knots(inputs, state.constants, lane, numbers.case[lane], t, state.settings[1, lane] > 0.0)
     state.clock[END, lane], state.clock[NEXT, lane] = end, end

@@ -17,7 +17,7 @@ from ..interrupts import STOPPED
 from .case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
-from .lane_inputs import begin_lane_inputs, pass_lane_knots
+from .lane_inputs import begin_lane_inputs, pass_lane_knots, run_on_at_knots, watch_inputs
 from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
 from .step_records import record_ends, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
@@ -48,7 +48,9 @@ def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[S
     def load(arguments: SweepArguments) -> bool:
         """Hand in the cases that have ended and enter others; return whether there are any."""
         if knots:
-            pass_lane_knots(arguments)
+            passed = pass_lane_knots(arguments)
+            if watched:
+                watch_inputs(arguments, passed)
         left = arguments.state.progress.look
         while left != 0:
             lane = lowest(left)
@@ -61,6 +63,8 @@ def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[S
                     begin_lane_inputs(arguments, lane)
                 if watched and entered:
                     watch_case(arguments, lane)
+                if watched and knots and entered:
+                    watch_inputs(arguments, 1 << lane)
         return arguments.state.progress.active != 0
 
     def loop(arguments: SweepArguments) -> int:
@@ -86,6 +90,8 @@ def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[S
             if progress.look != 0:
                 if projected:
                     project_lanes(arguments)
+                if watched and knots:
+                    run_on_at_knots(arguments)
                 if watched:
                     test_steps(arguments)
                     record_steps(arguments)

@@ -90,8 +90,7 @@ def case_run(
     rows = size + (more * (shape.degree + 1) if shape.dense else 0)
     loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop")
     if cases.inputs is not None:
-        assert not watched
-        loop = loop_named("input_lane_loop")
+        loop = loop_named("input_event_lane_loop" if watched else "input_lane_loop")
 
     def arguments(turn: NDArray[np.int64]) -> SweepArguments:
         n_s, parameters = 2 + len(settings), len(cases.parameters)
