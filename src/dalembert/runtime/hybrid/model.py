@@ -5,23 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar, final
+from typing import Any, final
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
-from ...errors import CapabilityError, ExpressionError, OptionError, ValueInputError, list_names
-from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
+from ...errors import CapabilityError, ExpressionError, OptionError, list_names
+from ...hybrid import CLOSED, OPEN, Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.conditions import CONDITION_TIME
-from ...ir.interpret import interpret_rows
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...once import derived_once
 from ...options import CompileOptions, PrepareOptions, SimulateOptions, SweepOptions, simulate_options
 from ...pipeline import SeveralModes, compile_mode, compile_stages
-from ...results.estimate import TIGHTER
 from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -30,7 +28,7 @@ from ...scene import Scene
 from ...scene.model import InputSymbol
 from ...values import option
 from .. import inputs as run_input
-from ..cases import Cases, agreed, spans_of, with_grid
+from ..cases import Cases, spans_of, with_grid
 from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_from, offset_columns, offset_values
 from ..evaluation import Evaluated
 from ..event_parameters import event_parameters
@@ -40,16 +38,11 @@ from ..linearize import linearize
 from ..model import CompiledModel
 from ..prepared import PreparedRun
 from ..reductions import reduction_table
-from ..simulate import NO_ESTIMATE
 from .decisions import Decisions
 from .evaluate import decided_state, evaluate
-from .event_jumps import EventJumps
+from .given_values import plain_mode, run_cases, run_motion, start_state
 from .mode_models import ModeModels
 from .prepare import prepared, with_extension
-from .reductions import PhaseReductions
-from .request import SweepRequest
-from .simulate import Request, simulate
-from .sweep import sweep
 
 __all__ = ["HybridModel"]
 
@@ -78,7 +71,7 @@ class HybridModel(Evaluated):
         self._counters: dict[tuple[Any, ...], HybridModel] = {}
         self._modes = ModeModels(automaton, Decisions(automaton, self._rows), self._model, self._engine)
         self.contacts = tuple(contact.name for contact in equations.contacts)
-        first = self._model(self._plain(OPEN))
+        first = self._model(plain_mode(self._modes, OPEN))
         symbols = equations.symbols
         self.layout: Layout = replace(
             first.layout,
@@ -90,19 +83,6 @@ class HybridModel(Evaluated):
 
     # -- what it is made of ----------------------------------------------------------------
 
-    def _plain(self, unilateral: str) -> Mode:
-        """Return a mode in which all slips, and what can open is open, or closed."""
-        return tuple(
-            OPEN
-            if c.constraint is not None and unilateral == OPEN
-            else CLOSED
-            if not c.tangential
-            else SMOOTH
-            if c.regularization is not None
-            else SLIP
-            for c in self._equations.contacts
-        )
-
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
         return derived_once(self._models, mode, lambda: CompiledModel.of(compile_mode(self._several, mode)))
@@ -112,7 +92,7 @@ class HybridModel(Evaluated):
         return self._engine().rows(kernel, t, y, c)
 
     def _engine(self) -> Engine:
-        return self._model(self._plain(OPEN)).engine
+        return self._model(plain_mode(self._modes, OPEN)).engine
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.
@@ -224,7 +204,9 @@ class HybridModel(Evaluated):
         """Return consistent coordinates, rates and states (2 n_q + n_z,), as `simulate` starts from them."""
         parameters = with_inputs(self.layout, self._inputs, inputs, parameters, option("t", t))
         given = dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
-        return self._start(option("t", t), run_input.given_values(self.layout, initial), given)
+        return start_state(
+            self._modes, self.layout, option("t", t), run_input.given_values(self.layout, initial), given
+        )
 
     def _depends_on_states(self, kernel: str) -> bool:
         return kernel in ("forcing", "accelerations", "constraint_jacobian")
@@ -262,7 +244,7 @@ class HybridModel(Evaluated):
         time = option("t", t)
         p = self.parameter_vector(with_inputs(self.layout, self._inputs, inputs, parameters, time))
         given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
-        x = self._start(time, run_input.given_values(self.layout, initial), given)
+        x = start_state(self._modes, self.layout, time, run_input.given_values(self.layout, initial), given)
         if CONDITION_TIME in given:
             given[CONDITION_TIME] = time
         c = np.array([[given[name] for name in self.layout.parameters]])
@@ -410,31 +392,8 @@ class HybridModel(Evaluated):
         options: SimulateOptions,
     ) -> HybridTrajectory:
         """Simulate one trajectory, as `simulate` does, in the time of this model."""
-        t0, t1 = t_span
-        p = self.parameter_vector(parameters)
-        given = dict(zip(self.layout.parameters, p.tolist(), strict=True))
-        run_input.warn_below_floor(options.rtol, options.atol)
-        listed, times = self._events(options.events), options.t_eval
-        if listed and options.error_estimate:
-            raise OptionError(NO_ESTIMATE)
-        if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
-            raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
-        request = Request(
-            t0=t0,
-            t1=t1,
-            x=self._start(t0, run_input.given_values(self.layout, initial), given),
-            parameters=given,
-            c=p,
-            options=options,
-            events=listed,
-            layout=self.layout,
-            jumps=self._jumps(listed),
-        )
-        run = simulate(self._modes, request)
-        if not options.error_estimate:
-            return run
-        finer = replace(_tighter(options), dense=True, t_eval=None)
-        return run.with_twin(simulate(self._modes, replace(request, options=finer)))
+        p, values = self.parameter_vector(parameters), run_input.given_values(self.layout, initial)
+        return run_motion(self._modes, self.layout, t_span, values, p, options, self._events(options.events))
 
     def sweep(
         self,
@@ -523,7 +482,7 @@ class HybridModel(Evaluated):
         given = parameters
         if other is not self:
             whole = (initial, parameters) if grid is None else with_grid(self.layout, grid, initial, parameters)
-            model = self._model(self._plain(CLOSED))
+            model = self._model(plain_mode(self._modes, CLOSED))
             cases = Cases(model.stages.program, model.derived.start, t_span, *whole)
             given = {**parameters, **offset_columns(other._equations.symbols.offsets, starts, cases.parameters)}
         spans = (starts - starts, lasts - starts)
@@ -544,49 +503,7 @@ class HybridModel(Evaluated):
         options: SweepOptions,
     ) -> HybridSweep:
         """Simulate many cases, as `sweep` does, in the time of this model."""
-        run_input.warn_below_floor(options.rtol, options.atol)
-        listed, table = self._events(options.events), reduction_table(options.reduce, self.layout.aliases)
-        if (listed or table) and options.error_estimate:
-            raise OptionError(NO_ESTIMATE)
-        if options.grid is not None:
-            initial, parameters = with_grid(self.layout, options.grid, initial, parameters)
-        known = {self.layout.aliases.get(str(key), str(key)) for key in initial}
-        model = self._model(self._plain(OPEN if self._complete(known) else CLOSED))
-        program = model.stages.program
-        cases = Cases(program, model.derived.start, t_span, initial, parameters)
-        settings = agreed(
-            cases,
-            t_eval=options.t_eval,
-            method=model.choose_method(options.method, options.rtol, options.atol, many=True),
-            rtol=options.rtol,
-            atol=options.atol,
-            max_step=options.max_step,
-            max_steps=options.max_steps,
-            threads=options.threads,
-            progress=options.progress,
-        )
-        block, status = cases.block(slice(0, cases.count), settings)
-        columns = {n: cases.parameters[n] for n in self.layout.parameters}
-        p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
-        request = SweepRequest(
-            t=block.spans[:, 0],
-            t1=block.spans[:, 1],
-            x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
-            p=np.zeros((cases.count, 0)) if p is None else p,
-            status=status.astype(np.int64),
-            t_eval=settings.t_eval,
-            reductions=PhaseReductions(table, listed),
-            jumps=self._jumps(listed),
-            options=options,
-            threads=settings.threads,
-            layout=self.layout,
-            varied=(cases.initial, columns),
-            axes={} if options.grid is None else options.grid.axes,
-        )
-        run = sweep(self._modes, request)
-        if not options.error_estimate:
-            return run
-        return run.with_twin(sweep(self._modes, replace(request, options=_tighter(options))))
+        return run_cases(self._modes, self.layout, t_span, initial, parameters, options, self._events(options.events))
 
     def prepare(
         self,
@@ -639,7 +556,7 @@ class HybridModel(Evaluated):
     def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
         """Return a prepared run, in the time since its start where that is what motions are computed in."""
         t0, t1 = t_span
-        model = self._model(self._plain(OPEN))
+        model = self._model(plain_mode(self._modes, OPEN))
         chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
         run_input.warn_below_floor(options.rtol, options.atol)
         other, _, _ = self._counting(t0, t1) if begins_elsewhere(t0, t1) else (None, (), None)
@@ -654,33 +571,6 @@ class HybridModel(Evaluated):
             run = with_extension(run, extension(own.layout.parameters, self.layout.parameters, offsets, t0))
         layout = replace(self.layout, state=self.layout.variables)
         return PreparedRun(run, chosen, layout, partial(self._prepare, t_span, options), given, span)
-
-    def _jumps(self, events: Sequence[Event]) -> EventJumps:
-        """Return the maps of events."""
-        opened = self._plain(OPEN)
-        return EventJumps(self._model(opened), self._modes.violation(opened), events, self.layout.parameters)
-
-    def _complete(self, given: Iterable[str]) -> bool:
-        """Return whether values give all coordinates and rates, by themselves or by what stands for them."""
-        known = set(given)
-        for entry in self._equations.symbols.entries:
-            if known.issuperset((*entry.names, *entry.needs)):
-                known |= set(entry.targets)
-        return known.issuperset(self.layout.variables)
-
-    def _start(self, t: float, values: Mapping[str, float], parameters: Mapping[str, float]) -> FloatArray:
-        """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
-        model = self._model(self._plain(OPEN if self._complete(values) else CLOSED))
-        y = model.state(values, parameters, t=t)
-        return model.expand(t, y, parameters)
-
-
-_O = TypeVar("_O", SimulateOptions, SweepOptions)
-
-
-def _tighter(options: _O) -> _O:
-    """Return the options of a twin."""
-    return replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER, error_estimate=False)
 
 
 def _compiled(scene: Scene, options: CompileOptions) -> HybridModel:

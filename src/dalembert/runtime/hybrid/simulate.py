@@ -1,4 +1,4 @@
-"""Simulation of one motion with contacts: phase after phase, each a run of the model of its mode up to a guard."""
+"""Simulation of one motion with contacts: phases by the loop over phases, or each a run of the model of its mode."""
 
 from __future__ import annotations
 

@@ -1,0 +1,167 @@
+"""Runs and sweeps of scenes with contacts from given values, in the time of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...errors import OptionError, ValueInputError
+from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
+from ...integrators.event_code import Event
+from ...ir.interpret import interpret_rows
+from ...ir.program import Layout
+from ...options import SimulateOptions, SweepOptions
+from ...results.estimate import TIGHTER
+from ...results.hybrid import HybridTrajectory
+from ...results.hybrid_sweep import HybridSweep
+from .. import inputs
+from ..cases import Cases, agreed, with_grid
+from ..reductions import reduction_table
+from ..simulate import NO_ESTIMATE
+from .event_jumps import EventJumps
+from .mode_models import ModeModels
+from .reductions import PhaseReductions
+from .request import SweepRequest
+from .simulate import Request, simulate
+from .sweep import sweep
+
+__all__ = ["plain_mode", "run_cases", "run_motion", "start_state"]
+
+_O = TypeVar("_O", SimulateOptions, SweepOptions)
+
+
+def plain_mode(modes: ModeModels, unilateral: str) -> Mode:
+    """Return a mode in which all slips, and what can open is open, or closed."""
+    return tuple(
+        OPEN
+        if c.constraint is not None and unilateral == OPEN
+        else CLOSED
+        if not c.tangential
+        else SMOOTH
+        if c.regularization is not None
+        else SLIP
+        for c in modes.equations.contacts
+    )
+
+
+def start_state(
+    modes: ModeModels, layout: Layout, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
+) -> FloatArray:
+    """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
+    model = modes.model(_starting_mode(modes, layout, values))
+    y = model.state(values, parameters, t=t)
+    return model.expand(t, y, parameters)
+
+
+def run_motion(
+    modes: ModeModels,
+    layout: Layout,
+    t_span: tuple[float, float],
+    values: Mapping[str, float],
+    p: FloatArray,
+    options: SimulateOptions,
+    events: tuple[Event, ...],
+) -> HybridTrajectory:
+    """Return one trajectory from initial values by name and parameters p (n_p,); see `HybridModel.simulate`."""
+    (t0, t1), times = t_span, options.t_eval
+    given = dict(zip(layout.parameters, p.tolist(), strict=True))
+    inputs.warn_below_floor(options.rtol, options.atol)
+    if events and options.error_estimate:
+        raise OptionError(NO_ESTIMATE)
+    if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
+        raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
+    request = Request(
+        t0=t0,
+        t1=t1,
+        x=start_state(modes, layout, t0, values, given),
+        parameters=given,
+        c=p,
+        options=options,
+        events=events,
+        layout=layout,
+        jumps=_jumps(modes, layout, events),
+    )
+    run = simulate(modes, request)
+    if not options.error_estimate:
+        return run
+    finer = replace(_tighter(options), dense=True, t_eval=None)
+    return run.with_twin(simulate(modes, replace(request, options=finer)))
+
+
+def run_cases(
+    modes: ModeModels,
+    layout: Layout,
+    t_span: tuple[Any, Any],
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
+    options: SweepOptions,
+    events: tuple[Event, ...],
+) -> HybridSweep:
+    """Return the results of many cases; see `HybridModel.sweep`."""
+    inputs.warn_below_floor(options.rtol, options.atol)
+    table = reduction_table(options.reduce, layout.aliases)
+    if (events or table) and options.error_estimate:
+        raise OptionError(NO_ESTIMATE)
+    if options.grid is not None:
+        initial, parameters = with_grid(layout, options.grid, initial, parameters)
+    known = {layout.aliases.get(str(key), str(key)) for key in initial}
+    model = modes.model(_starting_mode(modes, layout, known))
+    program = model.stages.program
+    cases = Cases(program, model.derived.start, t_span, initial, parameters)
+    settings = agreed(
+        cases,
+        t_eval=options.t_eval,
+        method=model.choose_method(options.method, options.rtol, options.atol, many=True),
+        rtol=options.rtol,
+        atol=options.atol,
+        max_step=options.max_step,
+        max_steps=options.max_steps,
+        threads=options.threads,
+        progress=options.progress,
+    )
+    block, status = cases.block(slice(0, cases.count), settings)
+    columns = {n: cases.parameters[n] for n in layout.parameters}
+    p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
+    request = SweepRequest(
+        t=block.spans[:, 0],
+        t1=block.spans[:, 1],
+        x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
+        p=np.zeros((cases.count, 0)) if p is None else p,
+        status=status.astype(np.int64),
+        t_eval=settings.t_eval,
+        reductions=PhaseReductions(table, events),
+        jumps=_jumps(modes, layout, events),
+        options=options,
+        threads=settings.threads,
+        layout=layout,
+        varied=(cases.initial, columns),
+        axes={} if options.grid is None else options.grid.axes,
+    )
+    run = sweep(modes, request)
+    if not options.error_estimate:
+        return run
+    return run.with_twin(sweep(modes, replace(request, options=_tighter(options))))
+
+
+def _jumps(modes: ModeModels, layout: Layout, events: Sequence[Event]) -> EventJumps:
+    """Return the maps of events."""
+    opened = plain_mode(modes, OPEN)
+    return EventJumps(modes.model(opened), modes.violation(opened), events, layout.parameters)
+
+
+def _starting_mode(modes: ModeModels, layout: Layout, given: Iterable[str]) -> Mode:
+    """Return the mode whose model starts from given values: all contacts close where these leave something out."""
+    known = set(given)
+    for entry in modes.equations.symbols.entries:
+        if known.issuperset((*entry.names, *entry.needs)):
+            known |= set(entry.targets)
+    return plain_mode(modes, OPEN if known.issuperset(layout.variables) else CLOSED)
+
+
+def _tighter(options: _O) -> _O:
+    """Return the options of a twin."""
+    return replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER, error_estimate=False)
