@@ -249,6 +249,7 @@ def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
     numbers.runner[i] = _runner(plan, table, i)
     if table.t[i] == table.t1[i]:
         numbers.state[i] = _SUCCESS
+        _forget(table, i)
     if table.log.shape[0] > 0:
         _log(table, i)
 

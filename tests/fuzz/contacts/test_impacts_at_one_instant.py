@@ -90,7 +90,7 @@ def test_friction_that_has_nothing_to_hold_is_none():
         assert not any("slip" in mode[1] for motion in found for mode in words(motion))
 
 
-def test_a_phase_that_begins_at_the_end_is_counted():
+def test_a_phase_that_begins_at_the_end_is_none():
     """It slides with x' = -0.6 and stops after exactly 3 s, which is the end."""
     p = dict.fromkeys(setting("particle").parameters, 0.0)
     p |= {"m": 1.8, "g_y": 2.0, "omega": 1.0, "nu": 1.0, "mu": 0.1, "mu_s": 0.1}

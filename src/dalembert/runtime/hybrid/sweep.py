@@ -324,6 +324,7 @@ class _Sweep:
         self.numbers.runner[some] = NOBODY
         over = some[self.now.t[some] == self.request.t1[some]]
         self.status[over] = int(Status.SUCCESS)
+        self.phases[over] -= cases.passed[over] != 0.0
 
     # -- results ---------------------------------------------------------------------------
 
