@@ -216,9 +216,21 @@ def rate_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
 
 
 @compiled_subset
+def _gap_terms(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
+    """Return the sum of the sizes of what coordinates add to a gap, to first order."""
+    terms = 0.0
+    for j in range(table.coordinates):
+        terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
+    return terms
+
+
+@compiled_subset
 def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether the gap of a contact closes, beyond what rounding leaves of the largest speeds so far."""
-    fastest = 0.0
+    """Return whether the gap of a contact closes, beyond what rounding leaves of the largest speeds so far.
+
+    It does not where it would take the whole span to close by what rounding makes of it.
+    """
+    fastest = _gap_terms(table, space, cases, case, i) / max(abs(cases.span[case]), 1e-300)
     for j in range(table.constraint.size):
         fastest = max(fastest, cases.approach[case, j], cases.speeds[case, j])
     return -gap_rate(table, space, i) > max(rate_noise(table, space, i), ROUNDED * fastest)
@@ -256,15 +268,6 @@ def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: C
     if fired & STOP != 0:
         limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
     return GRIPPED if speed <= limit else SLIDING
-
-
-@compiled_subset
-def _gap_terms(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
-    """Return the sum of the sizes of what coordinates add to a gap, to first order."""
-    terms = 0.0
-    for j in range(table.coordinates):
-        terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
-    return terms
 
 
 @compiled_subset
