@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
+from dalembert.integrators.input_steps import no_inputs
 from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
 from dalembert.integrators.projection import FAILED, NONE, WANTED
 from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
@@ -50,6 +51,8 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         workspace=no_event_workspace(),
         happened=np.zeros((cases, 0)),
         totals=np.zeros((cases, 0)),
+        inputs=no_inputs(),
+        steps=np.empty((0, 0)),
     )
     begin_lanes(arguments)
     for lane in range(LANES):

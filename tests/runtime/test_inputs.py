@@ -253,7 +253,7 @@ def test_options_that_are_no_names_are_refused_as_options(wrong):
 
 @pytest.mark.parametrize("wrong", [None, 3, ["X", 3], da.scenes.chaplygin_sleigh().frame, [np.sin]])
 def test_outputs_are_names_expressions_or_points(wrong):
-    with pytest.raises(OptionError, match=r"outputs are names, expressions .* or Points, not "):
+    with pytest.raises(OptionError, match=r"outputs are names, expressions .* or Points, or a mapping .*, not "):
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=wrong)
 
 

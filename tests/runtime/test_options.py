@@ -17,6 +17,7 @@ from dalembert.options import (
     SweepOptions,
 )
 from dalembert.runtime.model import CompiledModel
+from dalembert.runtime.stored.sweep import StoreOptions
 
 KINDS = {
     "simulate": SimulateOptions,
@@ -37,6 +38,9 @@ def test_methods_take_the_options_and_their_defaults(method):
         field.name: inspect.Parameter.empty if field.default is dataclasses.MISSING else field.default
         for field in dataclasses.fields(KINDS[method])
     }
+    if method == "sweep":
+        stored = {field.name: field.default for field in dataclasses.fields(StoreOptions)}
+        declared |= {**stored, "to": None}
     assert keywords == declared
 
 

@@ -9,7 +9,7 @@ from typing import Any, final
 from sympy import Basic, Derivative
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point
-from sympy.physics.vector import Vector, dynamicsymbols
+from sympy.physics.vector import ReferenceFrame, Vector, dynamicsymbols
 
 from ..errors import OptionError, list_names
 from ..naming import acceleration_name, unwritable
@@ -62,7 +62,7 @@ def requested(outputs: Any) -> tuple[Any, ...]:
     if isinstance(outputs, Mapping):
         parts: list[Any] = [part for name, output in outputs.items() for part in _named(name, output)]
     else:
-        alone = isinstance(outputs, _KINDS) or not isinstance(outputs, Iterable)
+        alone = isinstance(outputs, _KINDS | ReferenceFrame) or not isinstance(outputs, Iterable)
         listed = (outputs,) if alone else tuple(members("outputs", outputs, "names"))
         strange = [repr(output) for output in listed if not isinstance(output, _KINDS)]
         if strange:
