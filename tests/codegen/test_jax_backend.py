@@ -95,7 +95,7 @@ def test_every_kernel_agrees_with_the_reference_interpreter(case, formulation):
         )
 
 
-@pytest.mark.parametrize("name", JAX.formats)
+@pytest.mark.parametrize("name", [name for name in JAX.formats if name in OPERATIONS])
 def test_operation(name):
     operation = OPERATIONS[name]
     arguments = np.random.default_rng(3).uniform(0.1, 0.9, (20, 3)) * np.array([1.0, 1.0, -1.0])
