@@ -60,7 +60,7 @@ def double_pendulum(count: int) -> Work:
     return da.compile_model(scene), start, {"m": 1, "l": 1, "g": 9.81}, 20.0
 
 
-def seconds_of(run: Any, repeat: int = 3) -> float:
+def seconds_of(run: Any, repeat: int = 2) -> float:
     """Return the least seconds of some runs."""
     found = []
     for _ in range(repeat):
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = Path(tempfile.mkdtemp(prefix="stored-"))
     try:
         rows = throughput("sleigh", sleigh(2_000_000 // scale), 200_000 // scale, folder)
-        rows += throughput("double pendulum", double_pendulum(60_000 // scale), 6_000 // scale, folder)
+        rows += throughput("double pendulum", double_pendulum(300_000 // scale), 50_000 // scale, folder)
         task = task_seconds(folder)
         count = 10_000_000 // scale
         seconds, size, growth, drawn = many(count, folder)
