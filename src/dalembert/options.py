@@ -19,6 +19,7 @@ __all__ = [
     "SensitivityOptions",
     "SimulateOptions",
     "StepOptions",
+    "StoreOptions",
     "SweepOptions",
     "TrimOptions",
     "simulate_options",
@@ -239,6 +240,47 @@ class SweepOptions(StepOptions):
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
+class StoreOptions:
+    """Where a stored sweep goes, and who computes it; further keyword arguments of `CompiledModel.sweep`.
+
+    Attributes
+    ----------
+    to : str, Path or zarr store
+    chunk : int or None
+        Cases of a chunk; None lets the sweep choose it.
+    client : distributed.Client or None
+        The cluster that computes the chunks; None stands for this process.
+    resume : bool
+        Whether an existing store of the same sweep is completed.
+
+    Raises
+    ------
+    OptionError
+        For values that are not of the kind that is needed, and a client that is not running.
+    """
+
+    to: Any
+    chunk: int | None = None
+    client: Any = None
+    resume: bool = True
+
+    def __post_init__(self) -> None:
+        if self.chunk is not None:
+            _set(self, chunk=whole("chunk", self.chunk))
+            if self.chunk < 1:
+                raise OptionError(
+                    f"chunk must be at least one case, not {self.chunk!r}; leave it out to have it chosen"
+                )
+        _set(self, resume=flag("resume", self.resume))
+        status = getattr(self.client, "status", type(self.client).__name__)
+        if self.client is not None and status != "running":
+            raise OptionError(
+                f"client must be a running distributed.Client; this one is {status}. Make a new one, or leave it out"
+            )
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PrepareOptions(StepOptions):
     """Options of prepared runs; the keyword arguments of `CompiledModel.prepare`.
 
@@ -364,6 +406,6 @@ def simulate_options(*plain: Any, t_eval: Any, events: Any, inputs: Any = None) 
     return replace(options, t_eval=t_eval, events=events, inputs=inputs)
 
 
-def _set(options: RunOptions, **values: Any) -> None:
+def _set(options: RunOptions | StoreOptions, **values: Any) -> None:
     """Write checked values into options that are being made."""
     options.__dict__.update(values)

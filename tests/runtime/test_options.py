@@ -14,10 +14,10 @@ from dalembert.options import (
     PrepareOptions,
     SensitivityOptions,
     SimulateOptions,
+    StoreOptions,
     SweepOptions,
 )
 from dalembert.runtime.model import CompiledModel
-from dalembert.runtime.stored.sweep import StoreOptions
 
 KINDS = {
     "simulate": SimulateOptions,

@@ -9,6 +9,8 @@ import time
 
 import numpy as np
 import pytest
+import sympy
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError, StoredSweepError, ValueInputError
@@ -206,6 +208,62 @@ def test_a_full_disk_ends_with_a_message_that_says_how_to_go_on(model, tmp_path,
         model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20)
     monkeypatch.setattr(Store, "write", real)
     assert_same(model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20), model.sweep((0, 2), START, MANY))
+
+
+def test_parameters_of_events_may_be_random(model, tmp_path):
+    """A parameter that only an event has, as a random case of a plain sweep and of a stored one."""
+    x, threshold = model.stages.scene.coordinates[0], sympy.Symbol("threshold")
+    cases = da.random_cases(50, 2, threshold=da.uniform(0.0, 0.6))
+    given, options = (
+        ((0, 3), START, {"m": 1, "b": 0.3, "I_C": 0.5}),
+        {"grid": cases, "events": [da.Event(x - threshold, name="passed")]},
+    )
+    sweep = model.sweep(*given, **options)
+    assert 0 < sweep.events["passed"].count.sum()
+    stored = model.sweep(*given, **options, to=tmp_path / "s.zarr", chunk=20)
+    np.testing.assert_array_equal(stored["passed_first"], sweep.events["passed"].first)
+
+
+WATCHED = """
+import sys
+import numpy as np
+import dalembert as da
+model = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
+x, *_ = model.stages.scene.coordinates
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+bounce = da.Event(x - 0.3, direction=1, terminal=3, name="there")
+kept = {"most": da.maximum(x), "when": da.first_crossing(x - 0.1)}
+found = model.sweep((0, 2), start, {"m": 1, "b": np.linspace(0.1, 0.5, 9), "I_C": 0.5}, to=sys.argv[1], chunk=4,
+                    events=[bounce], reduce=kept)
+print(float(found["most"].sum()))
+"""
+
+
+def test_another_process_knows_the_sweep_again(tmp_path):
+    """Events and reductions are the same in every process, whatever its hash seed."""
+    told = []
+    for seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", WATCHED, tmp_path / "s.zarr"]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 0, done.stderr
+        told.append(done.stdout)
+    assert told[0] == told[1]
+
+
+def test_every_case_has_its_own_record(tmp_path):
+    q, u = dynamicsymbols("q u")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", q * N.x)
+    scene = da.Scene("driven", frame=N, origin=O, coordinates=[q])
+    scene.add_bodies(Particle("p", P, 1))
+    scene.add_inputs(u)
+    scene.add_loads((P, (u - q) * N.x))
+    model, times = da.compile_model(scene), np.linspace(0, 2, 9)
+    records = {u: da.samples(times, np.random.default_rng(4).normal(size=(30, 9)))}
+    given = ((0, 2), {q: 0.1, q.diff(): 0.0}, {})
+    stored = model.sweep(*given, inputs=records, to=tmp_path / "s.zarr", chunk=7)
+    np.testing.assert_array_equal(stored["q"], model.sweep(*given, inputs=records).final["q"])
 
 
 KILLED = """

@@ -28,6 +28,11 @@ class Grid:
     axes: dict[str, NDArray[np.float64]]
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what varies."""
+        return tuple(self.axes)
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Length of each axis."""
         return tuple(len(values) for values in self.axes.values())

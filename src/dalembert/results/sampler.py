@@ -13,8 +13,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
 from ..values import option, whole
+from .grid import Grid
 
-__all__ = ["CaseSampler", "Distribution", "normal", "random_cases", "sobol_cases", "uniform"]
+__all__ = ["CaseSampler", "CaseSet", "Distribution", "case_set", "normal", "random_cases", "sobol_cases", "uniform"]
 
 _SOBOL_BITS = 32
 _SOBOL_LOCK = Lock()
@@ -75,8 +76,13 @@ class CaseSampler:
     _engine: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what varies."""
+        return tuple(self.distributions)
+
+    @property
     def axes(self) -> dict[str, FloatArray]:
-        """None: the cases lie along one axis."""
+        """Empty, because the cases lie along one axis without values."""
         return {}
 
     def part(self, first: int, last: int) -> dict[str, FloatArray]:
@@ -117,6 +123,25 @@ class CaseSampler:
 
     def __repr__(self) -> str:
         return f"<{self.count:,} {self.sequence} cases of {', '.join(self.distributions)}, seed {self.seed}>"
+
+
+CaseSet = Grid | CaseSampler
+"""What `CompiledModel.sweep` takes as ``grid=``."""
+
+
+def case_set(given: Any) -> CaseSet:
+    """Return what was given as ``grid=``.
+
+    Raises
+    ------
+    ValueInputError
+        For what none of the functions below, nor `dalembert.grid`, made.
+    """
+    if not isinstance(given, CaseSet):
+        raise ValueInputError(
+            f"grid must be made by dalembert.grid(name=values, ...), random_cases or sobol_cases, not {given!r}"
+        )
+    return given
 
 
 @nesting_named

@@ -21,8 +21,7 @@ from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..reduction.starting import Start
-from ..results.grid import Grid
-from ..results.sampler import CaseSampler
+from ..results.sampler import CaseSet, case_set
 from ..values import array_of, times_of, traced_note, whole
 from . import inputs
 from .input_values import GivenInputs
@@ -356,13 +355,10 @@ def single_problem(cases: Cases, settings: Settings, number: int) -> Integration
 
 
 def with_grid(
-    layout: Layout, grid: Grid | CaseSampler, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+    layout: Layout, grid: CaseSet, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
 ) -> tuple[dict[Any, Any], dict[Any, Any]]:
     """Return initial values and parameters with the columns of a grid, each where it belongs."""
-    if not isinstance(grid, Grid | CaseSampler):
-        raise ValueInputError(
-            f"grid must be made by dalembert.grid(name=values, ...), random_cases or sobol_cases, not {grid!r}"
-        )
+    grid = case_set(grid)
     initial, parameters = dict(initial), dict(parameters)
     for name, column in grid.columns().items():
         home = parameters if name in layout.parameters else initial

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..integrators.event_code import event_list
-from ..results.grid import Grid
+from ..results.sampler import CaseSet
 from ..scene.expressions import symbols_called
 from .reductions import reduction_table
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def with_event_parameters(
-    model: CompiledModel, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: Grid | None = None
+    model: CompiledModel, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
 ) -> CompiledModel:
     """Return the model whose parameters include those that events and reductions of a run bring; itself without any."""
     return event_parameters(model, model.layout, parameters, events, reduce, grid, make=model.variants.with_parameters)
@@ -32,7 +32,7 @@ def event_parameters(
     parameters: Mapping[Any, Any],
     events: Any,
     reduce: Any,
-    grid: Grid | None,
+    grid: CaseSet | None,
     *,
     make: Callable[[tuple[Any, ...]], T],
 ) -> T:
@@ -43,7 +43,7 @@ def event_parameters(
     """
     if (reduce is None and isinstance(events, tuple) and not events) or not isinstance(parameters, Mapping):
         return model
-    keys = (*parameters, *(grid.axes if grid is not None else ()))
+    keys = (*parameters, *(grid.names if grid is not None else ()))
     if len(keys) <= len(layout.given) - len(layout.defaults):
         return model  # none is further where all are given, and names take time
     known = {*layout.parameters, *layout.variables, *layout.state, *layout.inputs}

@@ -21,6 +21,7 @@ from ..options import (
     CompileOptions,
     PrepareOptions,
     SensitivityOptions,
+    StoreOptions,
     SweepOptions,
     TrimOptions,
     simulate_options,
@@ -28,11 +29,11 @@ from ..options import (
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..reduction.sampling_kernels import sampling_kernels
 from ..results.comparison import Comparison
-from ..results.grid import Grid
 from ..results.linearization import Linearization
 from ..results.operating_point import OperatingPoint
-from ..results.sampler import CaseSampler
+from ..results.sampler import CaseSet
 from ..results.sensitivity import Sensitivity
+from ..results.sweep import Sweep
 from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..scene.model import ControllerModel, InputSymbol
@@ -344,7 +345,7 @@ class CompiledModel(Evaluated):
         parameters: Mapping[Any, Any],
         *,
         inputs: Mapping[Any, Any] | None = None,
-        grid: Grid | CaseSampler | None = None,
+        grid: CaseSet | None = None,
         t_eval: Any = None,
         method: str = "auto",
         rtol: float = 1e-8,
@@ -361,7 +362,7 @@ class CompiledModel(Evaluated):
         chunk: int | None = None,
         client: Any = None,
         resume: bool = True,
-    ) -> Any:
+    ) -> Sweep | Any:
         """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
         Parameters
@@ -396,7 +397,6 @@ class CompiledModel(Evaluated):
             for cases that failed.
         project_invariants : bool, str or sequence of str
             First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
-
         to : str, Path or zarr store, optional
             A store in which the results are kept, chunk by chunk (needs the extra ``dask``). The same call goes on
             where an earlier one ended.
@@ -409,35 +409,18 @@ class CompiledModel(Evaluated):
 
         Returns
         -------
-        Sweep, or xarray.Dataset where `to` is given, which reads the store when it is asked
-            After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED.
+        Sweep
+            After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED. Where `to` is
+            given, an ``xarray.Dataset`` in place of it, which reads the store when it is asked.
 
         Raises
         ------
         UnknownNameError, ValueInputError, InitialStateError, OptionError
-            For input that is wrong for all cases.
+            For input that is wrong for all cases, and for a store that holds something else.
+        MissingExtraError, StoredSweepError
+            Where `to` is given: without the packages that it needs, and where chunks could not be computed.
         """
         refuse_functions(self._controllers, "a sweep")
-        if to is not None:
-            from .stored.sweep import StoreOptions, stored_sweep
-
-            given = {
-                "inputs": inputs,
-                "grid": grid,
-                "t_eval": t_eval,
-                "method": method,
-                "rtol": rtol,
-                "atol": atol,
-                "max_step": max_step,
-                "max_steps": max_steps,
-                "threads": threads,
-                "error_estimate": error_estimate,
-                "events": events,
-                "reduce": reduce,
-                "project_invariants": project_invariants,
-            }
-            where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, progress=progress)
-            return stored_sweep(self, t_span, initial, parameters, given, where)
         options = SweepOptions(
             method=method,
             rtol=rtol,
@@ -452,9 +435,14 @@ class CompiledModel(Evaluated):
             events=events,
             reduce=reduce,
             project_invariants=project_invariants,
-            inputs=read_inputs(self.layout, self._inputs, inputs, many=True),
+            inputs=read_inputs(self.layout, self._inputs, inputs, many=True) if to is None else None,
         )
-        return sweep(self, t_span, initial, parameters, options)
+        if to is None:
+            return sweep(self, t_span, initial, parameters, options)
+        from .stored.sweep import stored_sweep
+
+        where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume)
+        return stored_sweep(self, (t_span, initial, parameters, inputs), options, where)
 
     @nesting_named
     def prepare(

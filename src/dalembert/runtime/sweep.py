@@ -15,7 +15,7 @@ from ..integrators.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.estimate import TIGHTER
-from ..results.grid import Grid
+from ..results.sampler import CaseSet
 from ..results.sweep import Sweep, SweepStatistics
 from . import inputs
 from .case_blocks import begin_cases, fitted
@@ -80,7 +80,7 @@ def _with_offset_columns(
     t_span: tuple[Any, Any],
     initial: Given,
     parameters: Given,
-    grid: Grid | None,
+    grid: CaseSet | None,
 ) -> Given:
     """Return parameters with those that another model of the scene has for the start of each case."""
     offsets = other.stages.equations.symbols.offsets
@@ -109,7 +109,7 @@ def _keeping_cases(
     t_span: tuple[Any, Any],
     initial: Given,
     parameters: Given,
-    grid: Grid | None,
+    grid: CaseSet | None,
 ) -> tuple[CompiledModel, dict[str, FloatArray]]:
     """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
     if grid is not None:

@@ -20,10 +20,10 @@ from ...ir.program import Layout
 from ...once import derived_once
 from ...options import CompileOptions, PrepareOptions, SimulateOptions, SweepOptions, simulate_options
 from ...pipeline import SeveralModes, compile_mode, compile_stages
-from ...results.grid import Grid
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
+from ...results.sampler import CaseSet
 from ...scene import Scene
 from ...scene.model import InputSymbol
 from ...values import option
@@ -328,7 +328,7 @@ class HybridModel(Evaluated):
         return able._simulate_span((t0, t1), initial, parameters, options)
 
     def _with_event_parameters(
-        self, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: Grid | None = None
+        self, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
     ) -> HybridModel:
         """Return the model whose parameters include those that only events and reductions contain."""
 
@@ -402,7 +402,7 @@ class HybridModel(Evaluated):
         parameters: Mapping[Any, Any],
         *,
         inputs: Mapping[Any, Any] | None = None,
-        grid: Grid | None = None,
+        grid: CaseSet | None = None,
         t_eval: Any = None,
         method: str = "auto",
         rtol: float = 1e-8,

@@ -11,10 +11,14 @@ import numpy as np
 
 from ...errors import ValueInputError
 from ...integrators.samples import Samples
+from ...ir.program import Layout
 from ...results.grid import Grid
-from ...results.sampler import CaseSampler
+from ...results.sampler import CaseSampler, CaseSet, case_set
 
-__all__ = ["Part", "Request", "request_of"]
+__all__ = ["Given", "Part", "Request", "request_of"]
+
+Given = tuple[tuple[Any, Any], Mapping[Any, Any], Mapping[Any, Any], Mapping[Any, Any] | None]
+"""Span, initial values, parameters and inputs of a sweep, as a user gave them."""
 
 _HASHED = 1 << 20
 """Values that are hashed at a time."""
@@ -46,24 +50,26 @@ class Request:
     ----------
     span, initial, parameters, inputs : mapping
         As given; values with a length are one a case.
-    cases : Grid, CaseSampler or None
+    cases : CaseSet or None
     count : int
         Number of cases.
     shape : tuple of int
         Of the results: the lengths of the axes of a grid, or the number of cases.
     dims : tuple of str
         Names of these axes.
+    initials : tuple of str
+        Names that initial values may have.
     """
 
     span: Mapping[str, Any]
     initial: Mapping[Any, Any]
     parameters: Mapping[Any, Any]
     inputs: Mapping[Any, Any] | None
-    cases: Grid | CaseSampler | None
+    cases: CaseSet | None
     count: int
     shape: tuple[int, ...]
     dims: tuple[str, ...]
-    names: tuple[str, ...]
+    initials: tuple[str, ...]
 
     @property
     def row(self) -> int:
@@ -85,7 +91,7 @@ class Request:
             places = np.unravel_index(numbers, self.shape)
             varied = {name: axis[k] for (name, axis), k in zip(self.cases.axes.items(), places, strict=True)}
         for name, values in varied.items():
-            (parameters if name in self.names else initial)[name] = values
+            (initial if name in self.initials else parameters)[name] = values
         begin, end = (_rows(self.span[which], some) for which in ("start", "end"))
         inputs = None
         if self.inputs is not None:
@@ -108,25 +114,25 @@ class Request:
         return seal.hexdigest()
 
 
-def request_of(
-    t_span: tuple[Any, Any],
-    initial: Mapping[Any, Any],
-    parameters: Mapping[Any, Any],
-    inputs: Mapping[Any, Any] | None,
-    cases: Any,
-    names: tuple[str, ...],
-) -> Request:
-    """Return the cases of a stored sweep; `names` are those of the parameters.
+def request_of(layout: Layout, given: Given, cases: Any) -> Request:
+    """Return the cases of a stored sweep.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the model.
+    given : tuple
+        Span, initial values, parameters and inputs, as `CompiledModel.sweep` takes them.
+    cases : CaseSet or None
+        As it takes ``grid=``.
 
     Raises
     ------
     ValueInputError
-        For values of different lengths, and for what is no grid of cases.
+        For values of different lengths, and for what is no set of cases.
     """
-    if cases is not None and not isinstance(cases, Grid | CaseSampler):
-        raise ValueInputError(
-            f"grid must be made by dalembert.grid(name=values, ...), random_cases or sobol_cases, not {cases!r}"
-        )
+    t_span, initial, parameters, inputs = given
+    cases = None if cases is None else case_set(cases)
     span = dict(zip(("start", "end"), t_span, strict=True))
     lengths: dict[str, int] = {}
     for group in (span, initial, parameters, inputs or {}):
@@ -145,16 +151,17 @@ def request_of(
             raise ValueInputError(
                 f"arrays beside a grid of {int(np.prod(shape))} cases must have that length: {listed}"
             )
-    return Request(span, initial, parameters, inputs, cases, int(np.prod(shape)), shape, dims, names)
+    return Request(span, initial, parameters, inputs, cases, int(np.prod(shape)), shape, dims, layout.initial)
 
 
 def _length(value: Any) -> int | None:
     """Return for how many cases there are values; None for what serves all."""
     if isinstance(value, Samples):
         return value.cases
-    shape = getattr(value, "shape", None)
-    if shape is None and isinstance(value, list | tuple):
-        shape = np.shape(value)
+    try:
+        shape = value.shape if hasattr(value, "shape") else np.shape(value)
+    except ValueError:  # rows of several lengths, which the sweep refuses by name
+        return None
     return int(shape[0]) if shape else None
 
 

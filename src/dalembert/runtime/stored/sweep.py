@@ -6,22 +6,22 @@ import json
 import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...codegen.llvm.target import target
 from ...errors import MissingExtraError, OptionError, StoredSweepError
-from ...methods.status import Status
+from ...options import StoreOptions, SweepOptions
 from ...results.grid import Grid
-from ...values import flag, whole
 from ...version import __version__
-from ..cases import Cases
-from .request import Part, Request, request_of
+from ..case_blocks import meter
+from ..event_parameters import with_event_parameters
+from .chunks import columns_of, leading_cases, method_of, results_of
+from .request import Given, Part, Request, request_of
 from .store import COORDINATES, DIGEST, Columns, Store, packages
 
 if TYPE_CHECKING:
@@ -29,75 +29,40 @@ if TYPE_CHECKING:
 
     from ..model import CompiledModel
 
-__all__ = ["StoreOptions", "stored_sweep"]
+__all__ = ["stored_sweep"]
 
 _PILOT = 256
-_SCANNED = 4096
+"""Cases that are run first, for names and kinds of results, and for the time that a case takes."""
 _SECONDS, _BYTES = 4.0, 128 << 20
 """What a chunk takes at most: seconds of one thread, and memory of its results."""
 _WAITING = 3
 """Chunks that a thread of a cluster has before it."""
 _TARGET = "dalembert_target"
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StoreOptions:
-    """Where a stored sweep goes, and who computes it.
-
-    Attributes
-    ----------
-    to : str, Path or zarr store
-    chunk : int or None
-        Cases of a chunk; None chooses it.
-    client : distributed.Client or None
-        The cluster; None for this process.
-    resume : bool
-        Whether an existing store of the same sweep is completed.
-    progress : bool
-    """
-
-    to: Any
-    chunk: int | None = None
-    client: Any = None
-    resume: bool = True
-    progress: bool = False
-
-    def __post_init__(self) -> None:
-        if self.chunk is not None and whole("chunk", self.chunk) < 1:
-            raise OptionError(f"chunk must be at least one case, not {self.chunk!r}; leave it out to have it chosen")
-        flag("resume", self.resume)
-        if self.client is not None and getattr(self.client, "status", None) != "running":
-            raise OptionError(
-                "client must be a running distributed.Client; this one is"
-                f" {getattr(self.client, 'status', type(self.client).__name__)}. Make a new one, or leave it out"
-            )
+_NO_MATTER = ("grid", "inputs", "threads", "progress")
+"""Options on which results do not depend, or that are among the cases."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What every chunk has in common: the model as bytes, the options of its sweeps, the request and the store."""
+    """What a process of a cluster needs for every chunk: the model as bytes, options, and the instruction set."""
 
     model: bytes
-    options: Mapping[str, Any]
+    options: SweepOptions
     target: str
 
 
-def stored_sweep(
-    model: CompiledModel,
-    t_span: tuple[Any, Any],
-    initial: Mapping[Any, Any],
-    parameters: Mapping[Any, Any],
-    options: Mapping[str, Any],
-    where: StoreOptions,
-) -> xarray.Dataset:
+def stored_sweep(model: CompiledModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
     """Return the results of a sweep from its store, after computing what is missing there.
 
     Parameters
     ----------
-    options : mapping
-        The other keyword arguments of `CompiledModel.sweep`.
+    model : CompiledModel
+    given : tuple
+        Span, initial values, parameters and inputs, as `CompiledModel.sweep` takes them.
+    options : SweepOptions
+        Without inputs, which each chunk reads for its cases.
+    where : StoreOptions
 
     Raises
     ------
@@ -110,40 +75,51 @@ def stored_sweep(
     """
     packages()
     _require_distributed(where)
-    given = dict(options)
-    request = request_of(t_span, initial, parameters, given.pop("inputs"), given.pop("grid"), model.layout.parameters)
+    model = with_event_parameters(model, given[2], options.events, options.reduce, options.grid)
+    request = request_of(model.layout, given, options.grid)
     store = Store.open(where.to)
     if store is not None and not where.resume:
         raise OptionError(f"to={where.to!r} exists and resume=False; nothing was written. Choose another name")
-    given["progress"] = False
-    leaders = _leaders(model, request, given)
-    given["method"] = _method(model, request, given)
-    pilot_cases = min(_PILOT, request.count)
-    _results(model, request.part(0, 1, leaders), given)  # compiles what is needed
-    begin = time.perf_counter()
-    pilot = _results(model, request.part(0, pilot_cases, leaders), {**given, "threads": 1})
-    seconds = (time.perf_counter() - begin) / pilot_cases
-    columns = _columns(pilot, request)
-    attributes = _attributes(model, request, given, pilot)
-    attributes[COORDINATES] = sorted(set(map(str, pilot.coords)) & set(columns))
+    each = replace(options, grid=None, progress=False)
+    leaders = leading_cases(model, request, each)
+    each = replace(each, method=method_of(model, request, each))
+    pilot, seconds = _pilot(model, request, leaders, each)
+    columns, attributes = columns_of(pilot, request), _attributes(model, request, each, pilot)
     if store is None:
         rows = _rows(where.chunk, request, columns, seconds)
+        attributes[COORDINATES] = sorted(set(map(str, pilot.coords)) & set(columns))
         store = Store.create(where.to, request, columns, rows, attributes, _coordinates(request, pilot))
-    elif store.group.attrs[DIGEST] != attributes[DIGEST]:
+    _refuse_other(store, where, attributes)
+    job = _Job(pickle.dumps(model), each, target().key)
+    _compute(model, job, request, store, leaders, (where, options.progress))
+    return store.dataset()
+
+
+def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
+    """Refuse a store of another sweep, and one that was begun for another instruction set."""
+    held = store.group.attrs
+    if held[DIGEST] != attributes[DIGEST]:
         raise OptionError(
-            f"to={where.to!r} holds another sweep ({_difference(store.group.attrs, attributes)}); nothing was written."
+            f"to={where.to!r} holds another sweep ({_difference(held, attributes)}); nothing was written."
             " Choose another name, or remove it"
         )
-    job = _Job(pickle.dumps(model), given, target().key)
-    if store.group.attrs[_TARGET] != job.target:
+    if held[_TARGET] != attributes[_TARGET]:
         raise OptionError(
-            f"to={where.to!r} was begun for the instruction set {store.group.attrs[_TARGET]!r}, and this processor runs"
-            f" {job.target!r}: results would differ in their last digits. Set DALEMBERT_TARGET to a common one and"
-            " begin anew"
+            f"to={where.to!r} was begun for the instruction set {held[_TARGET]!r}, and this processor runs"
+            f" {attributes[_TARGET]!r}: results would differ in their last digits. Set DALEMBERT_TARGET to a common one"
+            " and begin anew"
         )
-    missing = store.missing(request)
-    _compute(model, job, request, store, missing, leaders, where)
-    return store.dataset()
+
+
+def _pilot(
+    model: CompiledModel, request: Request, leaders: list[int], options: SweepOptions
+) -> tuple[xarray.Dataset, float]:
+    """Return the results of the first cases, and the seconds that one case takes in one thread."""
+    count = min(_PILOT, request.count)
+    results_of(model, request.part(0, 1, leaders), options)  # compiles what is needed
+    begin = time.perf_counter()
+    results = results_of(model, request.part(0, count, leaders), replace(options, threads=1))
+    return results, (time.perf_counter() - begin) / count
 
 
 def _require_distributed(where: StoreOptions) -> None:
@@ -153,68 +129,6 @@ def _require_distributed(where: StoreOptions) -> None:
         import distributed  # noqa: F401
     except ImportError:
         raise MissingExtraError('client= needs distributed; install it with: pip install "dalembert[dask]"') from None
-
-
-def _leaders(model: CompiledModel, request: Request, options: Mapping[str, Any]) -> list[int]:
-    """Return the cases by which a sweep decides what all cases have in common.
-
-    The first; the first that can start; and the first at which no pivot of the constraints vanishes, if the first case
-    has such a one.
-    """
-    lead = [0]
-    plain = {**options, "reduce": None, "events": (), "error_estimate": False, "t_eval": None, "max_steps": 1}
-    plain["project_invariants"] = False
-    for first in range(0, request.count, _SCANNED):
-        part = request.part(first, min(first + _SCANNED, request.count), [])
-        found = model.sweep(part.t_span, part.initial, part.parameters, inputs=part.inputs, **plain)
-        able = np.flatnonzero(~np.isin(found.status, (Status.INITIAL_STATE, Status.ASSUMPTION)))
-        if len(able):
-            lead.append(first + int(able[0]))
-            break
-    if model.stages.reduced.pivots and _lost(model, request, 0, 1)[0]:
-        for first in range(0, request.count, _SCANNED):
-            kept = np.flatnonzero(~_lost(model, request, first, min(first + _SCANNED, request.count)))
-            if len(kept):
-                lead.append(first + int(kept[0]))
-                break
-    return list(dict.fromkeys(lead))
-
-
-def _lost(model: CompiledModel, request: Request, first: int, last: int) -> NDArray[np.bool_]:
-    """Return at which of some cases a pivot of the constraints vanishes."""
-    part = request.part(first, last, [])
-    cases = Cases(model.stages.program, model.derived.start, part.t_span, part.initial, part.parameters)
-    return np.broadcast_to(cases.lost_pivots(slice(0, cases.count)), last - first)
-
-
-def _method(model: CompiledModel, request: Request, options: Mapping[str, Any]) -> str:
-    """Return the method that a sweep of all cases takes: "auto" looks at the first, the middle and the last."""
-    if options["method"] != "auto":
-        return str(options["method"])
-    few = [0, request.count // 2]
-    part = request.part(request.count - 1, request.count, few)
-    return str(model.sweep(part.t_span, part.initial, part.parameters, inputs=part.inputs, **options).stats.method)
-
-
-def _results(model: CompiledModel, part: Part, options: Mapping[str, Any]) -> xarray.Dataset:
-    """Return the results of a part, without its leaders."""
-    sweep = model.sweep(part.t_span, part.initial, part.parameters, inputs=part.inputs, **options)
-    found = sweep.to_xarray()
-    if options["error_estimate"]:
-        for name in (*model.layout.coordinates, *model.layout.rates):
-            found[f"{name}_error"] = (found[name].dims, sweep.error_estimate[name])
-    return found.isel(case=slice(part.leaders, None))
-
-
-def _columns(results: xarray.Dataset, request: Request) -> Columns:
-    """Return the arrays over the cases, results and what was varied; the values of axes are kept once, elsewhere."""
-    columns = {str(name): np.asarray(v) for name, v in results.variables.items() if v.dims[:1] == ("case",)}
-    for axis in () if request.cases is None else request.cases.axes:
-        given = columns.pop(f"{axis}_given", None)
-        values = columns.pop(axis)
-        if given is not None:
-            columns[f"{axis}_value"] = values
-    return columns
 
 
 def _coordinates(request: Request, pilot: xarray.Dataset) -> Columns:
@@ -231,20 +145,17 @@ def _rows(chunk: int | None, request: Request, columns: Columns, seconds: float)
     return int(min(max(1, chunk // request.row), request.shape[0]))
 
 
-def _attributes(
-    model: CompiledModel, request: Request, options: Mapping[str, Any], pilot: xarray.Dataset
-) -> dict[str, Any]:
+def _attributes(model: CompiledModel, request: Request, options: SweepOptions, pilot: xarray.Dataset) -> dict[str, Any]:
     """Return what the store says of itself."""
+    chosen = ((field.name, getattr(options, field.name)) for field in fields(options))
     parts = {
         "scene": blake2b(str(model.stages.program).encode(), digest_size=16).hexdigest(),
         "cases": request.digest(),
-        "options": repr(
-            sorted((name, _plain(v)) for name, v in options.items() if name not in ("threads", "progress"))
-        ),
+        "options": repr(sorted((name, _plain(value)) for name, value in chosen if name not in _NO_MATTER)),
     }
     whole_digest = blake2b(json.dumps([*parts.values(), __version__]).encode(), digest_size=16).hexdigest()
     known = {name: pilot.attrs[name] for name in ("scene", "formulation", "method", "parameters", "dalembert_version")}
-    tolerances = {"rtol": options["rtol"], "atol": options["atol"]}
+    tolerances = {"rtol": options.rtol, "atol": options.atol}
     return {**known, **tolerances, DIGEST: whole_digest, "dalembert_parts": parts, _TARGET: target().key}
 
 
@@ -267,20 +178,20 @@ def _compute(
     job: _Job,
     request: Request,
     store: Store,
-    missing: list[int],
     leaders: list[int],
-    where: StoreOptions,
+    how: tuple[StoreOptions, bool],
 ) -> None:
-    """Compute chunks and write them.
+    """Compute the chunks that are missing, and write them; `how` says where, and whether to show a bar.
 
     Raises
     ------
     StoredSweepError
         Where some could not be computed.
     """
+    (where, progress), missing = how, store.missing(request)
     parts = ((k, _part(request, store, k, leaders)) for k in missing)
     failed: dict[int, str] = {}
-    with _meter(store.count, store.count - len(missing), where.progress) as advance:
+    with meter(len(missing), progress) as advance:
         for chunk, reason in _outcomes(model, job, request, store, parts, where.client):
             if reason:
                 failed[chunk] = reason
@@ -295,6 +206,7 @@ def _compute(
 
 
 def _part(request: Request, store: Store, chunk: int, leaders: list[int]) -> Part:
+    """Return the cases of a chunk."""
     first = chunk * store.rows * request.row
     return request.part(first, min(first + store.rows * request.row, request.count), leaders)
 
@@ -332,6 +244,7 @@ def _outcomes(
 
 
 def _attempt(run: Callable[[], None]) -> str:
+    """Return why a chunk could not be computed or written, or nothing."""
     try:
         run()
     except (MemoryError, OSError) as reason:
@@ -343,10 +256,9 @@ def _said(reason: BaseException | None) -> str:
     return f"{type(reason).__name__}: {reason}"
 
 
-def _write(
-    model: CompiledModel, options: Mapping[str, Any], request: Request, store: Store, chunk: int, part: Part
-) -> None:
-    store.write(chunk, request, _columns(_results(model, part, options), request))
+def _write(model: CompiledModel, options: SweepOptions, request: Request, store: Store, chunk: int, part: Part) -> None:
+    """Compute a chunk, and write it."""
+    store.write(chunk, request, columns_of(results_of(model, part, options), request))
 
 
 def _remote(job: _Job, request: Request, where: Any, chunk: int, part: Part) -> None:
@@ -358,7 +270,7 @@ def _remote(job: _Job, request: Request, where: Any, chunk: int, part: Part) -> 
         )
     store = Store.open(where)
     assert store is not None
-    _write(_model_of(job.model), {**job.options, "threads": 1}, request, store, chunk, part)
+    _write(_model_of(job.model), replace(job.options, threads=1), request, store, chunk, part)
 
 
 @lru_cache(maxsize=4)
@@ -366,10 +278,3 @@ def _model_of(text: bytes) -> CompiledModel:
     """Return a model that was sent to this process, compiled once."""
     found: CompiledModel = pickle.loads(text)
     return found
-
-
-def _meter(count: int, done: int, progress: bool) -> Any:
-    """Return a bar with the chunks that are done, or nothing that looks like it."""
-    from ..case_blocks import meter
-
-    return meter(count - done, progress)
