@@ -29,13 +29,13 @@ DEFAULT_TOLERANCES = 1e-8, 1e-10
 """Relative and absolute tolerance of a run that is not told another."""
 
 ORIENTATIONS = ("scene", "quaternion")
-"""What orients bodies: the coordinates that the scene has, or unit quaternions in place of three angles."""
+"""Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""
 
 
 @final
 @dataclass(frozen=True)
 class CompileOptions:
-    """How a scene is compiled; the arguments of `dalembert.compile_model`.
+    """Options of a compilation; the arguments of `dalembert.compile_model`.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class CompileOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunOptions:
-    """What every kind of run takes.
+    """Options of every kind of run.
 
     Attributes
     ----------
@@ -241,7 +241,7 @@ class SweepOptions(StepOptions):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoreOptions:
-    """Where a stored sweep goes, and who computes it; further keyword arguments of `CompiledModel.sweep`.
+    """Options of stored sweeps; further keyword arguments of `CompiledModel.sweep`.
 
     Attributes
     ----------

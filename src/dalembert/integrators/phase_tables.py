@@ -165,7 +165,7 @@ class CaseTable(NamedTuple):
 
 
 class PhaseProgress(Record):
-    """Where the loop over phases is: which cases it has taken, of how many it runs a phase, and whether that paused.
+    """Progress of the loop over phases: the cases that it has taken, those of the present phase, and whether it paused.
 
     ``paused`` is 1 where the loop over lanes returned before its end, and is to be called again.
     """

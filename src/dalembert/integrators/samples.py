@@ -17,13 +17,13 @@ from ..values import array_of
 __all__ = ["EXTRAPOLATE", "KINDS", "Samples", "samples"]
 
 KINDS = ("hold", "linear", "cubic")
-"""How values follow from those at the knots."""
+"""Interpolations between the values at the knots."""
 
 EXTRAPOLATE = ("error", "hold", "linear")
-"""What values are outside of the knots."""
+"""Rules for values outside of the knots."""
 
 _SMOOTHNESS = {"hold": -1, "linear": 0, "cubic": 2}
-"""How often the values of each kind have a continuous derivative; -1 where they jump."""
+"""Number of continuous derivatives of each kind; -1 where values jump."""
 
 
 @final

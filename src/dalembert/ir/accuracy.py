@@ -26,10 +26,10 @@ Probed = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Values at the points (n,), and bounds of their errors."""
 
 LOSS = 32.0
-"""How many times the error of another form that of a form may be."""
+"""Largest ratio of the error of a form to that of another form of the same value."""
 
 _NEAR = 1e-5
-"""How near to each other and to special values the inputs are."""
+"""Largest distance of the inputs from each other and from special values."""
 _OTHER = 0.8349
 _CENTRES = np.array([0.0, np.pi / 2, np.pi, _OTHER, -_OTHER])
 _ALLOWED = [

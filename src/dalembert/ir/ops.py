@@ -89,8 +89,8 @@ STEP_OPERATIONS: dict[str, Operation] = {
         Operation("rough_exp2", 1, 6.0, 0, lambda a: 2.0**a if a < 1024.0 else math.inf),
     )
 }
-"""What steps of integrators need besides. ``fma(a, b, c)`` is a*b + c, rounded once where the target can; the rough
-functions are good to 0.005 and to a share of 1e-4, enough to choose a step."""
+"""Further operations, of the steps of integrators. ``fma(a, b, c)`` is a*b + c, rounded once where the target can;
+the rough functions are good to 0.005 and to a share of 1e-4, enough to choose a step."""
 
 TABLE_OPERATIONS: dict[str, Operation] = {
     operation.name: operation

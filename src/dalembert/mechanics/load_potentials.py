@@ -28,9 +28,9 @@ from .manifold import agree_on_manifold
 __all__ = ["LoadPart", "given_parts", "load_parts"]
 
 _TOGETHER = 4
-"""How many loads in a row may be those of one spring: two for one between points, more over a pathway."""
+"""Most loads in a row that may be those of one spring: two for one between points, more over a pathway."""
 _PAIRED = 6
-"""Up to how many loads without a potential are tried in pairs."""
+"""Most loads without a potential that are tried in pairs."""
 _POINTS = 3
 _SIZE = 40_000
 """Nodes of the graph from which on no further potential is looked for."""

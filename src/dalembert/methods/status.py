@@ -54,7 +54,7 @@ class Status(enum.IntEnum):
 
 
 RUNNING = -1
-"""What compiled loops have in place of a status while a run, or a case, goes on."""
+"""The number that compiled loops have in place of a status while a run, or a case, continues."""
 
 IMPLICIT_METHODS = ("radau", "bdf", "lsoda", "kvaerno5")
 """Integration methods that stiff problems do not slow down."""

@@ -20,7 +20,7 @@ _ARGUMENTS = ("t", "y", "c")
 @final
 @dataclass(frozen=True)
 class Action:
-    """What one controller does at an instant.
+    """Actions of one controller at an instant.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a picture of a motion shows: surfaces, lines and points over time."""
+"""Pictures of motions as surfaces, lines and points over time."""
 
 from __future__ import annotations
 
@@ -124,8 +124,8 @@ def drawing_of(
     Raises
     ------
     OptionError
-        For shapes of bodies that do not exist or are particles where a frame is needed, and lengths that are no
-        numbers.
+        For shapes of bodies that do not exist, lengths that are no positive numbers, and reactions that are no
+        outputs.
     """
     positions, axes = drawn.at(motion.elapsed, motion.q, constants)
     low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))

@@ -118,7 +118,7 @@ class HybridSweep(CaseResults):
 
     @property
     def _states(self) -> States:
-        """What `self[...]` is of: the samples, or the ends of the cases."""
+        """The states that `self[...]` is computed from: the samples, or the ends of the cases."""
         return self._last if self._samples is None else self._samples
 
     def _known(self, key: Any) -> str:

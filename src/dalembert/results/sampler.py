@@ -126,7 +126,7 @@ class CaseSampler:
 
 
 CaseSet = Grid | CaseSampler
-"""What `CompiledModel.sweep` takes as ``grid=``."""
+"""Sets of cases, the argument ``grid=`` of `CompiledModel.sweep`."""
 
 
 def case_set(given: Any) -> CaseSet:

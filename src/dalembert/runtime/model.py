@@ -238,7 +238,7 @@ class CompiledModel(Evaluated):
 
     @once_property
     def _identity(self) -> tuple[Any, ...]:
-        """What equal models have in common: they compute the same, so that compiled code of one serves the other."""
+        """The parts that decide whether models are equal: then compiled code of one serves the other."""
         program = representative(self.stages.program)
         return program, hash(program), self.backend, self.dropped, self.stages.kept
 

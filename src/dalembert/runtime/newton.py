@@ -43,7 +43,7 @@ Equations = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 @final
 @dataclass(frozen=True, eq=False)
 class Root:
-    """What Newton's iteration came to.
+    """The result of Newton's iteration.
 
     Attributes
     ----------

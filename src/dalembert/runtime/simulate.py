@@ -27,7 +27,7 @@ from .single_run import integrate
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["NO_ESTIMATE", "simulate", "simulate_from_state", "simulate_in_own_time"]
+__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time"]
 
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
@@ -86,16 +86,6 @@ def simulate_in_own_time(
     problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
     run = integrate(model, problem, method, begin, watch, automatic=options.automatic)
     return run.with_twin(_twin(model, problem, run, options)) if options.error_estimate else run
-
-
-def simulate_from_state(
-    model: CompiledModel, t_span: tuple[float, float], y: FloatArray, c: FloatArray, options: SimulateOptions
-) -> Trajectory:
-    """Return the trajectory from a state (n_y,) with constants (n_c,), which are known to be consistent."""
-    begin = time.perf_counter()
-    problem = _limited(model.stages.program, t_span, y, c, options)
-    method = model.choose_method(options.method, options.rtol, options.atol)
-    return integrate(model, problem, method, begin, automatic=options.automatic)
 
 
 def _problem(

@@ -20,7 +20,7 @@ __all__ = ["SteadyConditions"]
 
 _RANK = 1e-9
 _ROUNDED, _UNIT = 6, 4e-16
-"""How often values are rounded anew, and by how much."""
+"""Number and size of the random roundings of values."""
 
 
 @final

@@ -28,10 +28,10 @@ __all__ = ["trim"]
 
 _RANK = 1e-9
 _SPREAD = 4.0
-"""How many times the spread of a condition by rounding may be left of it."""
+"""Largest ratio of what is left of a condition to its spread by rounding."""
 
 _ROUNDING = 4e-15
-"""What rounding leaves of a condition, as a share of what it changes by with the free values."""
+"""Rounding error of a condition, as a share of its change with the free values."""
 
 
 def trim(

@@ -48,7 +48,7 @@ class TrimChoice:
 @final
 @dataclass(frozen=True, eq=False)
 class TrimReport:
-    """What came of the iteration, in words and by name."""
+    """Report of the iteration: message, and values by name."""
 
     model: CompiledModel
     conditions: SteadyConditions

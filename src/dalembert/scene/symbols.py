@@ -27,7 +27,7 @@ from .states import state_symbols
 __all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of"]
 
 Requirement = tuple[int, str, Sequence[Node]]
-"""How often inputs must have a continuous derivative, what requires it, and the nodes there."""
+"""Required number of continuous derivatives of inputs, the places that require it, and the nodes there."""
 
 TIME = "t"
 _SIGNS = ("zero", "positive", "negative", "nonnegative", "nonpositive")

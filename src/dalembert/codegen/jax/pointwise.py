@@ -25,8 +25,31 @@ def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
+class _OfProgram:
+    """Base class of functions of a program: those of equal programs are equal, so that JAX compiles them once."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = representative(program)
+        self._hash = hash((type(self).__name__, self._program))
+        self._kernels = kernels_of(self._program)
+
+    def _constants(self, t: Any, p: Any) -> Any:
+        """Return the constants of parameters (n_p,), conditions decided at t."""
+        conditions = self._program.conditions
+        return self._kernels.constants(p if conditions is None else p.at[conditions.place].set(t))
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and self._program is getattr(other, "_program", None))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._program,)
+
+
 @final
-class VectorField:
+class VectorField(_OfProgram):
     """``field(t, y, args)`` is dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,).
 
     Fields of equal programs are equal, so that what JAX compiled for one serves the other.
@@ -37,11 +60,6 @@ class VectorField:
         The compiled program.
     """
 
-    def __init__(self, program: Program) -> None:
-        self._program = representative(program)
-        self._hash = hash(("vector field", self._program))
-        self._kernels = kernels_of(self._program)
-
     def __call__(self, t: Any, y: Any, args: Any) -> Any:
         """Return the rates; see the class.
 
@@ -50,24 +68,13 @@ class VectorField:
         OptionError
             For a state or parameters of another length.
         """
-        layout, conditions = self._program.layout, self._program.conditions
+        layout = self._program.layout
         y, p = _checked("the state", y, layout.state), _checked("parameters", args, layout.parameters)
-        if conditions is not None:
-            p = p.at[conditions.place].set(t)
-        return self._kernels["rhs"](t, y, self._kernels.constants(p))
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, VectorField) and self._program is other._program)
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return VectorField, (self._program,)
+        return self._kernels["rhs"](t, y, self._constants(t, p))
 
 
 @final
-class StateFunctions:
+class StateFunctions(_OfProgram):
     """Functions of a time t, a state y (n_y,) and parameters p, which JAX traces, vectorises and differentiates.
 
     p is a mapping of the names of parameters and inputs to scalars, or an array (n_p,) as of
@@ -78,11 +85,6 @@ class StateFunctions:
     program : Program
         The compiled program.
     """
-
-    def __init__(self, program: Program) -> None:
-        self._program = representative(program)
-        self._hash = hash(("state functions", self._program))
-        self._kernels = kernels_of(self._program)
 
     def expand(self, t: Any, y: Any, p: Any) -> tuple[Any, Any]:
         """Return coordinates (n_q,) and rates (n_q,)."""
@@ -132,18 +134,6 @@ class StateFunctions:
 
     def _point(self, t: Any, y: Any, p: Any) -> tuple[Any, Any, Any]:
         """Return coordinates, rates and first-order states side by side, the state, and constants."""
-        layout, conditions = self._program.layout, self._program.conditions
-        y, p = _checked("the state", y, layout.state), parameters_of(layout, p)
-        if conditions is not None:
-            p = p.at[conditions.place].set(t)
-        c = self._kernels.constants(p)
+        layout = self._program.layout
+        y, c = _checked("the state", y, layout.state), self._constants(t, parameters_of(layout, p))
         return self._kernels["expand"](t, y, c), y, c
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, StateFunctions) and self._program is other._program)
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return StateFunctions, (self._program,)

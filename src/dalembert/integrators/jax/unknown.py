@@ -15,7 +15,7 @@ __all__ = ["Known", "OrNan"]
 
 @final
 class Known(NamedTuple):
-    """Which derivatives of states (n_t, n_y) are known.
+    """Marks of the derivatives of states (n_t, n_y) that are known.
 
     Attributes
     ----------

@@ -96,7 +96,7 @@ class LoneCase:
 
     @property
     def status(self) -> Status | None:
-        """How the motion ended, None where it goes on."""
+        """The status with which the motion ended, None while it continues."""
         status = int(self.table.numbers.state[0])
         return None if status == RUNNING else Status(status)
 

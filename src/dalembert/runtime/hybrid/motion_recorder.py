@@ -47,7 +47,7 @@ _LINES = 256
 @final
 @dataclass(eq=False)
 class RecordedPhase:
-    """What was recorded of a phase.
+    """The record of a phase.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ JAMMED = 0.05
 """Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
 
 BROKEN = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS)
-"""How runs into Painleve's paradox fail."""
+"""Statuses of runs that end in Painleve's paradox."""
 
 
 @final

@@ -1,4 +1,4 @@
-"""What a stored sweep was asked for: its cases in parts, and a digest of everything."""
+"""Cases of a stored sweep, in parts, and their digest."""
 
 from __future__ import annotations
 

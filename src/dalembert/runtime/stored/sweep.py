@@ -34,7 +34,7 @@ __all__ = ["stored_sweep"]
 _PILOT = 256
 """Cases that are run first, for names and kinds of results, and for the time that a case takes."""
 _SECONDS, _BYTES = 4.0, 128 << 20
-"""What a chunk takes at most: seconds of one thread, and memory of its results."""
+"""Most seconds of one thread, and most bytes of results, of a chunk."""
 _WAITING = 3
 """Chunks that a thread of a cluster has before it."""
 _TARGET = "dalembert_target"
@@ -45,7 +45,7 @@ _NO_MATTER = ("grid", "inputs", "threads", "progress")
 @final
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What a process of a cluster needs for every chunk: the model as bytes, options, and the instruction set."""
+    """The parts of a task that all chunks share: the model as bytes, options, and the instruction set."""
 
     model: bytes
     options: SweepOptions

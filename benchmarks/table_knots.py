@@ -1,0 +1,79 @@
+"""Tables of the state: what it costs to end steps at their knots, against events at the knots and no table at all.
+
+``python benchmarks/table_knots.py`` prints one table in Markdown: milliseconds of processor time of single runs by the
+Taylor method, with the number of knots that they pass, and steps a second of sweeps in one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from tables import markdown_table
+
+import dalembert as da
+
+x = dynamicsymbols("x")
+START = {x: 1.0, x.diff(): 0.0}
+TIGHT = {"rtol": 1e-9, "atol": 1e-11}
+PERIODS = 8
+
+
+def spring(knots: int) -> Any:
+    """Return a mass on a spring of stiffness 1; with knots, its characteristic is a table with a bend at each."""
+    N, O = ReferenceFrame("N"), Point("O")
+    where = O.locatenew("P", x * N.x)
+    scene = da.Scene(f"spring_{knots}", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("p", where, 1))
+    force = x
+    if knots:
+        places = np.linspace(-1.5, 1.5, knots)
+        force = da.table(x, places, places + 0.02 * np.sin(9.0 * np.arange(knots)) / knots, kind="linear")
+    scene.add_loads((where, -force * N.x))
+    return da.compile_model(scene)
+
+
+def least(run: Callable[[], Any], times: int = 7) -> tuple[float, Any]:
+    """Return the least processor time of a call, and what it returned."""
+    found, seconds = run(), np.inf
+    for _ in range(times):
+        begin = time.process_time()
+        found = run()
+        seconds = min(seconds, time.process_time() - begin)
+    return seconds, found
+
+
+def main() -> None:
+    """Measure and print."""
+    span, rows = (0.0, 2.0 * np.pi * PERIODS), []
+    smooth = spring(0)
+    for knots in (9, 101, 1001):
+        places = np.linspace(-1.5, 1.5, knots)
+        model = spring(knots)
+        passed = 2 * PERIODS * int(np.sum(np.abs(places) < 1.0))
+        own, run = least(lambda model=model: model.simulate(span, START, {}, method="taylor", **TIGHT))
+        cells = [f"{passed:,}", f"{1e3 * own:.2f}", f"{run.stats.steps:,}"]
+        if knots <= 101:
+            events = [x - float(place) for place in places if abs(place) < 1.0]
+            watched, _ = least(
+                lambda events=events: smooth.simulate(span, START, {}, method="taylor", events=events, **TIGHT), 3
+            )
+            cells.append(f"{1e3 * watched:.2f}")
+        else:
+            cells.append("-")
+        rows.append([f"single run, {knots:,} knots", *cells])
+    print(markdown_table(["", "knots passed", "ms", "steps", "ms with events at the knots of a spring"], rows))
+    cases = {x: np.linspace(0.5, 1.4, 4096), x.diff(): 0.0}
+    speeds = []
+    for model in (smooth, spring(101)):
+        seconds, sweep = least(lambda model=model: model.sweep(span, cases, {}, threads=1, method="taylor", **TIGHT))
+        speeds.append(sweep.stats.steps / seconds)
+    print(f"\nsweep, one thread: {speeds[1] / 1e6:.1f} million steps a second with 101 knots,", end=" ")
+    print(f"{speeds[1] / speeds[0]:.2f} of the throughput per step of the same sweep without a table")
+
+
+if __name__ == "__main__":
+    main()
