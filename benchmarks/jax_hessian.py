@@ -62,7 +62,11 @@ def main() -> None:
     for way in WAYS:
         done = subprocess.run([sys.executable, __file__, way], capture_output=True, text=True, check=True)
         rows.append([way, *done.stdout.split()])
-    print(markdown_table(["Hessian of the sleigh", "numbers", "compilation [s]", "a call [ms]", "temporary memory [MiB]"], rows))
+    print(
+        markdown_table(
+            ["Hessian of the sleigh", "numbers", "compilation [s]", "a call [ms]", "temporary memory [MiB]"], rows
+        )
+    )
 
 
 if __name__ == "__main__":
