@@ -11,9 +11,11 @@ from .naming import rate_name
 from .once import deriving
 from .options import CompileOptions
 from .pipeline import SeveralModes, compile_stages, output_names
+from .progress import compilation_meter
 from .scene import Scene
 from .scene.orientation import with_quaternions
 from .scene.outputs import requested
+from .values import flag
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
@@ -35,6 +37,7 @@ def compile_model(
     cache: bool = True,
     gains: tuple[float, float] | None = None,
     orientation: str = "scene",
+    progress: bool = False,
 ) -> CompiledModel | HybridModel:
     """Compile a scene to a simulator.
 
@@ -65,6 +68,9 @@ def compile_model(
         "scene" (default) takes the coordinates as they are. With "quaternion", bodies that three angles orient, and do
         nothing else, have unit quaternions for coordinates, which are singular nowhere; initial values are given in
         the angles or the quaternion, and the angles and their rates are outputs.
+    progress : bool
+        Whether to show a bar with the stages of the compilation (needs tqdm). Machine code of long steps is compiled
+        in the first run, whose bar shows it.
 
     Returns
     -------
@@ -78,7 +84,8 @@ def compile_model(
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
     """
-    return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
+    with compilation_meter(flag("progress", progress)):
+        return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
 
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:

@@ -1,15 +1,17 @@
-"""Ctrl-C in threads that run cases: it is raised in the main thread, which has the others told.
+"""Calls between blocks of steps: Ctrl-C in threads that run cases, and progress of a run.
 
-Compiled loops return to Python every so often, where Ctrl-C is raised in the main thread, and others look here.
+Compiled loops return to Python every so often. There Ctrl-C is raised in the main thread, which tells the other
+threads; they look here.
 """
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["STOPPED", "check", "stopped_by"]
+__all__ = ["STOPPED", "called_between_blocks", "check", "is_observed", "stopped_by"]
 
 STOPPED = 1 << 62
 """Value of the shared count of cases begun which makes loops over lanes stop, whatever they are at."""
@@ -18,18 +20,41 @@ _THREAD = threading.local()
 
 
 @contextmanager
-def stopped_by(event: threading.Event) -> Iterator[None]:
-    """Context in which `check` stops this thread once an event is set."""
-    held = getattr(_THREAD, "event", None)
-    _THREAD.event = event
+def called_between_blocks(observe: Callable[[float], None]) -> Iterator[None]:
+    """Context in which `check` calls a function of the time that a run of this thread has reached."""
+    outer = getattr(_THREAD, "observe", None)
+    _THREAD.observe = observe
     try:
         yield
     finally:
-        _THREAD.event = held
+        _THREAD.observe = outer
 
 
-def check() -> None:
-    """Raise KeyboardInterrupt in a thread that is to stop."""
-    event = getattr(_THREAD, "event", None)
-    if event is not None and event.is_set():
-        raise KeyboardInterrupt
+@contextmanager
+def stopped_by(event: threading.Event) -> Iterator[None]:
+    """Context in which `check` stops this thread once an event is set."""
+
+    def stop(t: float) -> None:
+        if event.is_set():
+            raise KeyboardInterrupt
+
+    with called_between_blocks(stop):
+        yield
+
+
+def check(t: float = math.nan) -> None:
+    """Call what is to be called in this thread between blocks of steps, with the time reached, NaN where unknown.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        In a thread that is to stop.
+    """
+    observe = getattr(_THREAD, "observe", None)
+    if observe is not None:
+        observe(t)
+
+
+def is_observed() -> bool:
+    """Return whether this thread is in a context of `called_between_blocks`."""
+    return getattr(_THREAD, "observe", None) is not None

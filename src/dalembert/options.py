@@ -164,6 +164,8 @@ class SimulateOptions(StepOptions):
         What to watch for.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values.
+    progress : bool
+        Whether to show a bar with the time that the run has reached.
 
     Raises
     ------
@@ -177,9 +179,11 @@ class SimulateOptions(StepOptions):
     error_estimate: bool = False
     events: Any = ()
     project_invariants: Any = False
+    progress: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        _set(self, progress=flag("progress", self.progress))
         if self.t_eval is not None:
             _set(self, t_eval=times_of("t_eval", self.t_eval))
         if self.first_step is not None:
@@ -387,23 +391,25 @@ def _simulate_options(
     )
 
 
-def simulate_options(*plain: Any, t_eval: Any, events: Any, inputs: Any = None) -> SimulateOptions:
+def simulate_options(
+    *plain: Any, t_eval: Any, events: Any, inputs: Any = None, progress: Any = False
+) -> SimulateOptions:
     """Return options of one trajectory, checked once for each list of values.
 
     Parameters
     ----------
     *plain
         method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate and project_invariants.
-    t_eval, events, inputs
+    t_eval, events, inputs, progress
         As for `SimulateOptions`; nothing is kept of them.
     """
     try:
         options = _simulate_options(*plain)
     except TypeError:  # a value without a hash
         options = _simulate_options.__wrapped__(*plain)
-    if t_eval is None and inputs is None and isinstance(events, tuple) and not events:
+    if t_eval is None and inputs is None and progress is False and isinstance(events, tuple) and not events:
         return options
-    return replace(options, t_eval=t_eval, events=events, inputs=inputs)
+    return replace(options, t_eval=t_eval, events=events, inputs=inputs, progress=progress)
 
 
 def _set(options: RunOptions | StoreOptions, **values: Any) -> None:

@@ -27,6 +27,7 @@ from .mechanics.derive import derive
 from .mechanics.equations import EquationsOfMotion
 from .once import deriving
 from .options import CompileOptions
+from .progress import enter_stage
 from .reduction import ReducedSystem, reduce
 from .reduction.invariant_projection import project_invariants
 from .scene import Scene
@@ -126,6 +127,7 @@ class Stopwatch:
 
     def __call__(self, stage: str, run: Callable[[], T]) -> T:
         """Return the result of a stage."""
+        enter_stage(stage)
         start = time.perf_counter()
         result = run()
         self.seconds[stage] = time.perf_counter() - start

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
-from ..interrupts import check
+from ..interrupts import check, is_observed
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from .arguments import IntVector, Matrix, Record, Vector
@@ -331,10 +331,10 @@ def run_in_blocks(
     delta, mark, knot = np.zeros((n, 1)), np.zeros(1, np.int64), np.zeros((1, 2))
     same = np.zeros((1, 1)), constants, t_eval, work, delta, mark, progress, knot
     blocks, pieces = [begin.reshape(1, -1)], []
-    bounded = settings.dense or not settings.sampled
+    bounded = settings.dense or not settings.sampled or is_observed()
     status, size = RUNNING, FIRST_BLOCK
     while status == RUNNING:
-        check()
+        check(progress.t)
         limit = size if bounded else settings.max_steps
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))

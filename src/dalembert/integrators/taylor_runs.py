@@ -168,7 +168,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     turns, angles = np.zeros(len(problem.y0)), list(code.angles)
     status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
     while status == RUNNING:
-        check()
+        check(record.end)
         limit = min(size, problem.max_steps - record.steps)
         if limit == 0:
             status = int(Status.MAX_STEPS)

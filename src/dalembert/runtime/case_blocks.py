@@ -7,44 +7,28 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..codegen.base import CaseRun, Engine
-from ..errors import MissingExtraError
 from ..integrators.cases import BlockResult
 from ..interrupts import STOPPED, check, stopped_by
 from ..methods.status import Status
 from ..once import once
+from ..progress import meter
 from .cases import Cases, Settings, single_problem
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["begin_cases", "begin_whole", "fitted", "meter"]
+__all__ = ["begin_cases", "begin_whole", "fitted"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
-
-
-@contextmanager
-def meter(total: int, wanted: bool) -> Iterator[Callable[[int], Any]]:
-    """Yield a function that advances a progress bar, or does nothing where none is wanted."""
-    if not wanted:
-        yield lambda count: None
-        return
-    try:
-        from tqdm.auto import tqdm
-    except ImportError:
-        raise MissingExtraError(
-            'progress=True needs tqdm; install it with: pip install "dalembert[progress]"'
-        ) from None
-    with tqdm(total=total, unit="case", unit_scale=True) as bar:
-        yield bar.update
 
 
 def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:

@@ -272,6 +272,7 @@ class CompiledModel(Evaluated):
         error_estimate: bool = False,
         events: Any = (),
         project_invariants: Any = False,
+        progress: bool = False,
     ) -> Trajectory:
         """Simulate one trajectory.
 
@@ -310,6 +311,9 @@ class CompiledModel(Evaluated):
         project_invariants : bool, str or sequence of str
             First integrals to keep at their initial values by a correction after every step, together with the
             constraints: names as in ``trajectory.invariants``, or True for all that are conserved.
+        progress : bool
+            Whether to show a bar with the time that the run has reached (needs tqdm). It advances between blocks of
+            steps, which stay as they are; on the backend "jax" at the end only.
 
         Returns
         -------
@@ -334,6 +338,7 @@ class CompiledModel(Evaluated):
             t_eval=t_eval,
             events=events,
             inputs=read_inputs(self.layout, self._inputs, inputs),
+            progress=progress,
         )
         return simulate(self, t_span, initial, parameters, options)
 

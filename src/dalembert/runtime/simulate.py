@@ -12,6 +12,7 @@ from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
 from ..ir.program import Program
 from ..options import SimulateOptions
+from ..progress import run_meter
 from ..results.estimate import TIGHTER
 from ..results.trajectory import Trajectory
 from . import inputs
@@ -44,19 +45,31 @@ def simulate(
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
     if not begins_elsewhere(t0, t1):
-        return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
+        return _simulate_with_meter(model, (t0, t1), initial, parameters, options)
     other, events, _ = in_elapsed_time(model, t0, t1, options.events)
     options = replace(options, events=events)
     if other is None:
-        return simulate_in_own_time(model, (t0, t1), initial, parameters, options)
+        return _simulate_with_meter(model, (t0, t1), initial, parameters, options)
     times = options.t_eval
     options = replace(options, t_eval=elapsed_times(t0, t1, times))
     given = with_offsets(model, other, t0, parameters)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
         given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
-    run = simulate_in_own_time(other, (0.0, t1 - t0), initial, given, options)
+    run = _simulate_with_meter(other, (0.0, t1 - t0), initial, given, options)
     return run.counted_from(t0, times, noted_from(run.stats.note, t0))
+
+
+def _simulate_with_meter(
+    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+) -> Trajectory:
+    """Return one trajectory in the time of the model; a bar shows how far it has come, if it is wanted."""
+    if not options.progress:
+        return simulate_in_own_time(model, t_span, initial, parameters, options)
+    with run_meter(*t_span, wanted=True) as show:
+        run = simulate_in_own_time(model, t_span, initial, parameters, options)
+        show(run.t_end)
+    return run
 
 
 def simulate_in_own_time(

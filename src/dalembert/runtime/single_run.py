@@ -16,6 +16,7 @@ from ..integrators.events import Occurrence, integrate_watched
 from ..integrators.problem import IntegrationProblem, SamplingClock, Solution, prescribed
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
+from ..progress import enter_stage
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from .gimbal import locked, remedy
@@ -46,6 +47,7 @@ def integrate(
     """
     ready = time.perf_counter()
     if model.layout.state:
+        enter_stage("machine code")
         model.engine.prepare(problem, method)
     compiled = time.perf_counter() - ready
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic)

@@ -15,6 +15,7 @@ from dalembert.errors import OptionError
 from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
 from dalembert.integrators.projection import FAILED, WANTED, add_correction, correction_verdict
 from dalembert.integrators.scipy.dense import StepInterpolants
+from dalembert.interrupts import check
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LINEAR_CORRECTIONS, MOST_CORRECTIONS, SMALLEST_SCALE
 
@@ -171,6 +172,7 @@ class _Run:
             if self.steps >= self.problem.max_steps:
                 yield Status.MAX_STEPS
                 return
+            check(float(solver.t))
             before, proposed = solver.nfev, self._limit_at_knots(solver)
             solver.step()
             if proposed and proposed > solver.h_abs:

@@ -15,6 +15,7 @@ from ...integrators.event_code import Event
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
+from ...progress import run_meter
 from ...results.estimate import TIGHTER
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -85,7 +86,9 @@ def run_motion(
         layout=layout,
         jumps=_jumps(modes, layout, events),
     )
-    run = simulate(modes, request)
+    with run_meter(t0, t1, options.progress) as show:
+        run = simulate(modes, request)
+        show(run.t_end)
     if not options.error_estimate:
         return run
     finer = replace(_tighter(options), dense=True, t_eval=None)

@@ -296,6 +296,7 @@ class HybridModel(Evaluated):
         events: Any = (),
         error_estimate: bool = False,
         project_invariants: Any = False,
+        progress: bool = False,
     ) -> HybridTrajectory:
         """Simulate one trajectory, phase after phase.
 
@@ -306,6 +307,8 @@ class HybridModel(Evaluated):
             constraints with all contacts closed.
         error_estimate : bool
             As there; the estimate is NaN where the contacts of the run and of its twin do not do the same.
+        progress : bool
+            As there.
 
         Returns
         -------
@@ -322,7 +325,11 @@ class HybridModel(Evaluated):
         t0, t1 = span_of(t_span)
         plain = (method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate, False)
         options = simulate_options(
-            *plain, t_eval=t_eval, events=events, inputs=read_inputs(self.layout, self._inputs, inputs)
+            *plain,
+            t_eval=t_eval,
+            events=events,
+            inputs=read_inputs(self.layout, self._inputs, inputs),
+            progress=progress,
         )
         able = self._with_event_parameters(parameters, events)
         return able._simulate_span((t0, t1), initial, parameters, options)

@@ -19,6 +19,7 @@ from ...integrators.problem import PiecewisePolynomial
 from ...integrators.projected_states import projected
 from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
 from ...integrators.workspace import ROUNDING
+from ...interrupts import check
 from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import StepOptions
@@ -149,6 +150,7 @@ class MotionRecorder:
             count, occurred = call.progress.recorded, int(call.occurrences[0, 0])
             if count:
                 self._rows.append((runner, call.steps[:count].copy()))
+                check(call.steps[count - 1, ENDED_AT].item())
                 call.progress.recorded = 0
             if occurred:
                 self._occurrences.append(call.occurrences[1 : 1 + occurred].copy())

@@ -19,9 +19,9 @@ from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Guard
 from ...methods.status import Status
+from ...progress import meter
 from ...results.hybrid_sweep import HybridSweep, States
 from ...results.sweep import Sweep, SweepStatistics
-from ..case_blocks import meter
 from ..input_values import GivenInputs
 from ..sweep import begin_sweep
 from ..symbol_assumptions import warn_of_motion

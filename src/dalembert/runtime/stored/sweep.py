@@ -16,9 +16,9 @@ import numpy as np
 from ...codegen.llvm.target import target
 from ...errors import MissingExtraError, OptionError, StoredSweepError
 from ...options import StoreOptions, SweepOptions
+from ...progress import meter
 from ...results.grid import Grid
 from ...version import __version__
-from ..case_blocks import meter
 from ..event_parameters import with_event_parameters
 from .chunks import columns_of, leading_cases, method_of, results_of
 from .request import Given, Part, Request, request_of
@@ -191,7 +191,7 @@ def _compute(
     (where, progress), missing = how, store.missing(request)
     parts = ((k, _part(request, store, k, leaders)) for k in missing)
     failed: dict[int, str] = {}
-    with meter(len(missing), progress) as advance:
+    with meter(len(missing), progress, "chunk") as advance:
         for chunk, reason in _outcomes(model, job, request, store, parts, where.client):
             if reason:
                 failed[chunk] = reason
