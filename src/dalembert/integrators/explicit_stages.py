@@ -94,9 +94,10 @@ def error_norm(
         scale = 1.0 / error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
         total += square(estimate * scale)
         total_second += square(estimate_second * scale)
-    if total == 0.0 and total_second == 0.0:
+    below = (total + SECOND_ERROR_WEIGHT * total_second) * n
+    if below == 0.0:  # also where squares of tiny estimates underflow
         return 0.0
-    return abs(h) * total / sqrt((total + SECOND_ERROR_WEIGHT * total_second) * n)
+    return abs(h) * total / sqrt(below)
 
 
 @compiled_subset

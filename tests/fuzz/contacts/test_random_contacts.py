@@ -18,7 +18,7 @@ from fuzz.contacts.uniqueness import motions
 FIXED = {
     "particle": (3, 44, 56, 73),
     "stack": (17, 21, 37),
-    "rod on floor": (21, 22, 36),
+    "rod on floor": (1, 21, 22, 36),
     "rod in corner": (2, 21, 49),
     "plate": (1, 41, 46, 58),
     "wheel": (0, 9, 25, 64),
