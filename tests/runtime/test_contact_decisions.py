@@ -41,19 +41,19 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
     model = da.compile_model(scene())
     x, p = _cases(model, moving=0.0 if {rules.STOP, rules.BREAK_UP} & set(fired.values()) else 1.0)
     state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), len(model.contacts))
-    automaton = model._modes.automaton
+    automaton = model.modes.automaton
     if mode is not None:
         digits = automaton.number(mode)
         state.cases.modes[:] = [digits // 5**i % 5 for i in range(len(mode))]
     for contact, flag in fired.items():
         state.cases.fired[:, contact] = flag
-    model._modes.decisions.decide(state, np.arange(CASES))
+    model.modes.decisions.decide(state, np.arange(CASES))
     good = np.flatnonzero(state.cases.status == Status.SUCCESS)
     assert len(good) > CASES / 10  # not every state is one in which this can happen
     for i in good[:40]:
         selected = automaton.mode(int(state.mode_numbers()[i]))
         own = model._model(selected)
-        added = model._modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
+        added = model.modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
         values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True))
         values |= {key: float(value) for key, value in added.items()}
         n = len(model.layout.coordinates)
@@ -62,7 +62,7 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
         np.testing.assert_allclose(state.cases.motion[i], acceleration, rtol=1e-9, atol=1e-9)
         states = dict(zip((*model.layout.coordinates, *model.layout.rates), state.x[i].tolist(), strict=True))
         run = own.simulate((0.0, 0.0), states, values)
-        for guard in model._modes.guards(selected) if rules.TURN not in fired.values() else ():
+        for guard in model.modes.guards(selected) if rules.TURN not in fired.values() else ():
             assert run[guard.output][0] > -1e-6, (guard, selected)
 
 
@@ -72,7 +72,7 @@ def test_senseless_coefficients_and_penetration_are_initial_states_refused():
     p[5, model.layout.parameters.index("mu")] = -0.1
     x[6, model.layout.coordinates.index("x")] -= 0.3
     state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 1)
-    model._modes.decisions.decide(state, np.arange(CASES))
+    model.modes.decisions.decide(state, np.arange(CASES))
     assert state.cases.status[5] == Status.INITIAL_STATE
     assert state.cases.status[0] == Status.SUCCESS
 
@@ -88,7 +88,7 @@ def test_decisions_as_plain_python_are_those_of_machine_code(monkeypatch):
         debugging.cache_clear()
         loop_named.cache_clear()
         state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 2)
-        model._modes.decisions.decide(state, np.arange(20))
+        model.modes.decisions.decide(state, np.arange(20))
         found.append(state)
     debugging.cache_clear()
     loop_named.cache_clear()

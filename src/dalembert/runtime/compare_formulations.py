@@ -17,10 +17,10 @@ from ..values import listed
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["compare_formulations"]
+__all__ = ["compare"]
 
 
-def compare_formulations(
+def compare(
     model: CompiledModel,
     run: tuple[Any, Mapping[Any, Any], Mapping[Any, Any], Mapping[Any, Any] | None],
     tolerances: tuple[float, float],

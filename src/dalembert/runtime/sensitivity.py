@@ -24,12 +24,12 @@ from .variation import chosen_names, through_offsets
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["sensitivity"]
+__all__ = ["differentiate_run"]
 
 Given = Mapping[Any, Any]
 
 
-def sensitivity(
+def differentiate_run(
     model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
 ) -> Sensitivity:
     """Return one trajectory with derivatives; see `CompiledModel.sensitivity`."""

@@ -24,7 +24,7 @@ from .trim_report import TrimChoice, TrimReport, given_places
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["trim"]
+__all__ = ["find_operating_point"]
 
 _RANK = 1e-9
 _SPREAD = 4.0
@@ -34,7 +34,7 @@ _ROUNDING = 4e-15
 """Rounding error of a condition, as a share of its change with the free values."""
 
 
-def trim(
+def find_operating_point(
     model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""

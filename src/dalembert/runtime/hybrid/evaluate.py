@@ -18,7 +18,7 @@ _STRUCK = 1e-6
 
 
 def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
-    """Return what a kernel of `dalembert.runtime.evaluation.Evaluated` gives for k states.
+    """Return what a kernel of `dalembert.runtime.interface.evaluation` gives for k states.
 
     Raises
     ------

@@ -1,0 +1,127 @@
+"""Interface of all models, of scenes without and with contacts."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from ..arrays import FloatArray
+from ..ir.program import Layout
+from ..mechanics.equations import EquationsOfMotion
+from ..once import once_property
+from ..options import PrepareOptions, SimulateOptions, StoreOptions, SweepOptions
+from ..scene.model import ControllerModel, InputSymbol
+from . import inputs as run_input
+from .interface import derivatives, evaluation, motions, states
+from .symbol_assumptions import ROUNDING
+from .value_reader import ValueReader
+
+if TYPE_CHECKING:
+    from ..results.linearization import Linearization
+    from .prepared import PreparedRun
+
+__all__ = ["Model"]
+
+Given = Mapping[Any, Any]
+RunT_co = TypeVar("RunT_co", covariant=True)
+SweepT_co = TypeVar("SweepT_co", covariant=True)
+
+
+class Model(ABC, Generic[RunT_co, SweepT_co]):
+    """What every compiled scene can do: functions over a model, in `dalembert.runtime.interface`, are its methods.
+
+    They check arguments, make frozen options of them, and call what a kind of model brings: the methods below. The type
+    variables are those of a trajectory and of the results of many cases.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names of everything that arrays hold.
+    """
+
+    layout: Layout
+
+    parameter_vector = states.parameter_vector
+    initial_values = states.initial_values
+    state = states.state
+    mass_matrix = evaluation.mass_matrix
+    forcing = evaluation.forcing
+    constraint_jacobian = evaluation.constraint_jacobian
+    accelerations = evaluation.accelerations
+    simulate = motions.simulate
+    sweep = motions.sweep
+    prepare = motions.prepare
+    linearize = derivatives.linearize
+
+    # -- what a kind of model brings -------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _equations(self) -> EquationsOfMotion:
+        """The equations of the scene."""
+
+    @abstractmethod
+    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
+        """Return outputs (k, n_out) at times (k,), variables x (k, 2 n_q + n_z) and parameters (n_p,) or (k, n_p).
+
+        The variables are coordinates, rates and first-order states. None stands for zeros.
+        """
+
+    @abstractmethod
+    def _depends_on_states(self, kernel: str) -> bool:
+        """Whether what a kernel returns depends on first-order states."""
+
+    @abstractmethod
+    def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
+        """Return the state at given values; the parameters have those of the inputs, here and below."""
+
+    @abstractmethod
+    def _simulate(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+    ) -> RunT_co:
+        """Return one trajectory."""
+
+    @abstractmethod
+    def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> SweepT_co:
+        """Return the results of many cases."""
+
+    @abstractmethod
+    def _stored_sweep(
+        self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
+    ) -> Any:
+        """Return the results of many cases (span, initial values, parameters, inputs) from a store."""
+
+    @abstractmethod
+    def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+        """Return a prepared run."""
+
+    @abstractmethod
+    def _linearize(
+        self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
+    ) -> Linearization:
+        """Return the linearisation about a state."""
+
+    # -- what functions over models read ---------------------------------------------------
+
+    @property
+    def _inputs(self) -> tuple[InputSymbol, ...]:
+        """The inputs of the scene."""
+        return self._equations.symbols.inputs
+
+    @property
+    def _controllers(self) -> tuple[ControllerModel, ...]:
+        """The controllers of the scene."""
+        return self._equations.controllers
+
+    @once_property
+    def _read_parameters(self) -> ValueReader:
+        layout = self.layout
+        return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
+
+    @once_property
+    def _read_initial(self) -> ValueReader:
+        layout = self.layout
+        return ValueReader(
+            lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+        )

@@ -1,0 +1,188 @@
+"""Methods of models that evaluate kernels: mass matrix, forcing, constraint Jacobian and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...errors import UnknownNameError, ValueInputError, list_names, nesting_named
+from ...ir.input_parameters import coefficient_places
+from ...values import array_of, times_of
+from .. import inputs as run_input
+from ..input_values import read_inputs
+from ..symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
+
+if TYPE_CHECKING:
+    from ..base import Model
+
+__all__ = ["accelerations", "constraint_jacobian", "forcing", "mass_matrix", "rows_of"]
+
+
+@nesting_named
+def mass_matrix(
+    self: Model[Any, Any], q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None, states: Any = None
+) -> FloatArray:
+    """Return the mass matrix.
+
+    Parameters
+    ----------
+    q : array_like (n_q,) or (k, n_q)
+        Coordinates.
+    p : mapping or array_like (n_p,)
+        Parameters, by name or in the order of ``layout.parameters``.
+    t : float or array_like (k,)
+        Time [s], where the geometry depends on it.
+    inputs : mapping, optional
+        Values of the inputs, as for `simulate`; not needed where an array p has them.
+    states : mapping or array_like (n_z,) or (k, n_z), optional
+        First-order states, by name or in the order of ``layout.states``; no mass matrix depends on them.
+
+    Returns
+    -------
+    ndarray (n_q, n_q) or (k, n_q, n_q)
+    """
+    point = t, q, None, p
+    return _evaluate(self, "mass_matrix", point, (states, inputs), (len(self.layout.coordinates),) * 2)
+
+
+@nesting_named
+def forcing(
+    self: Model[Any, Any],
+    t: Any,
+    q: Any,
+    qdot: Any,
+    p: Any,
+    *,
+    inputs: Mapping[Any, Any] | None = None,
+    states: Any = None,
+) -> FloatArray:
+    """Return the given actions and bias terms, (n_q,) or (k, n_q): M q_ddot = forcing + reactions.
+
+    Parameters are those of `mass_matrix`; `states` are the first-order states that they depend on.
+    """
+    return _evaluate(self, "forcing", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
+
+
+@nesting_named
+def constraint_jacobian(
+    self: Model[Any, Any], t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
+) -> FloatArray:
+    """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first.
+
+    Parameters are those of `mass_matrix`; `states` are the first-order states that it depends on.
+    """
+    shape = (len(self.layout.constraints), len(self.layout.coordinates))
+    return _evaluate(self, "constraint_jacobian", (t, q, None, p), (states, inputs), shape)
+
+
+@nesting_named
+def accelerations(
+    self: Model[Any, Any],
+    t: Any,
+    q: Any,
+    qdot: Any,
+    p: Any,
+    *,
+    inputs: Mapping[Any, Any] | None = None,
+    states: Any = None,
+) -> FloatArray:
+    """Return the second rates of the coordinates, (n_q,) or (k, n_q), constraints included.
+
+    Parameters are those of `mass_matrix`; `states` are the first-order states that they depend on.
+    """
+    return _evaluate(self, "accelerations", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
+
+
+def _evaluate(
+    self: Model[Any, Any],
+    kernel: str,
+    point: tuple[Any, Any, Any, Any],
+    further: tuple[Any, Mapping[Any, Any] | None],
+    shape: tuple[int, ...],
+) -> FloatArray:
+    """Return a kernel's outputs at (t, q, qdot, p) with (states, inputs), as users give them."""
+    (t, q, qdot, p), (states, inputs) = point, further
+    size, at = len(self.layout.coordinates), times_of("t", t)
+    q = rows_of("q", q, size)
+    qdot = np.zeros_like(q) if qdot is None else rows_of("qdot", qdot, size)
+    z = _states(self, kernel, states)
+    single = q.ndim == 1 and qdot.ndim == 1 and z.ndim == 1 and np.ndim(t) == 0
+    q, qdot, z = np.atleast_2d(q), np.atleast_2d(qdot), np.atleast_2d(z)
+    sizes = {"q": len(q), "qdot": len(qdot), "t": len(at), "states": len(z)}
+    counts = set(sizes.values()) - {1}
+    if len(counts) > 1:
+        counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+        raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
+    count = counts.pop() if counts else 1
+    y = np.empty((count, 2 * size + z.shape[1]))
+    y[:, :size], y[:, size : 2 * size], y[:, 2 * size :] = q, qdot, z
+    times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
+    if isinstance(p, Mapping):
+        p = self.parameter_vector(p)
+    p = rows_of("p", p, len(self.layout.parameters))
+    if p.ndim > 1:
+        raise ValueInputError(f"p must have shape ({len(self.layout.parameters)},), not {p.shape}: one for all states")
+    _refuse_contradictions(self, q, p)
+    p = _with_inputs(self, p, times, inputs)
+    found = self._outputs(kernel, times, y, p)
+    out = np.zeros((count, *shape)) if found is None else found.reshape(count, *shape)
+    return out[0] if single else out
+
+
+def _with_inputs(self: Model[Any, Any], p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
+    """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
+    places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
+    if inputs is None and not np.any(np.isnan(p[places])):
+        return p
+    given = read_inputs(self.layout, self._inputs, inputs)
+    if given is None:
+        return p
+    rows = np.tile(p, (len(t), 1))
+    given.write(self.layout, rows, t)
+    return rows if given.sampled else rows[0]
+
+
+def _states(self: Model[Any, Any], kernel: str, given: Any) -> FloatArray:
+    """Return first-order states (n_z,) or (k, n_z) for a kernel, zeros where nothing is given or needed."""
+    names = self.layout.states
+    if isinstance(given, Mapping):
+        values = run_input.resolve("state", given, names, self.layout.aliases)
+        missing = [name for name in names if name not in values]
+        if missing:
+            raise UnknownNameError(f"missing states: {list_names(missing)}. The scene has: {list_names(names)}")
+        return np.array([values[name] for name in names])
+    if given is not None:
+        return rows_of("states", given, len(names))
+    if names and self._depends_on_states(kernel):
+        raise ValueInputError(
+            f"{kernel} depends on the first-order states of the scene; give states={{...}} for {list_names(names)}"
+        )
+    return np.zeros(len(names))
+
+
+def _refuse_contradictions(self: Model[Any, Any], q: FloatArray, p: FloatArray) -> None:
+    """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
+    layout = self.layout
+    for names, table, rounding in ((layout.coordinates, q, ROUNDING), (layout.parameters, p[np.newaxis], 0.0)):
+        for row in table[rows_that_contradict(layout.assumptions, names, table, rounding)]:
+            refuse_contradictions(layout.assumptions, dict(zip(names, row.tolist(), strict=True)), rounding)
+
+
+def rows_of(name: str, values: Any, size: int) -> FloatArray:
+    """Return an array (size,) or (k, size) that a user gave.
+
+    Raises
+    ------
+    ValueInputError
+        For another shape, and for what are no numbers.
+    """
+    try:
+        array = array_of(values)
+    except ValueError as reason:
+        raise ValueInputError(f"{name} = {values!r} {reason}") from None
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
+    return array

@@ -1,0 +1,73 @@
+"""Method of models that makes functions for programs in JAX: `solve_fn`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from ...codegen.base import Capability
+from .. import inputs as run_input
+from ..capabilities import require
+from ..sampling import refuse_sampling
+
+if TYPE_CHECKING:
+    from ...codegen.base import TracedEngine
+    from ..model import CompiledModel
+
+__all__ = ["solve_fn"]
+
+
+def solve_fn(
+    self: CompiledModel,
+    given: Iterable[str] | None = None,
+    *,
+    method: str = "auto",
+    mode: str = "reverse",
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    max_step: float = np.inf,
+    max_steps: int = 4096,
+) -> Any:
+    """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
+
+    Parameters
+    ----------
+    given : iterable of str, optional
+        Names of the coordinates and rates that `initial` holds; the others follow from the constraints, as in
+        `simulate`. Without it, `initial` is the state y (n_y,).
+    method, rtol, atol
+        As for `simulate`.
+    mode : str
+        For "kvaerno5", "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and
+        ``jax.jacfwd``; the other methods serve both, nested too.
+    max_step : float
+        Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
+        motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.
+    max_steps : int
+        Attempted steps after which the run ends with a status.
+
+    Returns
+    -------
+    Solve
+        Its docstring describes arguments and result.
+
+    Raises
+    ------
+    CapabilityError
+        For a backend other than "jax".
+    OptionError
+        For options that do not exist.
+    UnknownNameError, InitialStateError
+        For names that are not known or not enough.
+    """
+    require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
+    refuse_sampling(self._controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
+    start = None
+    if given is not None:
+        names = [self.layout.aliases.get(str(name), str(name)) for name in given]
+        start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
+    options = {"mode": mode, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
+    method = self.choose_method(method, rtol, atol)
+    return cast("TracedEngine", self.engine).solve_fn(start, method, options)
