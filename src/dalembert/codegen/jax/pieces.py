@@ -17,6 +17,7 @@ from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
 from ...integrators.jax.motion import Pieces
 from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
+from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.solvers import METHODS
 from ...ir.kernel import Kernel
 from ...ir.program import Program
@@ -30,7 +31,7 @@ from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .kernels import compile_kernel
 
-__all__ = ["PAIRS", "SERVED", "pieces_of"]
+__all__ = ["PAIRS", "SERVED", "pieces_of", "place_of"]
 
 _BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
 PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
@@ -48,8 +49,15 @@ _SHORT = 50
 
 
 @once
-def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pieces:
-    """Return the pieces of a method for a program; `order` is that of Taylor steps."""
+def pieces_of(
+    program: Program, kernels: Kernels, method: str, order: int, constants: RunConstants | None = None
+) -> Pieces:
+    """Return the pieces of a method for a program.
+
+    `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes.
+    """
+    if constants is None:
+        constants = RunConstants(place_of(program))
     corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
     on_rows = tuple((compile_kernel(program.kernel(name), JAX), count) for name, count in corrections.items())
     in_blocks = [(blocked(program.kernel(name)), count) for name, count in corrections.items()]
@@ -57,7 +65,6 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
     def projections(go: Any) -> Projections:
         return tuple((correct(go), count) for correct, count in in_blocks)
 
-    place = None if program.conditions is None else program.conditions.place
     moved_by = _moved_by(program)
     if method == "taylor":
         known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
@@ -66,19 +73,24 @@ def pieces_of(program: Program, kernels: Kernels, method: str, order: int) -> Pi
         alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
         series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step), step_growth_limited=known.step_growth_limited)
-        steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, place)
+        steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants)
         return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
-    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or place is not None
+    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or constants.broken
     limits = _knots_of_one(program, kernels), compile_kernel(program.kernel("knots")) if "knots" in program else None
     one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved, knots=limits[0])
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved, knots=limits[1])
     in_turn: InTurn | None = None
-    if len(rhs.body) > _SHORT and not moved and not only_in_branches(rhs):
+    if len(rhs.body) > _SHORT and not moved and not constants.extended and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         in_turn = InTurn(tableau, looped(rhs), cache(partial(cotangents_of, rhs, *sizes)))
-    steps_of_pair = _PairSteps(blocked(rhs), tableau, projections, in_turn, place)
+    steps_of_pair = _PairSteps(blocked(rhs), tableau, projections, in_turn, constants)
     return Pieces(one, whole, many, on_rows, steps_of_pair, _decided(program), moved_by)
+
+
+def place_of(program: Program) -> int | None:
+    """Return the number of the constant which is the time at which conditions on time are decided; None without any."""
+    return None if program.conditions is None else program.conditions.place
 
 
 def _decided(program: Program) -> Function | None:
@@ -176,7 +188,7 @@ class _PairSteps:
         From a condition to what moves the end of a step.
     in_turn
         What pulls a run of one case back one stage after the other, where that is faster and possible.
-    place
+    constants
         See `Linear`.
     """
 
@@ -186,9 +198,9 @@ class _PairSteps:
         tableau: Tableau,
         projections: Callable[[Any], Projections],
         in_turn: InTurn | None,
-        place: int | None,
+        constants: RunConstants,
     ) -> None:
-        self.in_turn, self.place = in_turn, place
+        self.in_turn, self.constants = in_turn, constants
         count = tableau.end
         self._rhs, self._tableau, self._projections, self._count = rhs, tableau, projections, count
         self._matrix, self._weights = tableau.A[:count, :count], tableau.b[:count]
@@ -283,7 +295,7 @@ class _SeriesSteps:
         Order of the series.
     projections
         From a condition to what moves the end of a step.
-    place
+    constants
         See `Linear`.
     """
 
@@ -293,9 +305,9 @@ class _SeriesSteps:
         series: Conditional,
         order: int,
         projections: Callable[[Any], Projections],
-        place: int | None,
+        constants: RunConstants,
     ) -> None:
-        self.in_turn, self.place = None, place
+        self.in_turn, self.constants = None, constants
         self._rhs, self._series, self._order, self._projections = rhs, series, order, projections
 
     def __call__(self, steps: Steps) -> Rows:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, final
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Linear, Record, Steps, pulled, pushed, rows_at
+from .derivatives import CHUNK, Linear, Record, Steps, pulled, pushed
 from .lanes import Rows
 from .linear_maps import LinearMap, apply
 from .row_maps import Given, PushedRows
@@ -67,7 +67,8 @@ class _Step:
         t, h, go = sizes
         moves = (h != 0.0)[:, None]
         safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
-        ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows_at(self.linear.place, c, t + 0.5 * h), go[0] > 0.0))
+        rows = self.linear.constants.rows(c, t + 0.5 * h)
+        ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows, go[0] > 0.0))
         return jnp.where(moves, jnp.stack(ends, axis=1), y)
 
 

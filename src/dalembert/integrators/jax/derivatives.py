@@ -17,6 +17,7 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from .lanes import Rows
+from .run_constants import RunConstants
 
 __all__ = [
     "CHUNK",
@@ -27,7 +28,6 @@ __all__ = [
     "jacobians",
     "pulled",
     "pushed",
-    "rows_at",
 ]
 
 CHUNK = 16
@@ -80,14 +80,14 @@ class Linear(Protocol):
     `Record`, constants (n_c,), nothing or cotangents (room, n_y) at the starts of attempts, and one of the last state
     (n_y,), to what `pulled` returns.
 
-    ``place`` is that of the constant which is the middle of a step, in true time; None where there is none.
+    ``constants`` says what the constants of a run are.
 
     ``along`` and ``shifts`` are trees of arrays whose leading axis counts the steps; `push` and `pull` take what they
     hold for one step.
     """
 
     @property
-    def place(self) -> int | None:
+    def constants(self) -> RunConstants:
         """See the class."""
 
     @property
@@ -108,12 +108,6 @@ class Linear(Protocol):
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
         """Return the cotangents of the constants, from the cotangents within all steps."""
-
-
-def rows_at(place: int | None, c: Any, t: Any) -> Rows:
-    """Return constants (n_c,) as rows; the one at `place` is the time t (k,) since the start, which is the last one."""
-    rows = tuple(c)
-    return rows if place is None else (*rows[:place], rows[-1] + t, *rows[place + 1 :])
 
 
 def instantiate(tangent: Any) -> Any:
@@ -158,7 +152,7 @@ def pushed(
         first = number * CHUNK
         steps = _steps(linear, record, first, c)
         along, places = linear.along(steps)
-        shifts = linear.shifts(steps, places, _like(dc, steps.c))
+        shifts = linear.shifts(steps, places, linear.constants.changes(dc, c, _middles(steps), steps.c))
 
         def one(j: Any, inner: Any) -> Any:
             change, kept = inner
@@ -248,7 +242,8 @@ def _pulled_in_chunks(
         ahead, (within, ends) = lax.scan(one, ahead, jnp.arange(CHUNK), reverse=True)
         if sources:
             kept = lax.dynamic_update_slice_in_dim(kept, ends, first, 0)
-        return ahead, total + _summed(linear.share(steps, places, within)), kept
+        share = linear.share(steps, places, within)
+        return ahead, linear.constants.summed(total, share, c, _middles(steps)), kept
 
     kept = jnp.zeros_like(record.y) if sources else ()
     first, share, kept = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c), kept))
@@ -260,18 +255,13 @@ def _steps(linear: Linear, record: Record, first: Any, c: Any) -> Steps:
     taken = lax.dynamic_slice_in_dim(record.taken, first, CHUNK)
     h = taken[:, 1]
     y = jnp.where(h[:, jnp.newaxis] != 0.0, taken[:, 2:], record.end)
-    rows = rows_at(linear.place, c, taken[:, 0] + 0.5 * h)
+    rows = linear.constants.rows(c, taken[:, 0] + 0.5 * h)
     return Steps(taken[:, 0], h, tuple(y.T), rows, record.count > 0)
 
 
-def _summed(share: Rows) -> Any:
-    """Return cotangents (n_c,) of constants, one of which may be another in every step."""
-    return jnp.stack([jnp.sum(row) if jnp.ndim(row) else jnp.asarray(row) for row in share])
-
-
-def _like(dc: Any, c: Rows) -> Rows:
-    """Return changes (n_c,) of constants as rows."""
-    return tuple(jnp.broadcast_to(change, jnp.shape(row)) for change, row in zip(dc, c, strict=True))
+def _middles(steps: Steps) -> Any:
+    """Return the middles (k,) of steps."""
+    return steps.t + 0.5 * steps.h
 
 
 def _at(tree: Any, j: Any) -> Any:

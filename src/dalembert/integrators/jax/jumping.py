@@ -12,8 +12,9 @@ from typing import Any
 import jax.numpy as jnp
 from jax import lax
 
-from .derivatives import CHUNK, Record, rows_at
+from .derivatives import CHUNK, Record
 from .lanes import Rows
+from .run_constants import RunConstants
 
 __all__ = ["moved_until", "sure_until"]
 
@@ -26,7 +27,7 @@ _ROUNDS = 2
 OnRows = Callable[[Any, Rows, Rows], Rows]
 
 
-def sure_until(decided: OnRows, rates: OnRows, place: int | None, record: Record, c: Any, direction: Any) -> Any:
+def sure_until(decided: OnRows, rates: OnRows, constants: RunConstants, record: Record, c: Any, direction: Any) -> Any:
     """Return up to which time a run went across no jump, infinity in its `direction` if it went across none.
 
     Parameters
@@ -35,16 +36,16 @@ def sure_until(decided: OnRows, rates: OnRows, place: int | None, record: Record
         (t, y, c) -> the values in the rates that jump, comparisons for instance, on rows.
     rates
         (t, y, c) -> rates, on rows.
-    place, record, c
-        See `dalembert.integrators.jax.derivatives.Linear`; the run, and its constants (n_c,).
+    constants, record, c
+        What constants are; the run, and its constants (n_c,).
     direction
         1 where time runs forward, -1 where it runs backward.
     """
 
     def chunk(number: Any, until: Any) -> Any:
-        t, y = _points(rates, place, record, number * CHUNK, c)
+        t, y = _points(rates, constants, record, number * CHUNK, c)
         begins = jnp.repeat(t[:-1:2], 2)
-        rows = rows_at(place, c, jnp.repeat(t[1::2], 2))
+        rows = constants.rows(c, jnp.repeat(t[1::2], 2))
         jumps = _jumps(decided, rates, t, y, rows, number == 0)
         return jnp.minimum(until, jnp.min(jnp.where(jumps, direction * begins, jnp.inf)))
 
@@ -52,7 +53,7 @@ def sure_until(decided: OnRows, rates: OnRows, place: int | None, record: Record
 
 
 def moved_until(
-    rates: OnRows, place: int | None, record: Record, c: Any, direction: Any, course: tuple[Any, Any, Any]
+    rates: OnRows, constants: RunConstants, record: Record, c: Any, direction: Any, course: tuple[Any, Any, Any]
 ) -> Any:
     """Return up to which time a run came to no break that moves and at which rates jump, else as `sure_until`.
 
@@ -66,7 +67,7 @@ def moved_until(
     ahead = jnp.append(breaks[1:], end)
     ahead = jnp.where(jnp.isfinite(ahead), ahead, end)
     middles = (jnp.where(inside, 0.5 * (a + b), 0.0) for a, b in ((behind, breaks), (breaks, ahead)))
-    one, other = (_table(rates, t, record.y[at], rows_at(place, c, middle)) for middle in middles)
+    one, other = (_table(rates, t, record.y[at], constants.rows(c, middle)) for middle in middles)
     return direction * jnp.min(jnp.where(inside & _apart(one, other), direction * breaks, jnp.inf))
 
 
@@ -76,7 +77,7 @@ def _apart(one: Any, other: Any) -> Any:
     return ~jnp.all(jnp.abs(one - other) <= _JUMP * size[:, None], axis=1)
 
 
-def _points(rates: OnRows, place: int | None, record: Record, first: Any, c: Any) -> tuple[Any, Any]:
+def _points(rates: OnRows, constants: RunConstants, record: Record, first: Any, c: Any) -> tuple[Any, Any]:
     """Return times (2 CHUNK + 1,) and states there (2 CHUNK + 1, n_y): ends of steps, and their middles."""
     number = first + jnp.arange(CHUNK + 1)
     taken = record.taken[jnp.minimum(number, len(record.taken) - 1)]
@@ -84,7 +85,7 @@ def _points(rates: OnRows, place: int | None, record: Record, first: Any, c: Any
     t = jnp.where(inside, taken[:, 0], record.reached)
     y = jnp.where(inside[:, None], taken[:, 2:], record.end)
     h = jnp.diff(t)
-    slopes = _table(rates, t, y, rows_at(place, c, t + 0.5 * jnp.append(h, 0.0)))
+    slopes = _table(rates, t, y, constants.rows(c, t + 0.5 * jnp.append(h, 0.0)))
     middle = 0.5 * (y[1:] + y[:-1]) + 0.125 * h[:, None] * (slopes[:-1] - slopes[1:])
     times = jnp.append(jnp.stack([t[:-1], t[:-1] + 0.5 * h], axis=1).ravel(), t[-1])
     states = jnp.stack([y[:-1], middle], axis=1).reshape(2 * CHUNK, -1)

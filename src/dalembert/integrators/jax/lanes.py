@@ -48,8 +48,8 @@ class Batch(NamedTuple):
     """Cases to run: y (n_y rows (k,)), c (n_c rows (k,)), t0, t1 (k,), and the common settings.
 
     `floor` is the least scale of Taylor steps, `rtol` and `atol` are those of Runge-Kutta steps and projections.
-    Steps end at `breaks` (n, k), which lie in the order of a run, infinite behind the last; between them, the constant
-    `place` is the middle of two, less the start, which is the last constant.
+    Steps end at `breaks` (n, k), which lie in the order of a run, infinite behind the last; between them, constants are
+    ``between(c, middle, passed)``, from what c is, the middle of two breaks, and how many have been passed.
     """
 
     y: Rows
@@ -63,7 +63,7 @@ class Batch(NamedTuple):
     max_step: Any
     max_steps: Any
     breaks: Any = ()
-    place: Any = ()
+    between: Any = ()
 
 
 @final
@@ -182,18 +182,14 @@ def _next_break(batch: Batch, passed: Any) -> tuple[Any, Batch]:
     ahead = jnp.where((passed < count) & (direction * ahead < direction * batch.t1), ahead, batch.t1)
     behind = jnp.where(passed > 0, batch.breaks[(jnp.maximum(passed - 1, 0), *places)], batch.t0)
     middle = behind + 0.5 * (ahead - behind)
-    if jnp.ndim(batch.c[0]) > jnp.ndim(batch.t0):
-        c: Rows = (batch.c[0].at[batch.place].set(batch.c[0][-1] + middle),)
-    else:
-        c = (*batch.c[: batch.place], batch.c[-1] + middle, *batch.c[batch.place + 1 :])
-    return ahead, batch._replace(c=c)
+    return ahead, batch._replace(c=batch.between(batch.c, middle, passed))
 
 
 def begun(attempts: Attempts, batch: Batch) -> State:
     """Return cases at their start; those that hold no numbers have failed, those without a span are done."""
     finite = jnp.ones(jnp.shape(batch.t0), dtype=bool)
     for row in (*batch.y, *batch.c):
-        finite &= jnp.isfinite(row) if jnp.ndim(row) <= finite.ndim else jnp.all(jnp.isfinite(row))
+        finite &= jnp.all(jnp.isfinite(row), axis=tuple(range(finite.ndim, jnp.ndim(row))))
     status = jnp.where(batch.t0 == batch.t1, int(Status.SUCCESS), RUNNING)
     none = jnp.zeros(jnp.shape(batch.t0))
     passed: Any = ()

@@ -18,7 +18,7 @@ from jax.custom_derivatives import SymbolicZero
 from ...methods.status import Status
 from ...once import once_property
 from .along import Along, Course, Differentiable
-from .derivatives import CHUNK, Record, Steps, instantiate, rows_at
+from .derivatives import CHUNK, Record, Steps, instantiate
 from .jumping import moved_until, sure_until
 from .lanes import Attempts, Batch, Function, Projections, Rows
 from .linear_maps import apply
@@ -114,7 +114,7 @@ def middles(t: Any, breaks: Any) -> Any:
 
 def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
     """Return how one case went, whose state and constants are arrays."""
-    batch = batch._replace(y=(batch.y,), c=(batch.c,))
+    batch = batch._replace(y=(batch.y,), c=pieces.steps.constants.split(batch.c))
     count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, t)
     return Record(count, taken, end.y[0], end.t, end.status.astype(float))
 
@@ -152,9 +152,11 @@ class Motion:
     # -- the run --------------------------------------------------------------------------
 
     def _batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
-        limits, place = self._limits, self._pieces.steps.place
+        limits, constants = self._limits, self._pieces.steps.constants
         batch = Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
-        return batch._replace(breaks=breaks, place=place) if len(breaks) else batch
+        if not len(breaks):
+            return batch
+        return batch._replace(breaks=breaks, between=constants.reading(c, breaks, t0, t1))
 
     def _one(self, room: int, *given: Any) -> Record:
         """Run one case from t0 to t1, y, c, breaks and times t, as one of a batch where it is vectorised."""
@@ -178,7 +180,8 @@ class Motion:
 
         @jax.custom_batching.custom_vmap
         def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any, t: Any) -> Record:
-            batch = self._batch(t0, t1, tuple(y.T), tuple(c.T), breaks.T)
+            batch = self._batch(t0, t1, tuple(y.T), c, breaks.T)
+            batch = batch._replace(c=pieces.steps.constants.split(c))
             count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, t.T)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
             return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
@@ -250,20 +253,20 @@ class Motion:
         def rates(t: Any, y: Rows, c: Rows) -> Rows:
             return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
 
-        direction, place = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.place
+        direction, constants = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.constants
         if decided is not None and len(y0):
-            until = sure_until(decided, rates, place, record, c, direction)
+            until = sure_until(decided, rates, constants, record, c, direction)
             known &= direction * (t - until) <= 0.0
         if moved_by and len(y0):
-            until = moved_until(rates, place, record, c, direction, (t[-1], breaks, moved > 0.0))
+            until = moved_until(rates, constants, record, c, direction, (t[-1], breaks, moved > 0.0))
             behind = (direction * (t - until) > 0.0).astype(float)
         count, known = record.count.astype(float), known.astype(float)
         return _Full(y, status, count, record.taken, record.end, passing, known, behind)
 
     def _rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
         """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
-        place = self._pieces.steps.place
-        rows = rows_at(place, c, t if place is None else middles(jax.lax.stop_gradient(t), breaks))
+        constants = self._pieces.steps.constants
+        rows = constants.rows(c, middles(jax.lax.stop_gradient(t), breaks) if constants.broken else t)
         steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
         return jnp.stack(self._pieces.steps.rates(steps), axis=1)
 
@@ -288,7 +291,7 @@ class Motion:
         else:
             begins, states = record.taken[:, 0], record.taken[:, 1:]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
-        rows = rows_at(self._pieces.steps.place, c, begins + 0.5 * size)
+        rows = self._pieces.steps.constants.rows(c, begins + 0.5 * size)
         steps = Steps(begins, size, tuple(states.T), rows, record.count > 0)
         y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
         return y, record.status, record, known, (at.astype(float), begins, size)
