@@ -27,6 +27,7 @@ __all__ = [
     "OptionError",
     "PrecisionWarning",
     "ProgramTextError",
+    "RunFailedError",
     "SceneError",
     "SingularMassMatrixError",
     "UnknownNameError",
@@ -103,6 +104,10 @@ class ValueInputError(DalembertError, ValueError):
 
 class InitialStateError(DalembertError, ValueError):
     """The initial state contradicts a constraint, or leaves something undetermined."""
+
+
+class RunFailedError(DalembertError, RuntimeError):
+    """A run failed that was asked to raise an error then; the message says why and what to do."""
 
 
 class StoredSweepError(DalembertError, RuntimeError):

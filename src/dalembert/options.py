@@ -18,6 +18,7 @@ __all__ = [
     "RunOptions",
     "SensitivityOptions",
     "SimulateOptions",
+    "SolveOptions",
     "StepOptions",
     "StoreOptions",
     "SweepOptions",
@@ -297,6 +298,53 @@ class PrepareOptions(StepOptions):
     project_invariants: Any = False
 
 
+MODES = ("reverse", "forward")
+"""Directions of differentiation among which traced runs of implicit methods choose."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions:
+    """Options of traced functions; the keyword arguments of `CompiledModel.solve_fn`, all hashable.
+
+    Attributes
+    ----------
+    method, mode : str
+        Of the run and, for implicit methods, of its derivatives.
+    rtol, atol, max_step : float
+        Tolerances, and the largest step [s].
+    max_steps : int
+        Attempted steps after which a run ends with a status.
+    dense : bool
+        Whether the result can be evaluated at any time.
+    throw : bool
+        Whether a call outside of traces that fails raises an error.
+
+    Raises
+    ------
+    OptionError
+        For values that are not of the kind that is needed.
+    """
+
+    method: str
+    mode: str = "reverse"
+    rtol: float = DEFAULT_TOLERANCES[0]
+    atol: float = DEFAULT_TOLERANCES[1]
+    max_step: float = math.inf
+    max_steps: int = 4096
+    dense: bool = False
+    throw: bool = False
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise OptionError(unknown_name("mode", str(self.mode), MODES))
+        if not self.max_step > 0.0:
+            raise OptionError(f"max_step must be a positive number of seconds, not {self.max_step!r}")
+        numbers = {name: float(getattr(self, name)) for name in ("rtol", "atol", "max_step")}
+        flags = {name: flag(name, getattr(self, name)) for name in ("dense", "throw")}
+        _set(self, max_steps=int(self.max_steps), **numbers, **flags)
+
+
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensitivityOptions(RunOptions):
@@ -412,6 +460,6 @@ def simulate_options(
     return replace(options, t_eval=t_eval, events=events, inputs=inputs, progress=progress)
 
 
-def _set(options: RunOptions | StoreOptions, **values: Any) -> None:
+def _set(options: RunOptions | SolveOptions | StoreOptions, **values: Any) -> None:
     """Write checked values into options that are being made."""
     options.__dict__.update(values)

@@ -25,6 +25,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
 from ..once import once_property
+from ..options import SolveOptions
 
 if TYPE_CHECKING:
     from ..integrators.workspace import LoopProgress
@@ -376,7 +377,7 @@ class TracedEngine(Protocol):
         """Traced functions of a state: energy, mass matrix and so on."""
         ...
 
-    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
+    def solve_fn(self, start: Start | None, options: SolveOptions) -> Any:
         """Return a traced function that solves from given values, or from the state where `start` is None."""
         ...
 

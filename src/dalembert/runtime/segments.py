@@ -7,7 +7,7 @@ another for each segment. Scenes without such conditions have no such engine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast, final
@@ -28,6 +28,7 @@ from ..ir.interpret import interpret
 from ..ir.kernel import Assignment, Kernel, Load
 from ..ir.program import Program
 from ..methods.status import Status
+from ..options import SolveOptions
 from ..reduction.starting import Start
 from .inputs import prepare_rows
 from .sampling import NoInstants, Sampling
@@ -288,9 +289,9 @@ class SegmentedEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return cast("TracedEngine", self.inner).state_functions
 
-    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Any:
+    def solve_fn(self, start: Start | None, options: SolveOptions) -> Any:
         """See `TracedEngine.solve_fn`."""
-        return cast("TracedEngine", self.inner).solve_fn(start, method, options)
+        return cast("TracedEngine", self.inner).solve_fn(start, options)
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""

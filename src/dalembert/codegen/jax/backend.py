@@ -15,6 +15,7 @@ from ...integrators.problem import IntegrationProblem, Solution
 from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once, once_property
+from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
 from ..base import Backend, Capability, Engine, Prepared, RenderedModule, growing_step_blocks
@@ -168,9 +169,9 @@ class JaxEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return StateFunctions(self._program)
 
-    def solve_fn(self, start: Start | None, method: str, options: Mapping[str, Any]) -> Solve:
+    def solve_fn(self, start: Start | None, options: SolveOptions) -> Solve:
         """See `TracedEngine.solve_fn`."""
-        return Solve(self._program, start, method, **options)
+        return Solve(self._program, start, options)
 
     whole_blocks: ClassVar[bool] = True
 

@@ -157,7 +157,7 @@ def _again(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) 
     if not projections(steps.go):
         return ends
     still = jax.lax.stop_gradient
-    fixed = steps._replace(t=still(steps.t), y=still(steps.y), c=still(steps.c))
+    fixed = steps._replace(t=still(steps.t), h=still(steps.h), y=still(steps.y), c=still(steps.c))
     held = _settled(projections, fixed, still(ends))
     at = tuple(on + (end - still(end)) for on, end in zip(held, ends, strict=True))
     return _correction(projections, steps, at, steps.c)

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 
-from ...errors import OptionError, list_names, unknown_name
+from ...errors import OptionError, list_names
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
-from ...integrators.jax.motion import Limits, Motion, middles
+from ...integrators.jax.motion import Limits, Motion, Path, Reached, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
 from ...ir.program import Program, representative
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
+from ...options import SolveOptions
 from ...transforms.nonsmooth import decisions
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
 from ..printers import JAX
@@ -27,40 +28,12 @@ from .elapsed import in_elapsed_time
 from .kernels import compile_kernel
 from .modules import kernels_of
 from .pieces import SERVED, pieces_of
+from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
 
 __all__ = ["Solve", "Solved", "register_static"]
-
-MODES = ("reverse", "forward")
-
-
-@final
-class Solved(NamedTuple):
-    """Result of a traced run; rows after a failure are NaN.
-
-    Attributes
-    ----------
-    t : Array (n_t,)
-        Times, as given.
-    y : Array (n_t, n_y)
-        States, in the order of ``layout.state``.
-    q, qdot : Array (n_t, n_q)
-        Coordinates and rates, in the order of ``layout.coordinates``. First-order states are the last columns of y.
-    outputs : Array (n_t, n_outputs)
-        Requested outputs (reactions, for example), in the order of ``layout.outputs``.
-    status : Array ()
-        How the run ended, a number of `dalembert.methods.status.Status`; 0 is success. What is given and not finite is
-        NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
-    """
-
-    t: Any
-    y: Any
-    q: Any
-    qdot: Any
-    outputs: Any
-    status: Any
 
 
 @final
@@ -98,7 +71,7 @@ class Solve:
         The compiled program.
     start : Start or None
         From given values to the state.
-    method, mode, rtol, atol, max_step, max_steps
+    options : SolveOptions
         As for `CompiledModel.solve_fn`.
 
     Attributes
@@ -107,39 +80,23 @@ class Solve:
         Names of what `initial` holds, in order.
     """
 
-    def __init__(
-        self,
-        program: Program,
-        start: Start | None,
-        method: str,
-        *,
-        mode: str,
-        rtol: float,
-        atol: float,
-        max_step: float,
-        max_steps: int,
-    ) -> None:
-        if mode not in MODES:
-            raise OptionError(unknown_name("mode", str(mode), MODES))
-        if method not in SERVED:
-            raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {method!r}")
-        if program.conditions is not None and METHODS.get(method, METHODS["tsit5"]).ends:
+    def __init__(self, program: Program, start: Start | None, options: SolveOptions) -> None:
+        if options.method not in SERVED:
+            raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
+        self._implicit = METHODS.get(options.method, METHODS["tsit5"]).ends
+        if program.conditions is not None and self._implicit:
             raise OptionError(
-                f"solve_fn by {method!r} does not end steps where conditions on time change, and this scene has some:"
-                ' take method="dopri8", "tsit5" or "taylor", or smooth the conditions (tanh)'
+                f"solve_fn by {options.method!r} does not end steps where conditions on time change, and this scene has"
+                ' some: take method="dopri8", "tsit5" or "taylor", or smooth the conditions (tanh)'
             )
-        if not max_step > 0.0:
-            raise OptionError(f"max_step must be a positive number of seconds, not {max_step!r}")
-        self._options: dict[str, Any] = {
-            "mode": mode,
-            "rtol": float(rtol),
-            "atol": float(atol),
-            "max_step": float(max_step),
-            "max_steps": int(max_steps),
-        }
+        if options.dense and self._implicit:
+            raise OptionError(
+                f"solve_fn by {options.method!r} has no dense output: give solve the times that are wanted, or take"
+                ' method="dopri8", "tsit5" or "taylor"'
+            )
         program = representative(program)  # so that comparing equal functions compares no code
-        self._program, self._start, self._method = program, start, method
-        self._key = program, start, method, *self._options.items()
+        self._program, self._start, self._options = program, start, options
+        self._key = program, start, options
         self._hash = hash(self._key)
         self.given = program.layout.state if start is None else start.given
         self._kernels = kernels_of(program)
@@ -147,7 +104,7 @@ class Solve:
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(Solve, **self._options), (self._program, self._start, self._method)
+        return Solve, (self._program, self._start, self._options)
 
     def __call__(self, t: Any, initial: Any, p: Any) -> Solved:
         """Return the motion; see the class."""
@@ -157,7 +114,10 @@ class Solve:
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
         p = parameters_of(self._program.layout, p)
-        return _solved(self, times(t), vector("initial value", initial, self.given), p)
+        solved = _solved(self, times(t), vector("initial value", initial, self.given), p)
+        if self._options.throw:
+            raise_failure(solved.status, self._program.formulation, self._options.method)
+        return solved
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Solve) and self._key == other._key)
@@ -171,14 +131,33 @@ class Solve:
         y0 = initial
         if self._begin is not None:
             y0 = self._begin(t[0], initial, course.first)[: len(self._program.layout.state)]
-        y, status = self._integrate(t, y0, course)
-        q, outputs = self._on_rows("expand", t, y, course.rows), self._on_rows("outputs", t, y, course.rows)
-        n = len(self._program.layout.coordinates)
+        reached, path = self._integrate(t, y0, course)
+        q, qdot, outputs = self._expanded(t, reached.y, course.rows)
+        status = reached.status
         if outputs.size:
             # Where states were not reached, the status says why outputs are not finite.
             spoiled = jnp.any(~jnp.isfinite(outputs)) & (status == int(Status.SUCCESS))
             status = jnp.where(spoiled, int(Status.NON_FINITE), status)
-        return Solved(t, y, q[:, :n], q[:, n : 2 * n], outputs, status)
+        steps, rejected = reached.steps, reached.attempts - reached.steps
+        dense = None if path is None else Dense(self, path, t[0], p, course.run, course.breaks)
+        return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
+
+    def _expanded(self, t: Any, y: Any, c: Any) -> tuple[Any, Any, Any]:
+        """Return coordinates, rates (n_t, n_q) and outputs (n_t, n_outputs) of states at times."""
+        n, x = len(self._program.layout.coordinates), self._on_rows("expand", t, y, c)
+        return x[:, :n], x[:, n : 2 * n], self._on_rows("outputs", t, y, c)
+
+    def states(self, dense: Dense, t: Any) -> States:
+        """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
+        conditions, start = self._program.conditions, dense.start
+        rows = self._kernels.constants(dense.p)
+        if conditions is not None:
+            start = jax.lax.stop_gradient(start)
+            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, dense.path.reached[None]])
+            elapsed = middles(span, dense.breaks)[1:-1]
+            rows = self._decided(dense.p, start + elapsed)
+        y = self._traced_motion.states(dense.path, t - start, dense.c)
+        return States(t, y, *self._expanded(t, y, rows))
 
     def _course(self, t: Any, p: Any) -> _Course:
         """Return the constants along a run."""
@@ -187,18 +166,23 @@ class Solve:
             c = constants(p)
             return _Course(c, c, c if self._elapsed is self._kernels else jnp.append(c, t[0]), (), ())
         start = jax.lax.stop_gradient(t[0])
-        breaks, moved = traced_breaks(conditions, p, t, self._options["max_steps"])
-        elapsed = middles(jax.lax.stop_gradient(t) - start, breaks)
-        rows = jax.vmap(lambda time: constants(p.at[conditions.place].set(time)))(start + elapsed)
+        breaks, moved = traced_breaks(conditions, p, t, self._options.max_steps)
+        rows = self._decided(p, start + middles(jax.lax.stop_gradient(t) - start, breaks))
         return _Course(rows, rows[0], jnp.append(p, start), breaks, moved)
+
+    def _decided(self, p: Any, t: Any) -> Any:
+        """Return the constants (n_t, n_c) with conditions decided at times t (n_t,)."""
+        assert self._program.conditions is not None
+        place = self._program.conditions.place
+        return jax.vmap(lambda time: self._kernels.constants(p.at[place].set(time)))(t)
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
         if kernel not in self._kernels:
             return jnp.zeros((len(t), 0))
         return jax.vmap(self._kernels[kernel], (0, 0, None if jnp.ndim(c) == 1 else 0))(t, y, c)
 
-    def _integrate(self, t: Any, y0: Any, course: _Course) -> tuple[Any, Any]:
-        """Return the states (n_t, n_y) at times t (n_t,), and the status."""
+    def _integrate(self, t: Any, y0: Any, course: _Course) -> tuple[Reached, Path | None]:
+        """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
         options, c = self._options, course.run
         start = t[0]
         if self._program.conditions is not None:
@@ -208,17 +192,30 @@ class Solve:
             fixed = c.at[place].set(start + middle)
             y0 = started(lambda elapsed, y, c: self._elapsed["rhs"](elapsed, y, c), y0, t[0] - start, fixed)
         t = t - start
-        if METHODS.get(self._method, METHODS["tsit5"]).ends:
+        if self._implicit:
             if decisions(self._program) is not None:
-                y0, c = _held(y0), _held(c)
-            return implicit_motion(self._elapsed, self._method, t, y0, c, **options)
-        rtol, atol = options["rtol"], options["atol"]
+                y0, c = _held(_JUMPS_UNSEEN, y0), _held(_JUMPS_UNSEEN, c)
+            return implicit_motion(self._elapsed, t, y0, c, options), None
+        motion = self._traced_motion
+        if not options.dense:
+            return motion(t, y0, c, course.breaks, course.moved), None
+        if motion.jumps:
+            t, y0, c = (_held(_JUMPS_IN_DENSE, value) for value in (t, y0, c))
+        return motion.recorded(t, y0, c, course.breaks, course.moved)
+
+    @property
+    def _traced_motion(self) -> Motion:
+        """Runs by the method and its limits; explicit methods have them."""
+        options = self._options
         limits = Limits(
-            rtol, max(atol, SMALLEST_SCALE), scale_floor(rtol, atol), options["max_step"], options["max_steps"]
+            options.rtol,
+            max(options.atol, SMALLEST_SCALE),
+            scale_floor(options.rtol, options.atol),
+            options.max_step,
+            options.max_steps,
         )
-        order = order_for(clipped_tolerance(rtol, atol)) if self._method == "taylor" else 0
-        pieces = pieces_of(self._elapsed.program, self._elapsed, self._method, order)
-        return Motion(pieces, limits)(t, y0, c, course.breaks, course.moved)
+        order = order_for(clipped_tolerance(options.rtol, options.atol)) if options.method == "taylor" else 0
+        return Motion(pieces_of(self._elapsed.program, self._elapsed, options.method, order), limits)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -227,19 +224,27 @@ def _solved(solve: Solve, t: Any, initial: Any, p: Any) -> Solved:
     return solve._motion(t, initial, p)
 
 
-@jax.custom_jvp
-def _held(values: Any) -> Any:
-    """Return values by which the run of a method that takes no notice of jumps is not differentiated."""
+_JUMPS_UNSEEN = (
+    "the rates of this scene may jump with its state, across which derivatives are not those of the steps, and"
+    ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
+    " jump, or smooth the jump (tanh)"
+)
+_JUMPS_IN_DENSE = (
+    "the rates of this scene may jump with its state, or with parameters in time, and derivatives of its dense output"
+    " would miss that: leave out dense=True and give solve the times, where derivatives are NaN behind a jump, or"
+    " smooth the jump (tanh)"
+)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _held(message: str, values: Any) -> Any:
+    """Return values by which a run is not differentiated, for the reason in the message."""
     return values
 
 
 @_held.defjvp
-def _(values: Any, tangents: Any) -> Any:
-    raise OptionError(
-        "the rates of this scene may jump with its state, across which derivatives are not those of the steps, and"
-        ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
-        " jump, or smooth the jump (tanh)"
-    )
+def _(message: str, values: Any, tangents: Any) -> Any:
+    raise OptionError(message)
 
 
 @once

@@ -40,6 +40,7 @@ class Record(NamedTuple):
 
     Of each attempt that is when it started, its size, and the state there. The room is a multiple of `CHUNK`. Rejected
     attempts have size 0, and so does room that was not used. ``end`` is the last state (n_y,), at the time ``reached``.
+    ``steps`` are the attempts that were accepted, ``attempts`` those of this case, where others had more.
     """
 
     count: Any
@@ -47,6 +48,8 @@ class Record(NamedTuple):
     end: Any
     reached: Any
     status: Any
+    steps: Any = ()
+    attempts: Any = ()
 
     @property
     def t(self) -> Any:

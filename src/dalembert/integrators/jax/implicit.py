@@ -12,8 +12,9 @@ from jax.custom_derivatives import SymbolicZero
 
 from ...errors import OptionError
 from ...methods.status import Status
+from ...options import SolveOptions
 from .derivatives import instantiate
-from .motion import in_order
+from .motion import Reached, in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:
@@ -53,26 +54,15 @@ def _(values: Any, tangents: Any) -> tuple[Any, Any]:
     return values[0], instantiate(tangents[0])
 
 
-def implicit_motion(
-    kernels: Kernels,
-    method: str,
-    t: Any,
-    y0: Any,
-    c: Any,
-    *,
-    mode: str,
-    rtol: float,
-    atol: float,
-    max_step: float,
-    max_steps: int,
-) -> tuple[Any, Any]:
-    """Return the states (n_t, n_y) at the times t, and the status; see `dalembert.integrators.jax.motion`."""
+def implicit_motion(kernels: Kernels, t: Any, y0: Any, c: Any, options: SolveOptions) -> Reached:
+    """Return the states (n_t, n_y) at the times t, and how the run went; see `dalembert.integrators.jax.motion`."""
+    rtol, atol, mode = options.rtol, options.atol, options.mode
     given, (t, ordered) = t, in_order(jax.lax.stop_gradient(t))
     direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
-    settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, max_step)
+    settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, options.max_step)
     still = jax.lax.stop_gradient
     fixed = still(settings)
-    solver = solver_for(kernels, method)
+    solver = solver_for(kernels, options.method)
     term, controller = equation(kernels, fixed, solver)
     order = solver.error_order(term)
     start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
@@ -90,9 +80,9 @@ def implicit_motion(
         saveat=diffrax.SaveAt(**wanted, controller_state=True),
         stepsize_controller=controller,
         adjoint=adjoint,
-        max_steps=max_steps,
+        max_steps=options.max_steps,
         throw=False,
-        controller_state=still(start._replace(attempts=jnp.array(max_steps))),
+        controller_state=still(start._replace(attempts=jnp.array(options.max_steps))),
     )
     y = jnp.concatenate([y0[None], solution.ys])[: len(t)] if ends else solution.ys
     if kernels.projected:
@@ -108,7 +98,8 @@ def implicit_motion(
     if ends:
         known &= (jnp.arange(len(t)) == 0) | (status == int(Status.SUCCESS))
     y = _following(y, given, jax.vmap(kernels["rhs"], (0, 0, None))(t, y, c))
-    return (_lost_pushed if mode == "forward" else _lost_pulled)(y, known, (y0, c, given)), status
+    y = (_lost_pushed if mode == "forward" else _lost_pulled)(y, known, (y0, c, given))
+    return Reached(y, status, solution.stats["num_accepted_steps"], solution.stats["num_steps"])
 
 
 def _lost(y: Any, known: Any, sources: Any) -> Any:

@@ -26,7 +26,7 @@ from .recording import course_of
 from .timed import At, Timed
 from .unknown import Known, OrNan
 
-__all__ = ["Limits", "Motion", "Pieces", "Stepping", "ended", "in_order", "middles"]
+__all__ = ["Limits", "Motion", "Path", "Pieces", "Reached", "Stepping", "ended", "in_order", "middles"]
 
 
 class Stepping(Differentiable, Protocol):
@@ -80,17 +80,44 @@ class Limits:
 
 
 @final
+class Reached(NamedTuple):
+    """States (n_t, n_y) of a run, NaN where it did not come, its status, its accepted steps, and its attempts."""
+
+    y: Any
+    status: Any
+    steps: Any
+    attempts: Any
+
+
+@final
+class Path(NamedTuple):
+    """The attempts of a run, of which `count` were made, as in `Record`: what it takes to go along it again.
+
+    ``taken`` (room, 2 + n_y), ``end`` (n_y,), and the time ``reached``, in the direction of the run.
+    """
+
+    count: Any
+    taken: Any
+    end: Any
+    reached: Any
+    direction: Any
+
+
+@final
 class _Full(NamedTuple):
-    """A run with its record, in floating point numbers: states (n_t, n_y), status, and as in `Course` and `Known`.
+    """A run with its record, in floating point numbers: as in `Reached`, in `Course` and in `Known`.
 
     `passing` are the attempts that pass over more than two times: their numbers, starts, and sizes to the times.
     """
 
     y: Any
     status: Any
+    steps: Any
+    attempts: Any
     count: Any
     taken: Any
     end: Any
+    reached: Any
     passing: tuple[Any, Any, Any]
     known: Any
     moved: Any
@@ -116,12 +143,12 @@ def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
     """Return how one case went, whose state and constants are arrays."""
     batch = batch._replace(y=(batch.y,), c=pieces.steps.constants.split(batch.c))
     count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, t)
-    return Record(count, taken, end.y[0], end.t, end.status.astype(float))
+    return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
 
 
 def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
     """Return the last state (n_y,) of one case, whose state and constants are arrays, its time, and the status."""
-    return _single(pieces, 0, batch, ())[2:]
+    return _single(pieces, 0, batch, ())[2:5]
 
 
 @final
@@ -140,14 +167,53 @@ class Motion:
         self._pieces, self._limits = pieces, limits
         self._room = -(-limits.max_steps // CHUNK) * CHUNK
 
-    def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Any, Any]:
-        """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0] = 0, and the status.
+    def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> Reached:
+        """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0] = 0, and how the run went.
 
         States that were not reached are NaN, and so are all derivatives of what is computed from them. Steps end at
         `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
         """
-        y, status = self._passing(t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float))
-        return y, status.astype(int)
+        given = t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float)
+        y, *numbers = self._passing(*given)
+        return Reached(y, *(number.astype(int) for number in numbers))
+
+    def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
+        """Return what a call does, and the path of the run, whose states are differentiated, too.
+
+        Behind jumps of the rates that depend on the state, or on parameters in time, their derivatives miss a term:
+        see `jumps`.
+        """
+        full = self._full(t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float))
+        y, *numbers = full[:4]
+        direction = jnp.where(full.reached >= 0.0, 1.0, -1.0)
+        path = Path(full.count, full.taken, full.end, full.reached, direction)
+        return Reached(y, *(number.astype(int) for number in numbers)), path
+
+    @property
+    def jumps(self) -> bool:
+        """Whether derivatives along a path may miss what a jump of the rates adds."""
+        return self._pieces.decided is not None or bool(self._pieces.moved_by)
+
+    def states(self, path: Path, t: Any, c: Any) -> Any:
+        """Return the states (n_t, n_y) at times t (n_t,) since the start of a run, NaN where it did not come.
+
+        They are ends of shorter steps of the same method, and change with the times as those with their sizes do.
+        """
+        still = jax.lax.stop_gradient
+        forward, taken = path.direction, path.taken
+        inside = jnp.arange(len(taken)) < path.count
+        starts = jnp.where(inside, forward * taken[:, 0], jnp.inf)
+        at = jnp.maximum(jnp.searchsorted(starts, forward * still(t), side="right") - 1, 0)
+        known = (forward * t >= 0.0) & (forward * t <= forward * path.reached) & (path.count > 0.0)
+        known |= (t == 0.0) & (path.reached == 0.0)
+        begins = jnp.where(known, still(taken[at, 0]), 0.0)
+        size = jnp.where(known, t - begins, 0.0)
+        y = jnp.where((known & (path.count > 0.0))[:, None], taken[at, 2:], path.end)
+        rows = self._pieces.steps.constants.rows(c, begins + 0.5 * still(size))
+        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, path.count > 0.0))
+        zeros = jnp.zeros(len(t))
+        moving = jnp.stack(ends, axis=1), (t, path.end, c)
+        return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
 
     # -- the run --------------------------------------------------------------------------
 
@@ -169,7 +235,7 @@ class Motion:
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            return self._many(room, *rows), Record(False, *[True] * 4)
+            return self._many(room, *rows), Record(False, *[True] * 6)
 
         found: Record = one(*given)
         return found
@@ -184,14 +250,15 @@ class Motion:
             batch = batch._replace(c=pieces.steps.constants.split(c))
             count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, t.T)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
-            return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, end.status.astype(float))
+            status = end.status.astype(float)
+            return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, status, end.steps, end.attempts)
 
         @many.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
             count, *rest = self._many(room, *(row.reshape(size * row.shape[1], *row.shape[2:]) for row in rows))
             split = [value.reshape(size, -1, *value.shape[1:]) for value in rest]
-            return Record(count, *split), Record(False, *[True] * 4)
+            return Record(count, *split), Record(False, *[True] * 6)
 
         found: Record = many(*given)
         return found
@@ -199,16 +266,17 @@ class Motion:
     # -- its derivatives ------------------------------------------------------------------
 
     @once_property
-    def _passing(self) -> Callable[..., tuple[Any, Any]]:
-        """The function (t, y0, c, breaks, moved) -> states (n_t, n_y), the status as a number."""
+    def _passing(self) -> Callable[..., Reached]:
+        """The function (t, y0, c, breaks, moved) -> how the run went, in floating point numbers."""
 
         def plain(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-            return self._run(t, y0, c, breaks, 0)[:2]
+            return self._run(t, y0, c, breaks, 0)[0]
 
         def push(values: Any, tangents: Any) -> Any:
             full = self._full(*values)
             dy = self._changes(full, values, tangents, kept=False)[0]
-            return (full.y, full.status), (dy, jnp.zeros_like(full.status))
+            reached = Reached(*full[:4])
+            return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
 
         passing = jax.custom_jvp(plain)
         passing.defjvp(push, symbolic_zeros=True)
@@ -246,7 +314,7 @@ class Motion:
 
     def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> _Full:
         """Return a run with its record; what lies behind a jump is not known to those who differentiate."""
-        y, status, record, known, passing = self._run(t, y0, c, breaks, self._room)
+        reached, record, known, passing = self._run(t, y0, c, breaks, self._room)
         decided, moved_by = self._pieces.decided, self._pieces.moved_by
         behind = jnp.zeros(len(t))
 
@@ -261,7 +329,7 @@ class Motion:
             until = moved_until(rates, constants, record, c, direction, (t[-1], breaks, moved > 0.0))
             behind = (direction * (t - until) > 0.0).astype(float)
         count, known = record.count.astype(float), known.astype(float)
-        return _Full(y, status, count, record.taken, record.end, passing, known, behind)
+        return _Full(*reached, count, record.taken, record.end, record.reached, passing, known, behind)
 
     def _rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
         """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
@@ -270,19 +338,18 @@ class Motion:
         steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
         return jnp.stack(self._pieces.steps.rates(steps), axis=1)
 
-    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Any, Any, Record, Any, Any]:
-        """Return the states (n_t, n_y), NaN where they were not reached, the status, the record, what was reached.
-
-        Last come the attempts that pass over the times, as in `_Full`.
-        """
+    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Reached, Record, Any, Any]:
+        """Return how the run went, its record, which times were reached, and what passes over them, as in `_Full`."""
         t, ordered = in_order(t)
         record = self._one(room, t[0], t[-1], y0, c, breaks, t if len(t) > 2 else t[:0])
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)
+        numbers = record.status, record.steps, record.attempts
         if len(t) <= 2:
             y = jnp.stack([y0, record.end])[: len(t)]
-            return jnp.where(known[:, None], y, jnp.nan), record.status, record, known, (jnp.zeros(0),) * 3
+            y = jnp.where(known[:, None], y, jnp.nan)
+            return Reached(y, *numbers), record, known, (jnp.zeros(0),) * 3
         at = jnp.zeros(0, dtype=int)
         if room:
             times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
@@ -294,4 +361,4 @@ class Motion:
         rows = self._pieces.steps.constants.rows(c, begins + 0.5 * size)
         steps = Steps(begins, size, tuple(states.T), rows, record.count > 0)
         y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
-        return y, record.status, record, known, (at.astype(float), begins, size)
+        return Reached(y, *numbers), record, known, (at.astype(float), begins, size)

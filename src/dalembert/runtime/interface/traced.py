@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ...codegen.base import Capability
+from ...options import SolveOptions
 from .. import inputs as run_input
 from ..capabilities import require
 from ..sampling import refuse_sampling
@@ -29,6 +30,8 @@ def solve_fn(
     atol: float = 1e-10,
     max_step: float = np.inf,
     max_steps: int = 4096,
+    dense: bool = False,
+    throw: bool = False,
 ) -> Any:
     """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
 
@@ -47,6 +50,12 @@ def solve_fn(
         motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.
     max_steps : int
         Attempted steps after which the run ends with a status.
+    dense : bool
+        Whether the result has a motion ``dense(t)`` at any time, traced ones among them. It keeps a record of
+        `max_steps` steps.
+    throw : bool
+        Whether a run that fails raises `RunFailedError` where it is called outside of traces. Inside ``jax.jit``,
+        ``jax.grad`` and ``jax.vmap`` nothing can be raised, and the status says how it ended.
 
     Returns
     -------
@@ -68,6 +77,14 @@ def solve_fn(
     if given is not None:
         names = [self.layout.aliases.get(str(name), str(name)) for name in given]
         start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
-    options = {"mode": mode, "rtol": rtol, "atol": atol, "max_step": max_step, "max_steps": max_steps}
-    method = self.choose_method(method, rtol, atol)
-    return cast("TracedEngine", self.engine).solve_fn(start, method, options)
+    options = SolveOptions(
+        method=self.choose_method(method, rtol, atol),
+        mode=mode,
+        rtol=rtol,
+        atol=atol,
+        max_step=max_step,
+        max_steps=max_steps,
+        dense=dense,
+        throw=throw,
+    )
+    return cast("TracedEngine", self.engine).solve_fn(start, options)

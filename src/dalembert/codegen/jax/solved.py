@@ -1,0 +1,117 @@
+"""Results of traced runs."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+
+from ...errors import RunFailedError, ValueInputError
+from ...integrators.jax.motion import Path
+from ...methods.status import Status
+
+if TYPE_CHECKING:
+    from .pure import Solve
+
+__all__ = ["Dense", "Solved", "States", "raise_failure"]
+
+
+@final
+class Solved(NamedTuple):
+    """Result of a traced run; rows after a failure are NaN.
+
+    Attributes
+    ----------
+    t : Array (n_t,)
+        Times, as given.
+    y : Array (n_t, n_y)
+        States, in the order of ``layout.state``.
+    q, qdot : Array (n_t, n_q)
+        Coordinates and rates, in the order of ``layout.coordinates``. First-order states are the last columns of y.
+    outputs : Array (n_t, n_outputs)
+        Requested outputs (reactions, for example), in the order of ``layout.outputs``.
+    status : Array ()
+        How the run ended, a number of `dalembert.methods.status.Status`; 0 is success. What is given and not finite is
+        NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
+    steps, rejected : Array ()
+        Numbers of accepted and of rejected steps.
+    dense : Dense or None
+        The motion at any time between the first and the last, where ``dense=True`` asked for it.
+    """
+
+    t: Any
+    y: Any
+    q: Any
+    qdot: Any
+    outputs: Any
+    status: Any
+    steps: Any
+    rejected: Any
+    dense: Any = None
+
+
+@final
+class States(NamedTuple):
+    """A motion at times: t, y, q, qdot and outputs as in `Solved`, without a first axis where one time was given."""
+
+    t: Any
+    y: Any
+    q: Any
+    qdot: Any
+    outputs: Any
+
+
+@final
+class Dense:
+    """``dense(t)`` is the motion at a time () or at times (n_t,) in any order, as `States`.
+
+    A pytree, of which ``jax.vmap`` makes one for each case. States inside steps are ends of shorter steps of the same
+    method, as accurate as those at the ends; outside the times that the run reached they are NaN. Everything may be
+    traced and differentiated.
+    """
+
+    def __init__(self, solve: Solve, path: Path, start: Any, p: Any, c: Any, breaks: Any) -> None:
+        self.solve, self.path, self.start, self.p, self.c, self.breaks = solve, path, start, p, c, breaks
+
+    def __call__(self, t: Any) -> States:
+        """Return the motion at times; see the class."""
+        times = jnp.asarray(t, dtype=float)
+        if times.ndim > 1:
+            raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
+        states = _states(self.solve, self, jnp.atleast_1d(times))
+        return jax.tree.map(lambda rows: rows[0], states) if times.ndim == 0 else states
+
+    def __repr__(self) -> str:
+        return "Dense(t -> motion)"
+
+
+def _children(dense: Dense) -> tuple[Any, Any]:
+    return (dense.path, dense.start, dense.p, dense.c, dense.breaks), dense.solve
+
+
+jax.tree_util.register_pytree_node(Dense, _children, lambda solve, children: Dense(solve, *children))
+
+
+@partial(jax.jit, static_argnums=0)
+def _states(solve: Solve, dense: Dense, t: Any) -> States:
+    """Return the motion at times t (n_t,): compiled once for each number of times."""
+    return solve.states(dense, t)
+
+
+def raise_failure(status: Any, formulation: str, method: str) -> None:
+    """Raise an error where a status is known and says that a run, or one of several, failed.
+
+    Raises
+    ------
+    RunFailedError
+    """
+    if isinstance(status, jax.core.Tracer):
+        return
+    ended = Status(int(status))
+    if not ended.success:
+        raise RunFailedError(
+            f"the run failed with the status {ended}: {ended.message_for((formulation,), method)} Without throw=True"
+            " the result holds this status, and NaN where the run did not come"
+        )
