@@ -13,6 +13,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 __all__ = [
+    "RELEASE",
     "AssumptionWarning",
     "BreakTimesError",
     "CacheWarning",
@@ -40,6 +41,11 @@ __all__ = [
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+RELEASE = (
+    "scene = scene.release(coordinate, point or frame, direction). This returns a new scene; the old one stays as it is"
+)
+"""How the coordinate is released that a hidden reaction acts along."""
 
 TOO_DEEP = (
     "an expression is nested more deeply than Python can read, about 150 functions in one another: write it flatter, or"

@@ -1,7 +1,9 @@
 """Moving pictures: what they show, in which plane, and what cannot be drawn."""
 
 import builtins
+import gc
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -66,6 +68,19 @@ def test_a_page_without_plotly_is_refused_by_name(sleigh, tmp_path, monkeypatch)
     monkeypatch.delitem(sys.modules, "dalembert.results.html_animation", raising=False)
     with pytest.raises(MissingExtraError, match="plotly is needed"):
         sleigh.animate(fps=1).save(tmp_path / "sleigh.html")
+
+
+def test_a_film_without_ffmpeg_is_refused_by_name(sleigh, tmp_path, monkeypatch):
+    """And nothing else is said: matplotlib warns of animations that were not drawn."""
+    monkeypatch.setattr("dalembert.results.animation.writers.is_available", lambda name: False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        moving = sleigh.animate(fps=1)
+        with pytest.raises(MissingExtraError, match=r"ffmpeg.*\.gif or \.html"):
+            moving.save(tmp_path / "sleigh.mp4")
+        del moving
+        gc.collect()
+    assert not (tmp_path / "sleigh.mp4").exists()
 
 
 def test_a_motion_in_space():

@@ -1,6 +1,7 @@
 """What notebooks show: scenes, models, trajectories, sweeps; completion of names; pictures on axes of the user."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from dalembert.errors import OptionError, UnknownNameError
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 P = {"m": 1, "b": 0.3, "I_C": 0.5}
+BELT = {"m": 1, "k": 10, "v_b": 0.2, "mu": 0.2, "mu_s": 0.3, "g": 9.81}
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,39 @@ def test_a_sweep_is_shown_with_its_statuses(model):
     text = sweep._repr_html_()
     assert "SUCCESS: 3 cases" in text and "<td>b</td><td>0.1</td><td>0.3</td>" in text and "<td>most</td>" in text
     assert {"x", "theta_dot", "X", "energy"} <= set(sweep._ipython_key_completions_())
+
+
+def test_a_model_with_contacts_and_its_motion_are_shown():
+    model = da.compile_model(da.scenes.belt_oscillator(), backend="numpy", cache=False)
+    assert "a model for each mode" in model._repr_html_()
+    motion = model.simulate((0, 1), {"x": 0, "x_dot": 0}, BELT)
+    assert "SUCCESS" in motion._repr_html_() and "<td>x_dot</td>" in motion._repr_html_()
+    sweep = model.sweep((0, 1), {"x": 0, "x_dot": 0}, {**BELT, "k": [9, 10]})
+    assert "SUCCESS: 2 cases" in sweep._repr_html_()
+
+
+def test_the_textbook_view_is_shown_as_latex():
+    text = da.lagrange(da.scenes.chaplygin_sleigh())._repr_markdown_()
+    assert "$" in text and r"\theta" in text and "## Constraints" in text
+
+
+def test_a_scene_counts_what_it_has():
+    assert repr(da.scenes.chaplygin_sleigh()) == "<Scene 'chaplygin_sleigh': 1 body, 3 coordinates>"
+
+
+def test_results_of_sweeps_name_what_they_have(model):
+    sweep = model.sweep((0, 1), START, {**P, "b": [0.1, 0.2]}, reduce={"most": da.maximum("x")})
+    np.testing.assert_array_equal(sweep.final[dynamicsymbols("x")], sweep.final["x"])
+    assert dict(sweep.reduced) == {"most": sweep.reduced["most"]}
+    with pytest.raises(UnknownNameError, match=r"unknown final value 'thta'\. Did you mean 'theta'"):
+        sweep.final["thta"]
+    with pytest.raises(UnknownNameError, match=r"unknown reduction 'least'\. Known: most"):
+        sweep.reduced["least"]
+    with pytest.raises(UnknownNameError, match=r"unknown output 'most'.*sweep\.reduced\['most'\]"):
+        sweep["most"]
+    copy = pickle.loads(pickle.dumps(sweep.reduced))
+    np.testing.assert_array_equal(copy["most"], sweep.reduced["most"])
+    assert list(copy) == ["most"] and type(copy) is type(sweep.reduced)
 
 
 def test_names_are_completed(run):

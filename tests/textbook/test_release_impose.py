@@ -138,7 +138,7 @@ def test_release_faults_are_named():
     cases = [
         ((scene.coordinates[0], A, N.x), "is a coordinate of the scene already"),
         ((sp.Symbol("x"), A, N.x), "must be made with dynamicsymbols"),
-        ((x, scene.origin, N.x), "cannot be released"),
+        ((x, scene.origin, N.x), r"because it is the origin.*O\.locatenew\('pin', 0\)"),
         ((x, Point("stray"), N.x), "cannot be released"),
         ((x, "A", N.x), "takes a Point to move or a ReferenceFrame to turn"),
         ((x, A, 2 * N.x), "the length of 2.N.x is not 1"),
@@ -149,6 +149,26 @@ def test_release_faults_are_named():
             scene.release(*arguments)
     with pytest.raises(da.errors.SceneError, match="2 faults"):
         scene.release(x, "A", 2 * N.x)
+
+
+def test_a_pin_at_the_origin_is_released_as_a_point_of_its_own():
+    """The reaction of the pin at the origin, against Newton's law for the mass centre."""
+    theta, x = dynamicsymbols("theta x")
+    m, l, g = sp.symbols("m l g", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    S = N.orientnew("S", "Axis", (theta, N.z))
+    pin = O.locatenew("pin", 0)
+    G = pin.locatenew("G", l * S.x)
+    scene = da.Scene("rod", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(RigidBody("rod", G, S, m, (inertia(S, 0, 0, m * l**2 / 3), G)))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_joints(da.Joint("pin", body="rod", at=pin, force=da.unknowns("X") * N.x))
+    dropped = scene.release(x, pin, N.x)
+    with pytest.raises(da.errors.ConstraintError, match=r"scene = scene\.release\(.*returns a new scene"):
+        da.compile_model(scene, backend="numpy", outputs=["X"])
+    model = da.compile_model(dropped, backend="numpy", outputs={"X": "X", "acc": G.pos_from(O).dt(N).dt(N)})
+    run = model.simulate((0, 2), {theta: 0.3, theta.diff(): 1.0}, {m: 2.0, l: 0.5, g: 9.81}, rtol=1e-10)
+    np.testing.assert_allclose(run["X"], 2.0 * run["acc_x"], atol=1e-9)
 
 
 # -- impose -------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-from ..errors import ConstraintError
+from ..errors import RELEASE, ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
@@ -184,8 +184,8 @@ def _normals(
             name = whole.symbols.unknowns[item.contact.normal]
             raise ConstraintError(
                 f"scene {bare.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion do"
-                " not determine: only a combination of it with other reactions appears in them, or none. Give back the"
-                " coordinate that hides it, with scene.release(coordinate, point, direction)"
+                " not determine: only a combination of it with other reactions appears in them, or none. Release the"
+                f" coordinate along which it acts: {RELEASE}"
             )
         places.append(independent.index(place))
     solved = _solved_rates(bare)

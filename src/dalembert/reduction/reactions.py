@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
+from ..errors import RELEASE, ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
@@ -97,7 +97,8 @@ def requested_outputs(
             known = [*symbols.unknowns, *symbols.variables, *state_rates, *seconds]
             raise UnknownNameError(
                 unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is"
-                " (not its name), which gives its position."
+                " (not its name), which gives its position. A reaction is an unknown component of a joint"
+                " (scene.add_joints)."
             )
     if energies and held:
         nodes = dict(zip(nodes, _with_energies(graph, list(nodes.values()), energies), strict=True))
@@ -139,8 +140,7 @@ def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
         why.append(f"only a combination of {list_names(rest)} with others appears in the equations")
     return (
         f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
-        f" {'; '.join(why)}. Release the coordinate along which each acts:"
-        " scene.release(coordinate, point or frame, direction)"
+        f" {'; '.join(why)}. Release the coordinate along which each acts: {RELEASE}"
     )
 
 

@@ -206,7 +206,7 @@ class _Starting:
             return
         columns = [self._at([row[i] for i in places]) for row in jacobian]
         whole = [self._at(row) for row in jacobian]
-        why = "no holonomic constraint gives them uniquely"
+        why = "no holonomic constraint gives them uniquely (model.assemble solves for them from a guess)"
         linear = all(self.graph.freed_of(entry, missing) is not None for row in columns for entry in row)
         if not linear:
             self._refuse("coordinates", names, why)

@@ -62,6 +62,7 @@ class Animation(FuncAnimation):
         MissingExtraError
             When the package or program that writes the file is not installed.
         """
+        self._draw_was_started = True  # otherwise matplotlib warns of an animation that is written by other means
         ending = Path(str(filename)).suffix.lower()
         if writer is None and ending not in _WRITERS:
             raise OptionError(
@@ -71,7 +72,6 @@ class Animation(FuncAnimation):
         if writer is None and ending in _PAGES and not settings and not options:
             from .html_animation import page
 
-            self._draw_was_started = True  # otherwise matplotlib warns that nothing was drawn
             Path(filename).write_text(page(self.drawing, self._fps), encoding="utf-8")
             return
         if writer is None and ending == ".gif" and not settings and options.keys() <= {"dpi"}:
@@ -92,7 +92,6 @@ class Animation(FuncAnimation):
         first, *others = (
             Image.fromarray(picture).quantize(128, method=Image.Quantize.FASTOCTREE) for picture in self._pictures(dpi)
         )
-        self._draw_was_started = True
         first.save(filename, save_all=True, append_images=others, duration=max(20, round(1e3 / self._fps)), loop=0)
 
     def _pictures(self, dpi: float) -> Iterator[Any]:

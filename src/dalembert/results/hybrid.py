@@ -16,6 +16,7 @@ from ..methods.status import Status
 from ..values import times_of
 from .estimate import ErrorEstimate
 from .events import EventRecord, EventRecords
+from .labels import attributes, with_units
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
 from .trajectory import Trajectory
 
@@ -267,21 +268,22 @@ class HybridTrajectory(Motion):
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
         return f"<HybridTrajectory {self._name!r}: {span}{len(self.phases)} phases, {self.status.name}>"
 
-    def to_xarray(self) -> xarray.Dataset:
+    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, outputs, energy, and modes.
 
-        Raises
-        ------
-        MissingExtraError
-            Without the package.
+        Attributes, `units` and errors are those of `dalembert.results.trajectory.Trajectory.to_xarray`.
         """
         data: dict[str, Any] = {name: ("time", self[name]) for name in self.names if "_energy" not in name}
         for contact in self.phases[0].modes:
             data[f"mode of {contact}"] = ("time", self.mode(contact))
-        attrs = {"scene": self._name, "status": self.status.name}
+        motion = self._parts[0].motion
+        values = dict(zip(motion._layout.parameters, motion._first.tolist(), strict=False))
+        given = {name: values[name] for name in self._layout.given if name in values}
+        formulation = ", ".join(self._formulations)
+        attrs = {"status": self.status.name, **attributes(self._name, formulation, self.stats, given)}
         times = {"time": ("time", self.t, {"units": "s"})}
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
-        return dataset
+        return with_units(dataset, units, self._layout.aliases, given)
 
 
 @final

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import OptionError, unknown_name
 from ..ir.program import Layout
 from .estimate import ErrorEstimate
-from .motion import reaction_hint
 from .sweep import CaseResults, SweepStatistics
 
 __all__ = ["HybridSweep", "States"]
@@ -126,7 +125,7 @@ class HybridSweep(CaseResults):
         layout, text, names = self._layout, str(key), self._names()
         name = layout.aliases.get(text, text)
         if name not in names and text not in names:
-            raise UnknownNameError(unknown_name("output", text, names) + reaction_hint(layout, name))
+            raise self._unknown(text, names)
         return text
 
     def _final(self, key: Any) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -41,7 +42,8 @@ def warn_of_energy(program: Program, name: str) -> None:
 class RunStatistics:
     """Cost of a run: accepted and rejected steps, evaluations of the right-hand side, seconds.
 
-    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration.
+    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration; `rtol`
+    and `atol` are the tolerances, NaN where they are not known.
     """
 
     method: str
@@ -51,6 +53,8 @@ class RunStatistics:
     compile_seconds: float
     run_seconds: float
     note: str = ""
+    rtol: float = math.nan
+    atol: float = math.nan
 
 
 class Motion(ABC):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -16,9 +16,10 @@ from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.interpret import interpret_rows
 from ..ir.program import Layout, Program
 from ..methods.status import Status
-from ..version import __version__
 from .estimate import ErrorEstimate
-from .motion import ENERGIES, warn_of_energy, xarray_package
+from .labels import attributes, with_units
+from .motion import ENERGIES, reaction_hint, warn_of_energy, xarray_package
+from .named_values import NamedValues
 from .notebook import ranges, summary
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ _BLOCK = 65_536
 @final
 @dataclass(frozen=True)
 class SweepStatistics:
-    """What a sweep cost; `note` says why "auto" took another method than it usually does, where it did."""
+    """What a sweep cost, and its tolerances, NaN where they are not known.
+
+    `note` says why "auto" took another method than it usually does, where it did.
+    """
 
     method: str
     threads: int
@@ -40,6 +44,8 @@ class SweepStatistics:
     compile_seconds: float
     run_seconds: float
     note: str = ""
+    rtol: float = math.nan
+    atol: float = math.nan
 
 
 @final
@@ -87,7 +93,7 @@ class CaseResults(ABC):
         own = {*layout.parameters} - {*layout.given}  # what runs set themselves
         self.parameters = {name: values for name, values in parameters.items() if name not in own}
         self.events: dict[str, EventCounts] = {}
-        self.reduced: dict[str, FloatArray] = {}
+        self.reduced = NamedValues("reduction", {})
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = t_eval
         self._own_t, self._own_t_eval = self.t, t_eval
@@ -106,7 +112,7 @@ class CaseResults(ABC):
 
     def with_events(self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray) -> Self:
         """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
-        self.reduced = {name: reduced[:, i] for i, name in enumerate(kept)}
+        self.reduced = NamedValues("reduction", {name: reduced[:, i] for i, name in enumerate(kept)})
         self.events = {
             name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
             for i, name in enumerate(names)
@@ -150,9 +156,9 @@ class CaseResults(ABC):
         ]
 
     @property
-    def final(self) -> dict[str, FloatArray]:
+    def final(self) -> NamedValues:
         """Final values (n_case,) of coordinates, rates, states and outputs, by name."""
-        return {name: self._final(name) for name in self._lasting()}
+        return NamedValues("final value", {name: self._final(name) for name in self._lasting()}, self._layout.aliases)
 
     def _lasting(self) -> tuple[str, ...]:
         """Return the names of what `final` holds."""
@@ -166,6 +172,12 @@ class CaseResults(ABC):
     def _names(self) -> tuple[str, ...]:
         layout = self._layout
         return (*layout.variables, *layout.state_rates, *layout.outputs, *ENERGIES)
+
+    def _unknown(self, text: str, names: Iterable[str]) -> UnknownNameError:
+        """Return the error for a name that has no values."""
+        known = unknown_name("output", text, dict.fromkeys(names))
+        hint = f" It is a reduction: sweep.reduced[{text!r}]." if text in self.reduced else ""
+        return UnknownNameError(known + hint + reaction_hint(self._layout, text))
 
     def __repr__(self) -> str:
         return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
@@ -181,15 +193,22 @@ class CaseResults(ABC):
     def _ipython_key_completions_(self) -> list[str]:
         return list(dict.fromkeys(self._names()))
 
-    def to_xarray(self) -> xarray.Dataset:
+    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
 
-        Of an event there are ``name_count``, ``name_first`` and ``name_last``.
+        Of an event there are ``name_count``, ``name_first`` and ``name_last``. Attributes are as for a trajectory.
+
+        Parameters
+        ----------
+        units : mapping of symbols or names to str, optional
+            Units of what the data set holds, and of parameters.
 
         Raises
         ------
         MissingExtraError
             Without the package.
+        UnknownNameError, OptionError
+            For units of what is not there, or that are no texts.
         """
         layout = self._layout
         shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
@@ -216,15 +235,9 @@ class CaseResults(ABC):
                 key = f"{name}_{part}"
                 data[f"{key}_of_event" if key in taken else key] = (dims, getattr(happened, part).reshape(shape))
         fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
-        attrs = {
-            "scene": self._name,
-            "formulation": self._formulation,
-            "method": self.stats.method,
-            "parameters": json.dumps(fixed),
-            "dalembert_version": __version__,
-        }
+        attrs = attributes(self._name, self._formulation, self.stats, fixed)
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
-        return dataset
+        return with_units(dataset, units, layout.aliases, fixed)
 
 
 @final
@@ -358,4 +371,4 @@ class Sweep(CaseResults):
             return "energy", None
         if name in ENERGIES:  # after the first, which is the sum of the others
             return "energy", ENERGIES.index(name) - 1
-        raise UnknownNameError(unknown_name("output", text, dict.fromkeys((*self._names(), *layout.state))))
+        raise self._unknown(text, (*self._names(), *layout.state))

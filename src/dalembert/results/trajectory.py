@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -22,9 +21,9 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..transforms.periodic import angles_in
 from ..values import times_of
-from ..version import __version__
 from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
+from .labels import attributes, with_units
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy, xarray_package
 
 if TYPE_CHECKING:
@@ -347,26 +346,32 @@ class Trajectory(Motion):
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
         return f"<Trajectory {self._program.name!r}: {span}{len(self.t)} times, {self.status.name}>"
 
-    def to_xarray(self) -> xarray.Dataset:
+    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, states, outputs, energy.
+
+        Its attributes are the scene, formulation, status, method, tolerances, parameters (as JSON) and version.
+
+        Parameters
+        ----------
+        units : mapping of symbols or names to str, optional
+            Units of what the data set holds, and of parameters: ``{x: "m", "x_dot": "m/s", "m": "kg"}``.
 
         Raises
         ------
         MissingExtraError
             Without the package.
+        UnknownNameError, OptionError
+            For units of what is not there, or that are no texts.
         """
         layout = self._program.layout
         names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
+        given = dict(zip(layout.given, self._first.tolist(), strict=False))
         dataset: xarray.Dataset = xarray_package().Dataset(
             {name: ("time", self[name]) for name in names},
             coords={"time": ("time", self.t, {"units": "s"})},
             attrs={
-                "scene": self._program.name,
-                "formulation": self._program.formulation,
                 "status": self.status.name,
-                "method": self.stats.method,
-                "parameters": json.dumps(dict(zip(layout.given, self._first.tolist(), strict=False))),
-                "dalembert_version": __version__,
+                **attributes(self._program.name, self._program.formulation, self.stats, given),
             },
         )
-        return dataset
+        return with_units(dataset, units, layout.aliases, given)

@@ -65,6 +65,8 @@ def integrate(
         compile_seconds=model.stages.compile_seconds + compiled,
         run_seconds=time.perf_counter() - begin - compiled,
         note="; ".join(text for text in notes if text),
+        rtol=problem.rtol,
+        atol=problem.atol,
     )
     program, c = model.stages.program, model.engine.course(problem)
     run = Trajectory(program, c, solution.status, solution.t, solution.y, statistics, solution.dense)

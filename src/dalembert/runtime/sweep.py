@@ -276,6 +276,8 @@ def _results(
         compile_seconds=model.stages.compile_seconds,
         run_seconds=seconds,
         note=settings.note,
+        rtol=settings.rtol,
+        atol=settings.atol,
     )
     samples = None if settings.t_eval is None else done.samples
     varied, program = (cases.initial, cases.parameters), model.stages.program

@@ -9,7 +9,7 @@ from typing import Any, final
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import TOO_DEEP, SceneError, list_names
+from ..errors import RELEASE, TOO_DEEP, SceneError, list_names
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import agree
 from ..naming import rate_name, unwritable
@@ -44,7 +44,7 @@ __all__ = ["read"]
 
 _IMPLIED = (
     "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"
-    " coordinate with scene.release(coordinate, point or frame, direction)"
+    f" coordinate: {RELEASE}"
 )
 
 

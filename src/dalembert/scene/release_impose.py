@@ -112,7 +112,12 @@ def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) 
     else:
         kind, root = ("point", scene.origin) if isinstance(target, Point) else ("frame", scene.frame)
         tree = Tree(root, "_pos_dict" if kind == "point" else "_dcm_dict")
-        if target is root or tree.path(target) is None:
+        if target is root and kind == "point":
+            faults.append(
+                f"the point {target.name!r} cannot be released, because it is the origin. Let another lie there,"
+                f" pin = {target.name}.locatenew('pin', 0), locate the bodies that it carries from it, and release that"
+            )
+        elif target is root or tree.path(target) is None:
             faults.append(
                 f"the {kind} {target.name!r} cannot be released; release one that is located from {root.name!r}"
             )

@@ -329,7 +329,9 @@ class Scene:
 
     @nesting_named
     def release(self, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
-        """Return a scene with a further coordinate that the parametrization had eliminated.
+        """Return a new scene with a further coordinate that the parametrization had eliminated.
+
+        This scene stays as it is: write ``scene = scene.release(...)``, and compile what it returns.
 
         This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
         the reaction that the parametrization hides. The motion stays as it is.
@@ -359,13 +361,18 @@ class Scene:
         --------
         The normal force under the rolling sphere, of which G is the centre::
 
-            scene.release(z, G, N.z)        # adds z, and the constraint z - r
+            scene = scene.release(z, G, N.z)  # with z, and the constraint z - r
+
+        A point from which a body, and all that it carries, is located moves them together: so a pin at the origin is
+        released as a point of its own, ``pin = O.locatenew("pin", 0)``.
         """
         return release_impose.release(self, coordinate, target, direction)
 
     @nesting_named
     def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
-        """Return a scene without a coordinate that a holonomic constraint determines: "compatible" equations.
+        """Return a new scene without a coordinate that a holonomic constraint determines: "compatible" equations.
+
+        This scene stays as it is: write ``scene = scene.impose(...)``.
 
         Parameters
         ----------
@@ -398,4 +405,8 @@ class Scene:
         return description(self)
 
     def __repr__(self) -> str:
-        return f"<Scene {self.name!r}: {len(self.bodies)} bodies, {len(self.coordinates)} coordinates>"
+        bodies, coordinates = len(self.bodies), len(self.coordinates)
+        return (
+            f"<Scene {self.name!r}: {bodies} {'body' if bodies == 1 else 'bodies'},"
+            f" {coordinates} {'coordinate' if coordinates == 1 else 'coordinates'}>"
+        )

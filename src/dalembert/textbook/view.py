@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 from sympy.physics.mechanics import Point
 
-from ..errors import ConstraintError, SceneError, list_names, nesting_named
+from ..errors import RELEASE, ConstraintError, SceneError, list_names, nesting_named
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
@@ -299,7 +299,7 @@ class LagrangeView:
             else "is not determined: only a combination of it with others appears in the equations"
             for x in self.undetermined
         }
-        remedy = "Release the coordinate along which it acts: scene.release(coordinate, point or frame, direction)"
+        remedy = f"Release the coordinate along which it acts: {RELEASE}"
         return Reactions(solution.reactions() if self.unknowns else {}, missing, remedy)
 
     @cached_property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import Any, final
 
 from ...arrays import FloatArray
@@ -163,6 +164,9 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
             told = ", ".join(f"{name}: {state}" for name, state in self.modes.named(mode).items())
             lines += ["", f"mode {told}", model.explain(passes=passes)]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.explain())}</pre>"
 
     def __repr__(self) -> str:
         return f"<HybridModel {self.name!r}: contacts {list_names(self.contacts)}, {self.backend}>"

@@ -374,8 +374,17 @@ class _Run:
 
     def _joined(self, status: Status) -> HybridTrajectory:
         seconds = time.perf_counter() - self.begin - self.compile_seconds
+        options = self.request.options
         stats = RunStatistics(
-            self.method, self.steps, self.rejected, self.evaluations, self.compile_seconds, seconds, self.note
+            method=self.method,
+            steps=self.steps,
+            rejected=self.rejected,
+            evaluations=self.evaluations,
+            compile_seconds=self.compile_seconds,
+            run_seconds=seconds,
+            note=self.note,
+            rtol=options.rtol,
+            atol=options.atol,
         )
         phases = self.phases
         name = self.modes.equations.name

@@ -338,6 +338,8 @@ class _Sweep:
             steps=int(self.steps.sum()),
             compile_seconds=self.compile_seconds,
             run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
+            rtol=request.options.rtol,
+            atol=request.options.atol,
         )
         count = len(self.status)
         last = self._states(np.arange(count))

@@ -1,0 +1,79 @@
+"""Attributes and units of labelled arrays."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..errors import OptionError, UnknownNameError, unknown_name
+from ..version import __version__
+
+if TYPE_CHECKING:
+    import xarray
+
+    from .motion import RunStatistics
+    from .sweep import SweepStatistics
+
+__all__ = ["attributes", "with_units"]
+
+_OTHER_NAMES = ("", "_value", "_given", "_reduced", "_first", "_last")
+"""What may follow a name in a data set: beside an axis, a result or another reduction of the same name; of an event."""
+
+
+def attributes(
+    scene: str, formulation: str, stats: RunStatistics | SweepStatistics, parameters: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return what labelled arrays say of the run that they are from; ``parameters`` becomes JSON text."""
+    return {
+        "scene": scene,
+        "formulation": formulation,
+        "method": stats.method,
+        "rtol": stats.rtol,
+        "atol": stats.atol,
+        "parameters": json.dumps(dict(parameters)),
+        "dalembert_version": __version__,
+    }
+
+
+def with_units(
+    dataset: xarray.Dataset, units: Mapping[Any, str] | None, aliases: Mapping[str, str], parameters: Mapping[str, Any]
+) -> xarray.Dataset:
+    """Return a data set whose variables have units, and whose attribute ``parameter_units`` has those of parameters.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Changed in place.
+    units : mapping of symbols or names to str, or None
+    aliases : mapping of str to str
+        Names by the texts of symbols.
+    parameters : mapping of str
+        Parameters that are no variables of the data set.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is neither a variable nor a parameter.
+    OptionError
+        For units that are no mapping to texts.
+    """
+    if units is None:
+        return dataset
+    given: Any = units
+    if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
+        raise OptionError(f"units must map names or symbols to texts, such as {{'x': 'm'}}, not {units!r}")
+    fixed = {}
+    for key, unit in units.items():
+        name = aliases.get(str(key), str(key))
+        found = [name + ending for ending in _OTHER_NAMES if name + ending in dataset.variables]
+        for variable in found:
+            dataset[variable].attrs["units"] = unit
+        if name in parameters:
+            fixed[name] = unit
+        elif not found:
+            known = dict.fromkeys([*(str(known) for known in dataset.variables), *parameters])
+            raise UnknownNameError(unknown_name("variable", name, known))
+    if fixed:
+        dataset.attrs["parameter_units"] = json.dumps(fixed)
+    return dataset

@@ -1,0 +1,103 @@
+"""Labelled arrays: what they say of their run, units, and files that keep all of it."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from sympy.physics.mechanics import dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import OptionError, UnknownNameError
+
+xarray = pytest.importorskip("xarray")
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+P = {"m": 1, "b": 0.3, "I_C": 0.5}
+BELT = {"m": 1, "k": 10, "v_b": 0.2, "mu": 0.2, "mu_s": 0.3, "g": 9.81}
+UNITS = {dynamicsymbols("x"): "m", "theta_dot": "rad/s", "X": "N", "m": "kg", "b": "m"}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", cache=False, outputs=["X"])
+
+
+@pytest.fixture(scope="module")
+def results(model):
+    """One of each kind, as labelled arrays with units."""
+    axes = da.grid(b=[0.2, 0.3], theta_dot=[1.0, 2.0, 3.0])
+    begin = {name: value for name, value in START.items() if name != "theta_dot"}
+    slow = da.first_crossing(dynamicsymbols("theta").diff() - 1, direction=-1)
+    inertia = {"m": 1, "I_C": 0.5}
+    belt = da.compile_model(da.scenes.belt_oscillator(), backend="numpy", cache=False)
+    options = {"rtol": 1e-7, "atol": 1e-9}
+    return {
+        "trajectory": model.simulate((0, 1), START, P, **options).to_xarray(UNITS),
+        "sweep": model.sweep((0, 1), START, {**P, "b": [0.1, 0.2]}, t_eval=[0.5, 1], **options).to_xarray(UNITS),
+        "grid": model.sweep((0, 1), begin, inertia, grid=axes, reduce={"slow": slow}, **options).to_xarray(UNITS),
+        "contacts": belt.simulate((0, 2), {"x": 0, "x_dot": 0}, BELT, **options).to_xarray({"x": "m", "k": "N/m"}),
+    }
+
+
+KINDS = ("trajectory", "sweep", "grid", "contacts")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_attributes_say_how_the_values_were_computed(results, kind):
+    attributes = results[kind].attrs
+    assert attributes["rtol"] == 1e-7 and attributes["atol"] == 1e-9
+    assert attributes["dalembert_version"] == da.__version__
+    assert {"scene", "formulation", "method"} <= attributes.keys()
+    wanted = {"trajectory": P, "sweep": {"m": 1, "I_C": 0.5}, "grid": {"m": 1, "I_C": 0.5}, "contacts": BELT}
+    assert json.loads(attributes["parameters"]) == wanted[kind]
+
+
+def test_units_are_on_what_they_are_of(results):
+    run, sweep, grid = results["trajectory"], results["sweep"], results["grid"]
+    assert run["x"].units == grid["x"].units == "m" and run["X"].units == "N" and run["time"].units == "s"
+    assert "units" not in run["y"].attrs
+    assert json.loads(run.attrs["parameter_units"]) == {"m": "kg", "b": "m"}
+    assert sweep["b"].units == grid["b"].units == "m" and json.loads(grid.attrs["parameter_units"]) == {"m": "kg"}
+    assert grid["theta_dot"].units == grid["theta_dot_value"].units == "rad/s"
+
+
+def test_units_of_what_is_not_there(model):
+    run = model.simulate((0, 1), START, P)
+    with pytest.raises(UnknownNameError, match=r"unknown variable 'theta_dt'\. Did you mean 'theta_dot'"):
+        run.to_xarray({"theta_dt": "rad/s"})
+    with pytest.raises(OptionError, match="units must map names"):
+        run.to_xarray({"x": 1.0})
+    with pytest.raises(OptionError, match="units must map names"):
+        run.to_xarray("m")
+
+
+def _same(loaded, saved):
+    """Whether a data set is the same, whatever whole numbers and attributes of numbers a file has."""
+    assert set(loaded.variables) == set(saved.variables)
+    for name in saved.variables:
+        np.testing.assert_array_equal(loaded[name].to_numpy(), saved[name].to_numpy(), err_msg=str(name))
+        assert loaded[name].attrs.get("units") == saved[name].attrs.get("units")
+    assert {name: str(value) for name, value in loaded.attrs.items()} == {
+        name: str(value) for name, value in saved.attrs.items()
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("engine", ["scipy", "netcdf4"])
+def test_a_netcdf_file_keeps_all_of_it(results, kind, engine, tmp_path):
+    if engine == "netcdf4":
+        pytest.importorskip("netCDF4")
+    results[kind].to_netcdf(tmp_path / "results.nc", engine=engine)
+    with xarray.open_dataset(tmp_path / "results.nc", engine=engine) as loaded:
+        _same(loaded, results[kind])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_zarr_store_keeps_all_of_it(results, kind, tmp_path):
+    pytest.importorskip("zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of zarr, on texts of fixed length
+        results[kind].to_zarr(tmp_path / "results.zarr", consolidated=False)
+        with xarray.open_zarr(tmp_path / "results.zarr", consolidated=False) as loaded:
+            _same(loaded, results[kind])
