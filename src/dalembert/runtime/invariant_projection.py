@@ -19,7 +19,7 @@ from ..reduction.invariants import Candidates, why_not
 from ..values import listed
 from . import inputs
 from .monitors import conserved
-from .segments import starting_constants
+from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
     from .model import CompiledModel

@@ -22,7 +22,7 @@ from . import inputs as run_input
 from .constraint_choice import divisible_model
 from .input_expansion import expanded_at, input_places
 from .linear_equations import LinearEquations, Point, own_equations, scene_equations
-from .segments import at_time
+from .segment_constants import at_time
 from .singular import redundant
 
 if TYPE_CHECKING:

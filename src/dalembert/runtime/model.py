@@ -27,6 +27,7 @@ from . import inputs as run_input
 from .base import Given, Model
 from .capabilities import require
 from .derived import Derived
+from .engines import segmented
 from .explain import explain
 from .impulses import landing_of
 from .interface import derivatives, motions, states, traced
@@ -35,7 +36,7 @@ from .monitors import conserved
 from .prepare import prepare
 from .prepared import PreparedRun
 from .sampling import Sampling
-from .segments import at_time, segmented
+from .segment_constants import at_time
 from .simulate import simulate
 from .sweep import sweep
 from .variants import Variants

@@ -20,7 +20,7 @@ from .elapsed import begins_elsewhere, extension, in_elapsed_time
 from .inputs import span_of
 from .invariant_projection import keeping_model, kept_values, refuse_unknown
 from .prepared import PreparedRun
-from .segments import starting_constants
+from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
     from .model import CompiledModel

@@ -18,7 +18,7 @@ from . import inputs
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from .inputs import span_of
-from .segments import starting_constants
+from .segment_constants import starting_constants
 from .variation import chosen_names, through_offsets
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from .event_parameters import with_event_parameters
 from .gains import with_gains
 from .inputs import span_of
 from .invariant_projection import keeping_from, refuse_jumps
-from .segments import starting_constants
+from .segment_constants import starting_constants
 from .single_run import integrate
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from ..ir.program import Program
 from .inputs import prepare_rows
 from .linear_equations import LinearEquations, Point, scene_equations
 from .partials import Partials
-from .segments import at_time
+from .segment_constants import at_time
 
 __all__ = ["SteadyConditions"]
 

@@ -26,9 +26,10 @@ from ..scene.elapsed import Offset
 from ..transforms.nonsmooth import decisions
 from ..values import listed
 from . import inputs
+from .engines import segmented
 from .jumps import moved_breaks, refuse_jumps_at, refuse_jumps_between
 from .sampling import Sampling
-from .segments import segmented, starting_constants
+from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
     from ..pipeline import Stages

@@ -92,7 +92,7 @@ def expand(
     inputs: Mapping[Any, Any] | None = None,
 ) -> FloatArray:
     """Return coordinates, rates and states (2 n_q + n_z,) of a state y (n_y,) of the formulation at time t."""
-    from ..segments import at_time
+    from ..segment_constants import at_time
 
     program, time = self.stages.program, option("t", t)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
@@ -141,7 +141,7 @@ def assemble(
         For input that is wrong.
     """
     from ..assembly import assembled
-    from ..segments import at_time
+    from ..segment_constants import at_time
 
     program, time = self.stages.program, option("t", t)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
