@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, final
@@ -215,6 +216,9 @@ class SweepOptions(StepOptions):
         What to keep of every motion.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values.
+    chosen : mapping of (int, float) to str, or None
+        Methods by number of the mode of contacts (-1: a scene without) and `rtol`, found before from other cases; with
+        it "auto" looks at no motions.
 
     Raises
     ------
@@ -230,6 +234,16 @@ class SweepOptions(StepOptions):
     events: Any = ()
     reduce: Any = None
     project_invariants: Any = False
+    chosen: Mapping[tuple[int, float], str] | None = None
+
+    @property
+    def fits(self) -> bool:
+        """Whether the method is one that fits some of the motions."""
+        return self.automatic and self.chosen is None
+
+    def method_chosen(self, mode: int, default: str) -> str:
+        """Return the method that was found for a mode, or else a default."""
+        return (self.chosen or {}).get((mode, self.rtol), default) if self.automatic else default
 
     def __post_init__(self) -> None:
         super().__post_init__()

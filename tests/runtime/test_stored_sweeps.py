@@ -86,6 +86,15 @@ def test_cases_that_fail_are_statuses_in_the_store(model, tmp_path):
     assert int((stored["status"] != 0).sum()) == 2
 
 
+def test_estimates_with_methods_that_depend_on_the_tolerance(tmp_path):
+    """What "auto" takes for the twin at a tighter tolerance is another method."""
+    model, options = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected"), {"rtol": 1e-5}
+    stored = model.sweep((0, 3), START, MANY, error_estimate=True, to=tmp_path / "s.zarr", chunk=30, **options)
+    sweep = model.sweep((0, 3), START, MANY, error_estimate=True, **options)
+    assert set(sweep.stats.methods.values()) == {"dop853", "taylor"}
+    np.testing.assert_array_equal(stored["x_error"], sweep.error_estimate["x"])
+
+
 def test_gains_are_decided_once(tmp_path):
     """The formulation baumgarte takes its gains from the first case, in every chunk."""
     model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="baumgarte")
@@ -190,6 +199,8 @@ def test_options_of_stores(model, tmp_path):
         da.random_cases(10, 1, b=0.3)
     with pytest.raises(ValueInputError, match="count must be at least 1"):
         da.sobol_cases(0, 1, b=da.uniform(0, 1))
+    with pytest.raises(OptionError, match="give to= too"):
+        model.sweep((0, 2), START, MANY, chunk=10)
     assert not (tmp_path / "s").exists()
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, unknown_name
+from ..hybrid.modes import STATES
 from ..ir.program import Layout
 from .estimate import ErrorEstimate
 from .sweep import CaseResults, SweepStatistics
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["HybridSweep", "States"]
 
@@ -75,28 +79,48 @@ class HybridSweep(CaseResults):
         stats: SweepStatistics,
         states: tuple[States, States | None],
         phases: NDArray[np.int64],
+        contacts: Sequence[str],
         modes: Mapping[int, Mapping[str, str]],
         value: Callable[[str, States], FloatArray],
     ) -> None:
         super().__init__(name, "by mode", layout, varied, ends, t_eval, axes, stats)
         self._last, self._samples = states
         self.phases, self._modes, self._value = phases, dict(modes), value
+        self._contacts = tuple(contacts)
         self._twin: HybridSweep | None = None
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return the state of a contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
-        known = next(iter(self._modes.values()), {})
-        if self._modes and contact not in known:
-            raise OptionError(unknown_name("contact", contact, known))
+        if contact not in self._contacts:
+            raise OptionError(unknown_name("contact", contact, self._contacts))
         states = self._states
         numbers, places = np.unique(states.mode, return_inverse=True)
         words = np.array([self._modes[int(number)][contact] if number >= 0 else "none" for number in numbers])
         found = words[places]
         return found if self.t_eval is None else found.reshape(len(self), -1)
 
+    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
+        """Return the sweep as `Sweep.to_xarray` does, with ``phases``, and ``name_mode`` of each contact as a number.
+
+        What the numbers mean stands in the attributes ``flag_values`` and ``flag_meanings`` of ``name_mode``.
+        """
+        found = super().to_xarray(units)
+        status, values = found["status"], next(iter(found.data_vars.values()))
+        names = ("none", *STATES)
+        meaning = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names)}
+        columns: dict[str, Any] = {"phases": (status.dims, self.phases.reshape(status.shape))}
+        for contact in self._contacts:
+            words, places = np.unique(self.mode(contact), return_inverse=True)
+            codes = np.array([names.index(word) for word in words], np.int8)[places]
+            columns[f"{contact}_mode"] = (values.dims, codes.reshape(values.shape), meaning)
+        for name, column in columns.items():
+            found[f"{name}_of_contacts" if name in {*found.variables, *found.dims} else name] = column
+        return found
+
     def with_twin(self, twin: HybridSweep) -> HybridSweep:
         """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
         self._twin = twin
+        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
         return self
 
     @property

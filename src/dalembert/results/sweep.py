@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
@@ -25,8 +25,10 @@ from .notebook import ranges, summary
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistics"]
+__all__ = ["NO_MODE", "CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistics"]
 
+NO_MODE = -1
+"""Number of the mode of scenes without contacts."""
 _BLOCK = 65_536
 
 
@@ -35,7 +37,8 @@ _BLOCK = 65_536
 class SweepStatistics:
     """What a sweep cost, and its tolerances, NaN where they are not known.
 
-    `note` says why "auto" took another method than it usually does, where it did.
+    `note` says why "auto" took another method than it usually does, where it did. `methods` are those of each mode of
+    contacts by number, `NO_MODE` without contacts, and by `rtol`.
     """
 
     method: str
@@ -46,6 +49,7 @@ class SweepStatistics:
     note: str = ""
     rtol: float = math.nan
     atol: float = math.nan
+    methods: Mapping[tuple[int, float], str] = field(default_factory=dict, repr=False)
 
 
 @final
@@ -305,6 +309,7 @@ class Sweep(CaseResults):
     def with_twin(self, twin: Sweep) -> Sweep:
         """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
         self._estimate, self._twin = ErrorEstimate(self, twin), twin
+        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
         return self
 
     @property

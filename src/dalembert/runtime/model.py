@@ -281,8 +281,9 @@ class CompiledModel(Model[Trajectory, Sweep]):
         self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
     ) -> Any:
         from .stored.sweep import stored_sweep
+        from .stored.swept_models import SmoothModel
 
-        return stored_sweep(self, given, options, to)
+        return stored_sweep(SmoothModel(self), given, options, to)
 
     def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
         return prepare(self, t_span, options)

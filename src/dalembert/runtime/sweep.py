@@ -16,7 +16,7 @@ from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.estimate import TIGHTER
 from ..results.sampler import CaseSet
-from ..results.sweep import Sweep, SweepStatistics
+from ..results.sweep import NO_MODE, Sweep, SweepStatistics
 from . import inputs
 from .case_blocks import begin_cases, fitted
 from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
@@ -134,6 +134,7 @@ def begin_sweep(
     """
     begin, given = time.perf_counter(), (t_span, initial, parameters)
     method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+    method = options.method_chosen(NO_MODE, method)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
@@ -145,7 +146,7 @@ def begin_sweep(
     able = _independent_cases(model, cases, settings, begin)
     if able is not model:
         return begin_sweep(able, *given, options)
-    if options.automatic:
+    if options.fits:
         settings = fitted(model.engine, cases, settings)
     if _ranked(model) and settings.method != "radau":
         settings = replace(settings, watch=model.derived.events(options.events, options.reduce, ranks=True))
@@ -158,10 +159,11 @@ def begin_sweep(
 
     def estimated() -> Sweep:
         done = waiting()
-        rtol, atol = options.rtol * TIGHTER, options.atol * TIGHTER
-        method = model.choose_method(options.method, rtol, atol, many=True)
-        finer = replace(settings, rtol=rtol, atol=atol, method=method)
-        if options.automatic:
+        tighter = replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER)
+        method = model.choose_method(options.method, tighter.rtol, tighter.atol, many=True)
+        method = tighter.method_chosen(NO_MODE, method)
+        finer = replace(settings, rtol=tighter.rtol, atol=tighter.atol, method=method)
+        if options.fits:
             finer = fitted(model.engine, cases, finer)
         done.with_twin(_begin_cases(model, cases, finer, axes, time.perf_counter())())
         return done
@@ -278,6 +280,7 @@ def _results(
         note=settings.note,
         rtol=settings.rtol,
         atol=settings.atol,
+        methods={(NO_MODE, settings.rtol): settings.method},
     )
     samples = None if settings.t_eval is None else done.samples
     varied, program = (cases.initial, cases.parameters), model.stages.program

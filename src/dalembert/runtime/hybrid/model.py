@@ -212,10 +212,11 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     def _stored_sweep(
         self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
     ) -> Any:
-        raise CapabilityError(
-            f"sweeps of {self.name!r} cannot be stored, because its contacts ({list_names(self.contacts)}) change:"
-            " leave out to=, chunk=, client= and resume=, and call to_xarray() of the sweep that is returned"
-        )
+        from ..stored.sweep import stored_sweep
+        from ..stored.swept_models import ContactModel
+
+        self._refuse(options.project_invariants)
+        return stored_sweep(ContactModel(self), given, options, to)
 
     def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
         self._refuse(options.project_invariants)

@@ -83,6 +83,8 @@ class PhaseExecutor:
         The same arrays, and what is recorded, with nothing in ``order``.
     fits : bool
         Whether "auto" looks at the motions to find a method that fits.
+    chosen : callable
+        Returns the method for the number of a mode, given the one that would be taken.
     recorded : bool
         Whether the steps of the case, which is alone, are recorded.
     """
@@ -98,6 +100,7 @@ class PhaseExecutor:
         table: CaseTable,
         *,
         fits: bool = True,
+        chosen: Callable[[int, str], str] = lambda mode, method: method,
         recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.threads, self.state, self.table = modes, options, threads, state, table
@@ -110,7 +113,7 @@ class PhaseExecutor:
         self.methods: dict[Mode, str | None] = {}
         self.numbers: dict[tuple[Mode, str], int] = {}
         self.runners: list[ModeRunner] = []
-        self._fits, self._recorded = fits and options.automatic, recorded
+        self._fits, self._chosen, self._recorded = fits and options.automatic, chosen, recorded
         self._made: tuple[tuple[int, int, int], _Threads] | None = None
         self._packed: list[NDArray[np.int64]] = []
         self.compile_seconds = 0.0
@@ -174,7 +177,8 @@ class PhaseExecutor:
             ready = Cases(model.stages.program, model.derived.start, spans, initial, given)
         except ValueInputError:  # a value that its symbol excludes; the run of the phase says so
             return None
-        return fitting_method(model, ready, self.options, fits=self._fits)
+        found = fitting_method(model, ready, self.options, fits=self._fits)
+        return found and self._chosen(self.modes.automaton.number(mode), found)
 
     # -- running ---------------------------------------------------------------------------
 

@@ -78,7 +78,8 @@ class _Sweep:
         self.watched: dict[Mode, tuple[Event, ...]] = {}
         known = modes, request.layout, request.options, request.threads, self.reductions, self.now, table
         compiled = self.breaks is None and self.inputs is None and compiled_phases(modes)
-        self.executor = PhaseExecutor(*known) if compiled else None
+        fits, chosen = request.options.fits, request.options.method_chosen
+        self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen) if compiled else None
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
@@ -197,7 +198,11 @@ class _Sweep:
         options = replace(self.request.options, events=self.watched[mode], reduce=self.reductions.along or None)
         options = replace(options, grid=None, t_eval=None, threads=self.request.threads, progress=False)
         options = replace(options, inputs=None if self.inputs is None else self.inputs.part(some))
-        if rounds % _BETWEEN_FITS:  # the method that fits is known; to ask takes as long as some hundred phases
+        if options.automatic and not options.fits:
+            number = self.modes.automaton.number(mode)
+            method = options.method_chosen(number, model.choose_method("auto", options.rtol, options.atol, many=True))
+            options = replace(options, method=method)
+        elif rounds % _BETWEEN_FITS:  # the method that fits is known; to ask takes as long as some hundred phases
             options = replace(options, method=method)
         return begin_sweep(
             model,
@@ -328,6 +333,14 @@ class _Sweep:
 
     # -- results ---------------------------------------------------------------------------
 
+    def _methods(self) -> dict[tuple[int, float], str]:
+        """Return the method of each mode by its number and the tolerance."""
+        compiled = {} if self.executor is None else self.executor.methods
+        found = {mode: method for mode, (_, method) in self.fits.items()}
+        found |= {mode: method for mode, method in compiled.items() if method}
+        number, rtol = self.modes.automaton.number, self.request.options.rtol
+        return {(number(mode), rtol): method for mode, method in found.items()}
+
     def _finished(self) -> HybridSweep:
         request = self.request
         started = self.now.mode_numbers() >= 0
@@ -340,6 +353,7 @@ class _Sweep:
             run_seconds=time.perf_counter() - self.begin - self.compile_seconds,
             rtol=request.options.rtol,
             atol=request.options.atol,
+            methods=self._methods(),
         )
         count = len(self.status)
         last = self._states(np.arange(count))
@@ -357,6 +371,7 @@ class _Sweep:
             stats,
             (last, None if request.t_eval is None else self.samples),
             self.phases + started,
+            [contact.name for contact in self.modes.equations.contacts],
             modes,
             self.value,
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ...errors import nesting_named
+from ...errors import OptionError, nesting_named
 from ...options import PrepareOptions, StoreOptions, SweepOptions, simulate_options
 from ...results.sampler import CaseSet
 from ...values import tolerances
@@ -150,7 +150,7 @@ def sweep(
     """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
     With contacts all cases that are in one mode run side by side, every time of `t_eval` ends a step, `max_steps`
-    counts the steps of all phases together, and `project_invariants` and `to` are errors.
+    counts the steps of all phases together, and `project_invariants` is an error.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def sweep(
     Sweep
         After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED. Where `to` is
         given, an ``xarray.Dataset`` in place of it, which reads the store when it is asked. With contacts a
-        `HybridSweep`.
+        `HybridSweep`, or a dataset with ``phases`` and the mode of each contact.
 
     Raises
     ------
@@ -227,6 +227,8 @@ def sweep(
         inputs=read_inputs(self.layout, self._inputs, inputs, many=True) if to is None else None,
     )
     if to is None:
+        if chunk is not None or client is not None:
+            raise OptionError("chunk and client belong to sweeps that are stored: give to= too, or leave them out")
         return self._sweep(t_span, initial, parameters, options)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume)
     return self._stored_sweep((t_span, initial, parameters, inputs), options, where)

@@ -54,11 +54,18 @@ class Store:
 
     @classmethod
     def create(
-        cls, where: Any, request: Request, columns: Columns, rows: int, attributes: Mapping[str, Any], names: Columns
+        cls,
+        where: Any,
+        request: Request,
+        columns: Columns,
+        rows: int,
+        attributes: Mapping[str, Any],
+        names: Columns,
+        told: Mapping[str, Mapping[str, Any]],
     ) -> Store:
         """Lay out a store; `columns` are results of some cases, from which it takes names and kinds of numbers.
 
-        `names` are coordinates: values along the axes, and times to record.
+        `names` are coordinates: values along the axes, and times to record; `told` are attributes of arrays.
         """
         zarr, _ = packages()
         group = zarr.create_group(where, attributes={**attributes, CHUNK: rows}, overwrite=False)
@@ -74,6 +81,7 @@ class Store:
                 dtype=values.dtype,
                 fill_value=np.nan if values.dtype.kind == "f" else -1,
                 dimension_names=(*request.dims, *(("time",) if further else ())),
+                attributes=dict(told.get(name, {})),
                 config={"write_empty_chunks": True},
             )
         count = -(-request.shape[0] // rows)

@@ -7,7 +7,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache, partial
+from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, final
 
@@ -15,19 +15,18 @@ import numpy as np
 
 from ...codegen.llvm.target import target
 from ...errors import MissingExtraError, OptionError, StoredSweepError
+from ...once import DERIVING, derived_once
 from ...options import StoreOptions, SweepOptions
 from ...progress import meter
 from ...results.grid import Grid
 from ...version import __version__
-from ..event_parameters import with_event_parameters
-from .chunks import columns_of, leading_cases, method_of, results_of
+from .chunks import columns_of, results_of
 from .request import Given, Part, Request, request_of
 from .store import COORDINATES, DIGEST, Columns, Store, packages
+from .swept_models import SweptModel
 
 if TYPE_CHECKING:
     import xarray
-
-    from ..model import CompiledModel
 
 __all__ = ["stored_sweep"]
 
@@ -37,6 +36,9 @@ _SECONDS, _BYTES = 4.0, 128 << 20
 """Most seconds of one thread, and most bytes of results, of a chunk."""
 _WAITING = 3
 """Chunks that a thread of a cluster has before it."""
+_MODELS: dict[bytes, SweptModel] = {}
+"""Models that were sent to this process."""
+_MOST_MODELS = 4
 _TARGET = "dalembert_target"
 _NO_MATTER = ("grid", "inputs", "threads", "progress")
 """Options on which results do not depend, or that are among the cases."""
@@ -52,12 +54,12 @@ class _Job:
     target: str
 
 
-def stored_sweep(model: CompiledModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
+def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
     """Return the results of a sweep from its store, after computing what is missing there.
 
     Parameters
     ----------
-    model : CompiledModel
+    model : SweptModel
     given : tuple
         Span, initial values, parameters and inputs, as `CompiledModel.sweep` takes them.
     options : SweepOptions
@@ -75,20 +77,21 @@ def stored_sweep(model: CompiledModel, given: Given, options: SweepOptions, wher
     """
     packages()
     _require_distributed(where)
-    model = with_event_parameters(model, given[2], options.events, options.reduce, options.grid)
-    request = request_of(model.layout, given, options.grid)
+    model = model.with_event_parameters(given[2], options)
+    request = request_of(model.model.layout, given, options.grid)
     store = Store.open(where.to)
     if store is not None and not where.resume:
         raise OptionError(f"to={where.to!r} exists and resume=False; nothing was written. Choose another name")
     each = replace(options, grid=None, progress=False)
-    leaders = leading_cases(model, request, each)
-    each = replace(each, method=method_of(model, request, each))
+    leaders = model.leading_cases(request, each)
+    each = replace(each, chosen=model.methods(request, each))
     pilot, seconds = _pilot(model, request, leaders, each)
     columns, attributes = columns_of(pilot, request), _attributes(model, request, each, pilot)
     if store is None:
         rows = _rows(where.chunk, request, columns, seconds)
         attributes[COORDINATES] = sorted(set(map(str, pilot.coords)) & set(columns))
-        store = Store.create(where.to, request, columns, rows, attributes, _coordinates(request, pilot))
+        told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
+        store = Store.create(where.to, request, columns, rows, attributes, _coordinates(request, pilot), told)
     _refuse_other(store, where, attributes)
     job = _Job(pickle.dumps(model), each, target().key)
     _compute(model, job, request, store, leaders, (where, options.progress))
@@ -112,7 +115,7 @@ def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, An
 
 
 def _pilot(
-    model: CompiledModel, request: Request, leaders: list[int], options: SweepOptions
+    model: SweptModel, request: Request, leaders: list[int], options: SweepOptions
 ) -> tuple[xarray.Dataset, float]:
     """Return the results of the first cases, and the seconds that one case takes in one thread."""
     count = min(_PILOT, request.count)
@@ -145,11 +148,11 @@ def _rows(chunk: int | None, request: Request, columns: Columns, seconds: float)
     return int(min(max(1, chunk // request.row), request.shape[0]))
 
 
-def _attributes(model: CompiledModel, request: Request, options: SweepOptions, pilot: xarray.Dataset) -> dict[str, Any]:
+def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilot: xarray.Dataset) -> dict[str, Any]:
     """Return what the store says of itself."""
     chosen = ((field.name, getattr(options, field.name)) for field in fields(options))
     parts = {
-        "scene": blake2b(str(model.stages.program).encode(), digest_size=16).hexdigest(),
+        "scene": blake2b(model.text.encode(), digest_size=16).hexdigest(),
         "cases": request.digest(),
         "options": repr(sorted((name, _plain(value)) for name, value in chosen if name not in _NO_MATTER)),
     }
@@ -174,7 +177,7 @@ def _difference(held: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
 
 
 def _compute(
-    model: CompiledModel,
+    model: SweptModel,
     job: _Job,
     request: Request,
     store: Store,
@@ -212,7 +215,7 @@ def _part(request: Request, store: Store, chunk: int, leaders: list[int]) -> Par
 
 
 def _outcomes(
-    model: CompiledModel, job: _Job, request: Request, store: Store, parts: Iterator[tuple[int, Part]], client: Any
+    model: SweptModel, job: _Job, request: Request, store: Store, parts: Iterator[tuple[int, Part]], client: Any
 ) -> Iterator[tuple[int, str]]:
     """Yield the number of each chunk that was tried, and why it failed, or nothing."""
     if client is None:
@@ -256,7 +259,7 @@ def _said(reason: BaseException | None) -> str:
     return f"{type(reason).__name__}: {reason}"
 
 
-def _write(model: CompiledModel, options: SweepOptions, request: Request, store: Store, chunk: int, part: Part) -> None:
+def _write(model: SweptModel, options: SweepOptions, request: Request, store: Store, chunk: int, part: Part) -> None:
     """Compute a chunk, and write it."""
     store.write(chunk, request, columns_of(results_of(model, part, options), request))
 
@@ -273,8 +276,9 @@ def _remote(job: _Job, request: Request, where: Any, chunk: int, part: Part) -> 
     _write(_model_of(job.model), replace(job.options, threads=1), request, store, chunk, part)
 
 
-@lru_cache(maxsize=4)
-def _model_of(text: bytes) -> CompiledModel:
-    """Return a model that was sent to this process, compiled once."""
-    found: CompiledModel = pickle.loads(text)
-    return found
+def _model_of(text: bytes) -> SweptModel:
+    """Return a model that was sent to this process, compiled once, whichever threads need it at the same time."""
+    with DERIVING:
+        if text not in _MODELS and len(_MODELS) >= _MOST_MODELS:
+            _MODELS.clear()
+        return derived_once(_MODELS, text, lambda: pickle.loads(text))
