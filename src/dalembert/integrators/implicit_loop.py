@@ -205,7 +205,8 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
     if progress.factored != h:
         return BROKEN, 0
     predict(run.work, progress.ratio * abs(h))
-    known_rate = exp(0.8 * log(max(progress.known_rate, _UNIT)))
+    # where no polynomial foretells the stages, the first correction is all of the increments, and tells nothing
+    known_rate = 1.0 if progress.ratio == 0.0 else exp(0.8 * log(max(progress.known_rate, _UNIT)))
     outcome, iterations, rate = newton(codes.rhs, t, h, kept, run, y, space, tolerance, known_rate)
     progress.evaluations += 3 * iterations
     if iterations > 1:
