@@ -94,7 +94,15 @@ def poles(g, x, y):
     return g.node(1e-30) * (a / g.power(a * a + b * b, 7) - 1 / g.power(y - 9, 9))
 
 
-SCENES = FUNCTIONS | WITH_CONSTANTS | {"everything": everything, "constants": constants, "poles": poles}
+def lengths(g, x, y):
+    """Return what has three lengths, two of which vanish soon: x falls through 0.6, y through 0.2."""
+    near = g.call("sqrt", g.power(x - g.node(0.6), 2)) + g.call("sqrt", g.power(y - g.node(0.2), 2))
+    return near * g.node(1 / 256) + g.call("sqrt", 1 + x * x) - g.node(4.0)
+
+
+SCENES = (
+    FUNCTIONS | WITH_CONSTANTS | {"everything": everything, "constants": constants, "poles": poles, "lengths": lengths}
+)
 
 
 def kernel_of(function):
@@ -193,9 +201,9 @@ ORDERS = [LEAST_ORDER, LEAST_ORDER + 1, FAITHFUL_ORDER + 1]
 
 @pytest.mark.parametrize(
     "name, order, lanes, width",
-    [(name, ORDER, 1, 4) for name in (*FUNCTIONS, "constants", "poles")]
+    [(name, ORDER, 1, 4) for name in (*FUNCTIONS, "constants", "poles", "lengths")]
     + [("everything", order, *shape) for order in ORDERS for shape in SHAPES]
-    + [("poles", order, 4, 1) for order in ORDERS],
+    + [(name, order, 4, 1) for name in ("poles", "lengths") for order in ORDERS],
 )
 def test_a_loop_over_the_orders_gives_the_bits_of_unrolled_code(name, order, lanes, width):
     known = recurrences(kernel_of(SCENES[name]))
@@ -218,6 +226,35 @@ def test_steps_stay_within_the_reach_of_poles(order):
     for out in held:
         assert 0.05 < out[2, 0] < 0.9 * free[2, 0]
         np.testing.assert_allclose(out, held[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [4, 5, ORDER])
+def test_steps_end_where_the_first_of_the_lengths_vanishes(order):
+    """In every form of a step, most of the way to the zero, and not past it."""
+    known = recurrences(kernel_of(lengths))
+    assert len(known.roots) == 2  # the third is 1 at least
+    step = step_kernel(known, order, dense=False)
+    without = step_kernel(replace(known, roots=()), order, dense=False)
+    texts = [assembly([("step", step)], 1), series_loop_assembly("step", known, order, 1, dense=False)]
+    if order >= LEAST_ORDER:
+        texts.append(order_loop_assembly("step", known, order, 1, 4, dense=False))
+    (free, *held), y, *_ = outcomes([assembly([("step", without)], 1), *texts], 4, 1, largest=0.5)
+    assert free[0, 0] < 0.6 < y[0, 0] and free[1, 0] < 0.2 < y[1, 0]
+    for out in held:
+        assert 0.6 < out[0, 0] and 0.2 < out[1, 0] < 0.2 + 0.3 * (y[1, 0] - 0.2)
+        np.testing.assert_allclose(out, held[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("value", ["x", "1 + x", "x + c0", "2 + x + y"])
+def test_roots_that_may_vanish(value):
+    """Those of sums of squares and no positive number."""
+    graph = Graph()
+    x, y, c0 = graph.input(X), graph.input(Y), graph.input("c0")
+    terms = {"x": x * x, "y": y * y, "c0": c0 * c0}
+    total = graph.sum(terms[term] if term in terms else graph.node(int(term)) for term in value.split(" + "))
+    inputs = {x: ("y", 0), y: ("y", 1), c0: ("c", 0)}
+    kernel = lower_kernel(graph, "rhs", [graph.call("sqrt", total), x], inputs, arguments=("t", "y", "c"))
+    assert len(recurrences(kernel).roots) == (value[0] not in "12")
 
 
 def test_a_loop_over_the_orders_squares_what_does_not_move():

@@ -29,8 +29,6 @@ from .model import (
     ContactModel,
     ControllerModel,
     GivenMotion,
-    Piece,
-    Pieces,
     SceneModel,
 )
 from .output_reading import names_as_nodes, read_outputs
@@ -290,31 +288,12 @@ class _SceneReader(GeometryReader):
         for number, item in enumerate(found):
             loads = [self._load(load, 0, item.name) for load in item.loads]
             for load in (load for load in loads if load is not None):
-                force, torque = self._kinked_lengths(load.force), self._kinked_lengths(load.torque)
-                actions.append(replace(load, name=item.name, force=force, torque=torque, actuator=number))
+                actions.append(replace(load, name=item.name, actuator=number))
         stored = [item.potential for item in found]
         return actions, tuple(
             None if energy is None else self._scalar(energy, f"energy of {item.name}")
             for energy, item in zip(stored, found, strict=True)
         )
-
-    def _kinked_lengths(self, pieces: Pieces) -> Pieces:
-        """Return a vector in which roots, the lengths of pathways, have a kink where they vanish.
-
-        The power series of a length that becomes zero goes on to negative values; steps must notice.
-        """
-        graph, moving = self.graph, self._moving()
-        new: dict[int, Node] = {}
-
-        def kinked(node: Node) -> Node:
-            if node.op == "input" or not node.deps & moving:
-                return node
-            made = graph.call(node.op, *(new[arg.index] for arg in node.args))
-            return graph.call("abs", made) if node.op == "sqrt" else made
-
-        graph.visit([x for piece in pieces for x in piece.components], new, kinked)
-        found = [(piece.frame, [new[x.index] for x in piece.components]) for piece in pieces]
-        return tuple(Piece(frame, (x, y, z)) for frame, (x, y, z) in found)
 
     def _load(self, load: Any, number: int, name: str = "") -> Action | None:
         place = f"load {number + 1}"

@@ -23,6 +23,7 @@ __all__ = [
     "nonsmooth_values",
     "only_in_branches",
     "reached_from",
+    "vanishing_roots",
 ]
 
 _CHOOSING = ("select", "min", "max")
@@ -85,6 +86,22 @@ def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
 def nonsmooth_values(found: Mapping[str, str]) -> list[str]:
     """Return those of the values that `nonanalytic_operations` gives which have a kink or a jump."""
     return [name for name, what in found.items() if what in _KINKED]
+
+
+def vanishing_roots(kernel: Kernel, moving: Collection[Operand]) -> tuple[str, ...]:
+    """Return the square roots of moving values that may vanish: of all but sums of squares and a positive number."""
+    signs: dict[Operand, float] = {}
+    found = []
+    for line in kernel.body:
+        least = [signs.get(arg) if isinstance(arg, str) else arg for arg in line.args]
+        if line.op in ("abs", "sqrt", "exp", "cosh") or (line.op == "mul" and line.args[0] == line.args[1]):
+            signs[line.target] = 0.0
+        elif line.op in ("add", "mul") and all(x is not None and x >= 0.0 for x in least):
+            first, second = (x or 0.0 for x in least)
+            signs[line.target] = first + second if line.op == "add" else first * second
+        if line.op == "sqrt" and line.args[0] in moving and not signs.get(line.args[0], 0.0) > 0.0:
+            found.append(line.target)
+    return tuple(found)
 
 
 def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:

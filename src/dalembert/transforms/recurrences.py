@@ -13,7 +13,15 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.kernel import Assignment, Kernel, Operand
-from .nonsmooth import INVERSE, last_of, leading_to, nonanalytic_operations, nonsmooth_values, reached_from
+from .nonsmooth import (
+    INVERSE,
+    last_of,
+    leading_to,
+    nonanalytic_operations,
+    nonsmooth_values,
+    reached_from,
+    vanishing_roots,
+)
 from .periodic import turning
 
 __all__ = ["Integrated", "Recurrences", "recurrences"]
@@ -53,6 +61,8 @@ class Recurrences:
         Whether there are kinks or jumps in state or time.
     tables : tuple of (str, float)
         Arguments of tables that vary, and the keys of these: a step ends where an argument leaves a piece.
+    roots : tuple of str
+        Square roots that may vanish: a step ends there, because power series go on to negative values.
     """
 
     kernel: Kernel
@@ -66,6 +76,12 @@ class Recurrences:
     step_growth_limited: bool = False
     nonsmooth: bool = False
     tables: tuple[tuple[str, float], ...] = ()
+    roots: tuple[str, ...] = ()
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """Values whose series the end of a step reads whole: the arguments of tables, and the roots."""
+        return (*(argument for argument, _ in self.tables), *self.roots)
 
     @property
     def angles(self) -> frozenset[str]:
@@ -126,6 +142,7 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
             for line in kernel.body
             if line.op == "piece" and line.args[0] in varying
         ),
+        vanishing_roots(kernel, varying - flat),
     )
 
 

@@ -24,6 +24,7 @@ from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
+from .root_steps import before_zeros
 from .table_steps import CLOCK, within_piece
 
 __all__ = [
@@ -90,7 +91,7 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     expansion.extend(order)
     lines = expansion.lines
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    poles, arguments = recurrences.poles, [expansion.of(argument) for argument, _ in recurrences.tables]
+    poles, arguments = recurrences.poles, [expansion.of(value) for value in recurrences.watched]
     outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in poles], order, arguments)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
@@ -113,7 +114,7 @@ def closing_loads(recurrences: Recurrences) -> list[Load]:
     loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
     if recurrences.step_growth_limited:
         loads.append(Load(PREVIOUS, "y", len(recurrences.states)))
-    return [*loads, Load(CLOCK, "t", None)] if recurrences.tables else loads
+    return [*loads, Load(CLOCK, "t", None)] if recurrences.watched else loads
 
 
 def closing(
@@ -122,11 +123,11 @@ def closing(
     rates: list[Series],
     poles: list[Series],
     order: int,
-    arguments: Sequence[Series] = (),
+    watched: Sequence[Series] = (),
 ) -> list[Operand]:
     """Return the new state, the size of the step and the check, from the series of the rates and of the poles.
 
-    Of poles, the first terms and the last two are read; `arguments` are the series of the arguments of tables.
+    Of poles, the first terms and the last two are read; `watched` are the series of `Recurrences.watched`.
     """
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
@@ -135,10 +136,12 @@ def closing(
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
     if recurrences.step_growth_limited:
         size = grown(lines, size, largest)
+    arguments, roots = watched[: len(recurrences.tables)], watched[len(recurrences.tables) :]
     for (_, key), series in zip(recurrences.tables, arguments, strict=True):
         size = within_piece(lines, series, key, order, size, direction)
+    tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
+    size = before_zeros(lines, roots, rates, order, size, direction, scale, tolerance)
     if recurrences.controlled:
-        tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
         begun: dict[Operand, Operand] = {
             name: series[0] for (name, _), series in zip(recurrences.tables, arguments, strict=True)
         }
@@ -173,14 +176,14 @@ def ending(
     rates: list[list[str]],
     poles: list[list[str]],
     order: int,
-    arguments: Sequence[list[str]] = (),
+    watched: Sequence[list[str]] = (),
 ) -> tuple[list[Assignment], list[Operand]]:
     """Return the end of a step whose series are already known: lines, and the outputs of `step_kernel` without dense.
 
-    `rates`, `poles` and `arguments` name the coefficients 0 to order - 1 of each rate, pole and argument of a table.
+    `rates`, `poles` and `watched` name the coefficients 0 to order - 1 of each rate, pole and watched value.
     """
     lines = Lines()
-    known: list[list[Series]] = [[list(names) for names in group] for group in (rates, poles, arguments)]
+    known: list[list[Series]] = [[list(names) for names in group] for group in (rates, poles, watched)]
     outputs = closing(lines, recurrences, known[0], known[1], order, known[2])
     return lines.body, outputs
 

@@ -87,7 +87,7 @@ class _Step:
         self.ahead.extend()
         body = self.entry.lines.body
         self.first_orders, self.later_orders = body[:opened], body[opened:]
-        kept = dict.fromkeys([*recurrences.rates, *(argument for argument, _ in recurrences.tables)])
+        kept = dict.fromkeys([*recurrences.rates, *recurrences.watched])
         self.rates = [r for r in kept if isinstance(r, str) and len(self.entry.series[r]) > 1]
 
     # -- lines ----------------------------------------------------------------------------
@@ -304,8 +304,8 @@ class _Step:
             [*self.entry.series[pole][:first], *between, *self.ahead.series[pole][1:3]]
             for pole in self.recurrences.poles
         ]
-        arguments = [known[name] for name, _ in self.recurrences.tables]
-        outputs = closing(lines, self.recurrences, rates, poles, self.order, arguments)
+        watched = [known[name] for name in self.recurrences.watched]
+        outputs = closing(lines, self.recurrences, rates, poles, self.order, watched)
         self.printer.body(lines.body[done:])
         for index, operand in enumerate(outputs):
             self.printer.store(operand, index)

@@ -294,11 +294,11 @@ class _Step:
         for names, pole in zip(poles, self.recurrences.poles, strict=True):
             for k, name in enumerate(names):
                 self._set(name, f"load {self.v}, ptr {self._at(self.slots[pole], str(k))}, align 8")
-        arguments = [[f"argument.{i}.{k}" for k in range(self.order)] for i in range(len(self.recurrences.tables))]
-        for names, (argument, _) in zip(arguments, self.recurrences.tables, strict=True):
+        watched = [[f"watched.{i}.{k}" for k in range(self.order)] for i in range(len(self.recurrences.watched))]
+        for names, value in zip(watched, self.recurrences.watched, strict=True):
             for k, name in enumerate(names):
-                self._set(name, f"load {self.v}, ptr {self._at(self.slots[argument], str(k))}, align 8")
-        body, outputs = ending(self.recurrences, series, poles, self.order, arguments)
+                self._set(name, f"load {self.v}, ptr {self._at(self.slots[value], str(k))}, align 8")
+        body, outputs = ending(self.recurrences, series, poles, self.order, watched)
         old = {state: f"{state}.old" for state in states}
         body = [
             Assignment(x.target, x.op, tuple(old.get(a, a) if isinstance(a, str) else a for a in x.args)) for x in body

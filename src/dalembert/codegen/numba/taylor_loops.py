@@ -192,13 +192,12 @@ class _Step:
         names: dict[Operand, str] = dict(old.items())
         rates = [[f"rate_{i}_{k}_" for k in orders] for i in range(len(states))]
         poles = [[f"pole_{i}_{k}_" for k in orders] for i in range(len(recurrences.poles))]
-        held = [name for name, _ in recurrences.tables]
-        arguments = [[f"argument_{i}_{k}_" for k in orders] for i in range(len(held))]
-        body, outputs = ending(recurrences, rates, poles, self.order, arguments)
+        watched = [[f"watched_{i}_{k}_" for k in orders] for i in range(len(recurrences.watched))]
+        body, outputs = ending(recurrences, rates, poles, self.order, watched)
         lines = [f"{name} = y[{i}]" for i, name in enumerate(old.values())]
         lines += [f"{load.target} = {load.array}[{load.index or 0}]" for load in closing_loads(recurrences)]
-        sources = [*recurrences.rates, *recurrences.poles, *held]
-        for values, series in zip([*rates, *poles, *arguments], sources, strict=True):
+        sources = [*recurrences.rates, *recurrences.poles, *recurrences.watched]
+        for values, series in zip([*rates, *poles, *watched], sources, strict=True):
             for k, value in enumerate(values):
                 lines.append(f"{value} = {self._first(series) if k == 0 else self._at(series, k)}")
         read = {arg for line in body for arg in line.args} | set(outputs)
