@@ -133,10 +133,12 @@ def test_the_order_is_that_of_the_design_page():
     assert set(ORDER) <= set(listed)
 
 
-def test_a_scene_without_contacts_imports_no_code_of_contacts_and_no_numba():
+def test_a_scene_without_contacts_imports_no_code_of_contacts_or_sweeps_and_no_numba():
     script = (
         "import sys, dalembert as da; da.compile_model(da.scenes.chaplygin_sleigh());"
-        "print(sorted({'numba', 'jax', 'dalembert.runtime.hybrid', 'dalembert.codegen.numba'} & set(sys.modules)))"
+        "unneeded = {'numba', 'jax', 'scipy.integrate', 'dalembert.hybrid', 'dalembert.codegen.numba'};"
+        "unneeded |= {f'dalembert.runtime.{name}' for name in ('hybrid', 'sweep', 'trim', 'stored', 'variation')};"
+        "print(sorted(unneeded & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

@@ -13,13 +13,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 from .codegen import backend_named
 from .codegen.base import Engine, RenderedModule
 from .errors import EnergyWarning, OptionError, SceneError, list_names, warn_caller
-from .hybrid.automaton import HybridAutomaton
-from .hybrid.modes import Mode, always, mode_equations
 from .ir.program import Program
 from .lowering.programs import lower
 from .mechanics.copying import copied
@@ -29,11 +27,14 @@ from .once import deriving
 from .options import CompileOptions
 from .progress import enter_stage
 from .reduction import ReducedSystem, reduce
-from .reduction.invariant_projection import project_invariants
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
 from .transforms.pipelines import PassRecord
+
+if TYPE_CHECKING:
+    from .hybrid.automaton import HybridAutomaton
+    from .hybrid.modes import Mode
 
 __all__ = [
     "Compiled",
@@ -148,6 +149,9 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
     derivation = derive_scene(scene, options)
     contacts, mode = derivation.equations.contacts, None
     if contacts:
+        from .hybrid.automaton import HybridAutomaton
+        from .hybrid.modes import always
+
         mode = always(contacts)
         if mode is None:
             if derivation.equations.controllers:
@@ -217,12 +221,16 @@ def compile_equations(
     backend = backend_named(options.backend)
     equations = watch("copy", lambda: copied(derivation.equations))
     if mode is not None:
+        from .hybrid.modes import mode_equations
+
         single, whole = mode, equations
         equations = watch("mode", lambda: mode_equations(whole, single))
         names += [point.output for point in equations.guards]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
     _require_names_beside_the_state(derivation.model, reduced)
     if kept:
+        from .reduction.invariant_projection import project_invariants
+
         unprojected = reduced
         reduced = watch("project", lambda: project_invariants(unprojected, kept))
     records: list[PassRecord] = []

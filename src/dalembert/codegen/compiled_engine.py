@@ -13,9 +13,7 @@ from ..integrators.cases import BlockResult, CaseColumns
 from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
-from ..integrators.reductions import KINDS
 from ..integrators.segments import constants_at
-from ..integrators.stiffness import Rates, fitting, radau_pays, still_stiff
 from ..integrators.workspace import POINT_LANES, EventKernels, aligned, no_events
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -24,21 +22,16 @@ from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
-from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
 from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
-from .base import CaseRun, Engine, Prepared, StartCode, growing_step_blocks
+from .base import CaseRun, Engine, Prepared, StartCode
 from .library import LARGEST_UNROLLED, KernelLibrary
-from .llvm.advance_lanes import advance_lanes
-from .llvm.check_inputs import check_inputs
 from .llvm.loops import loop_named
-from .llvm.prepared import prepared_run
-from .llvm.starts import start_code
-from .llvm.sweeps import SweepShape, case_run
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
     from ..integrators.explicit_loop import ExplicitCode
     from ..integrators.implicit_loop import ImplicitCode
+    from ..integrators.stiffness import Rates
     from ..integrators.taylor_runs import StepCode
     from ..methods.tableau import Tableau
     from ..reduction.starting import Start
@@ -167,6 +160,8 @@ class CompiledEngine(Engine):
         reason = ""
 
         def watch(t: float, y: FloatArray, step: float) -> bool:
+            from ..integrators.stiffness import radau_pays, still_stiff
+
             nonlocal reason
             rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
             if rate:
@@ -197,6 +192,8 @@ class CompiledEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`."""
+        from ..integrators.stiffness import fitting
+
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
@@ -210,6 +207,8 @@ class CompiledEngine(Engine):
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`: a few steps at first, ever more later."""
+        from .step_blocks import growing_step_blocks
+
         self.prepare(problem, method)
         yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, 1)
 
@@ -230,6 +229,10 @@ class CompiledEngine(Engine):
             (watched is not None and watched.reads_inputs) or (wanted and (position or velocity))
         ):
             return None  # what is watched of inputs, and samples that are projected, belong to those within the step
+        from .llvm.advance_lanes import advance_lanes
+        from .llvm.check_inputs import check_inputs
+        from .llvm.sweeps import SweepShape, case_run
+
         with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
             with_series = len(watched.events)
@@ -258,6 +261,8 @@ class CompiledEngine(Engine):
         """See `Engine.prepared`."""
         if method == "radau":
             return super().prepared(problem, method, constants)
+        from .llvm.prepared import prepared_run
+
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
@@ -269,6 +274,8 @@ class CompiledEngine(Engine):
         steps = self.steps
         if not steps.compiles_starts:
             return None
+        from .llvm.starts import start_code
+
         sizes = (self._parameters, self._sizes["prepare"], len(start.given), len(start.kernel.outputs))
         return start_code(steps.prepare(), steps.start(start, 1), sizes, steps)
 
@@ -307,6 +314,9 @@ class CompiledEngine(Engine):
     def _compiled_events(
         self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, with_series: int
     ) -> EventKernels:
+        from ..integrators.reductions import KINDS
+        from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
+
         steps, values = self.steps, code.watch.values
         tableau = None if method == "taylor" else _pair(method)
         jumps = [0 if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
-from ..integrators.events import Occurrence
 from .motion import Motion
 
 if TYPE_CHECKING:
+    from ..integrators.events import Occurrence
     from .trajectory import Trajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]

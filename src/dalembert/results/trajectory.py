@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.events import Occurrence
 from ..integrators.problem import DenseOutput
 from ..integrators.projected_states import projected
 from ..integrators.segments import Constants, Segments, constants_at
@@ -29,6 +28,7 @@ from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_ener
 if TYPE_CHECKING:
     import xarray
 
+    from ..integrators.events import Occurrence
     from ..scene import Scene
 
 __all__ = [

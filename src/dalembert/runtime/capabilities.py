@@ -1,13 +1,18 @@
-"""What a compiled model can do beyond simulation: declared by backends, limited by scenes, looked up before use."""
+"""Refusals of what a backend or a scene cannot do, looked up before use."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..codegen import backend_named
 from ..codegen.base import Capability
-from ..errors import CapabilityError
+from ..errors import CapabilityError, list_names
 from ..ir.program import Program
+from ..scene.model import ControllerModel
 
-__all__ = ["refusal", "require"]
+__all__ = ["WITHOUT", "refusal", "refuse_functions", "refuse_sampling", "require"]
+
+WITHOUT = "compile the scene without them, copy() of it before add_controllers, so that their inputs are given"
 
 
 def refusal(backend: str, program: Program, capability: Capability) -> str:
@@ -34,3 +39,31 @@ def require(backend: str, program: Program, capability: Capability) -> None:
     why = refusal(backend, program, capability)
     if why:
         raise CapabilityError(why)
+
+
+def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
+    """Refuse what cannot call Python functions.
+
+    Raises
+    ------
+    CapabilityError
+        Naming the controllers, with the remedy.
+    """
+    names = [item.name for item in controllers if item.function is not None]
+    if names:
+        raise CapabilityError(
+            f"{what} calls no Python functions, and the laws of controller {list_names(names)} are one: write them as"
+            " expressions, Controller(states={...}, inputs={...}), or call simulate for each run"
+        )
+
+
+def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: str) -> None:
+    """Refuse what does not know of controllers, by their names.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if controllers:
+        names = list_names(item.name for item in controllers)
+        raise CapabilityError(f"{what} does not know of sampled controllers ({names}): {remedy}")

@@ -1,25 +1,27 @@
-"""Kernels and facts of one model that are derived when they are first needed, and kept."""
+"""Kernels and facts of one model that are derived when they are first needed, and kept.
+
+Modules that derive them are imported then, because that takes a while.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from ..codegen.base import Engine
-from ..integrators.event_code import Event, EventCode, event_list
 from ..once import DERIVING, derived_once, derived_property
 from ..pipeline import Stages
-from ..reduction.gimbal import Gimbals, gimbals
 from ..reduction.invariants import Candidates, candidates
-from ..reduction.rank import rank_margins
 from ..reduction.starting import Start, starting
-from .events import compiled_events
 from .partials import Partials
-from .quick_start import QuickStart
-from .reductions import reduction_table
 from .symbol_assumptions import signed_names
-from .table_range import TableRange, table_range
-from .variation import Variation, vary
+
+if TYPE_CHECKING:
+    from ..integrators.event_code import EventCode
+    from ..reduction.gimbal import Gimbals
+    from .quick_start import QuickStart
+    from .table_range import TableRange
+    from .variation import Variation
 
 __all__ = ["Derived"]
 
@@ -66,6 +68,8 @@ class Derived:
         key = frozenset(given)
         found = self._quick_starts.get(key)
         if found is None:
+            from .quick_start import QuickStart
+
             found = QuickStart(self._engine, self.start(key), len(self._stages.program.layout.state))
             found = self._quick_starts.setdefault(key, found)
         return found
@@ -78,10 +82,17 @@ class Derived:
         same = isinstance(events, tuple) and reduce is None and not ranks
         if same and not events:
             return None
+        from ..integrators.event_code import Event
+
         same = same and all(isinstance(event, Event) and event.apply is None for event in events)
         kept = self._by_tuple.get(id(events)) if same else None
         if kept is not None and kept[0] is events:
             return kept[1]
+        from ..integrators.event_code import event_list
+        from ..reduction.rank import rank_margins
+        from .events import compiled_events
+        from .reductions import reduction_table
+
         aliases = self._stages.program.layout.aliases
         listed, reductions = event_list(events, aliases), reduction_table(reduce, aliases)
         with DERIVING:
@@ -103,16 +114,22 @@ class Derived:
 
     def variation(self, given: tuple[str, ...], of: tuple[str, ...], wrt: tuple[str, ...]) -> Variation:
         """Return the variational equations of values by parameters and given values, made once for each set of them."""
+        from .variation import vary
+
         return derived_once(self._variations, (given, of, wrt), lambda: vary(self._stages, given, of, wrt))
 
     @derived_property
     def gimbals(self) -> Gimbals | None:
         """The angles that may lock."""
+        from ..reduction.gimbal import gimbals
+
         return gimbals(self._stages.reduced)
 
     @derived_property
     def tables(self) -> TableRange | None:
         """The tables that have values within their knots only."""
+        from .table_range import table_range
+
         return table_range(self._stages.program)
 
     @derived_property

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..integrators.event_code import Event, event_list
 from ..integrators.problem import times_wanted
 from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.model import SymbolTable
-from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:
+    from ..integrators.event_code import Event
     from .model import CompiledModel
+    from .reductions import Reduction
 
 __all__ = [
     "Asked",
@@ -97,6 +97,9 @@ def asked(symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any 
     def meant(expression: Any) -> Any:
         called = isinstance(expression, str) and symbols.aliases.get(expression, expression) == symbols.time
         return time_symbol() if called else expression
+
+    from ..integrators.event_code import event_list
+    from .reductions import reduction_table
 
     listed = event_list(events, symbols.aliases)
     table = reduction_table(reduce, symbols.aliases)

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from ..codegen.base import Engine
 from ..ir.program import Program
+from ..pipeline import Compiled
+from ..reduction.sampling_kernels import sampling_kernels
+from ..reduction.starting import Start
+from .impulses import landing_of
 
 if TYPE_CHECKING:
     from ..integrators.chaining import Landing
     from .sampling import Sampling
 
-__all__ = ["segmented"]
+__all__ = ["engine_of", "segmented"]
+
+
+def engine_of(compiled: Compiled, start: Callable[[Iterable[str]], Start]) -> Engine:
+    """Return the engine of a compiled scene; `start` gives the kernel from given initial values to the state."""
+    stages, sampling = compiled.stages, None
+    kernels = sampling_kernels(stages.reduced)
+    if kernels is not None:
+        from .sampling import Sampling
+
+        sampling = Sampling(stages.program, kernels)
+    landing = landing_of(stages.equations, stages.program, start)
+    return segmented(compiled.engine, stages.program, landing, sampling)
 
 
 def segmented(

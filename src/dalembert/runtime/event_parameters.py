@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..integrators.event_code import event_list
-from ..results.sampler import CaseSet
 from ..scene.expressions import symbols_called
-from .reductions import reduction_table
 
 if TYPE_CHECKING:
     from ..ir.program import Layout
+    from ..results.sampler import CaseSet
     from .model import CompiledModel
 
 __all__ = ["event_parameters", "with_event_parameters"]
@@ -57,6 +55,9 @@ def event_parameters(
 
 def _expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterable[Any]:
     """Yield the expressions of events, of the jumps that they apply, and of reductions."""
+    from ..integrators.event_code import event_list
+    from .reductions import reduction_table
+
     for event in event_list(events, aliases):
         yield event.expression
         yield from (event.apply or {}).values()

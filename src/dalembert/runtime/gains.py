@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from ..integrators.problem import IntegrationProblem, Solution
 from ..ir.program import Layout, Program
 from ..reduction.baumgarte import GAINS
 from . import inputs
-from .cases import Cases, Settings, single_problem
+
+if TYPE_CHECKING:
+    from .cases import Cases, Settings
 
 __all__ = ["give_gains", "with_gains"]
 
@@ -58,7 +60,11 @@ def with_gains(program: Program, run: Run, problem: IntegrationProblem, given: M
 def give_gains(engine: Engine, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
     """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
     out = _left_out(cases.program.layout, given)
-    problem = single_problem(cases, settings, 0) if out else None
+    if not out:
+        return
+    from .cases import single_problem
+
+    problem = single_problem(cases, settings, 0)
     if problem is None:
         return
     for name in out:

@@ -11,38 +11,30 @@ from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability, Engine
 from ..errors import OptionError, list_names, unknown_name
-from ..hybrid.modes import Mode
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
 from ..options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
-from ..reduction.sampling_kernels import sampling_kernels
-from ..results.linearization import Linearization
-from ..results.sweep import Sweep
-from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..values import tolerances
 from . import inputs as run_input
 from .base import Given, Model
 from .capabilities import require
 from .derived import Derived
-from .engines import segmented
-from .explain import explain
-from .impulses import landing_of
+from .engines import engine_of
 from .interface import derivatives, motions, states, traced
-from .linearize import linearize
-from .monitors import conserved
-from .prepare import prepare
-from .prepared import PreparedRun
-from .sampling import Sampling
 from .segment_constants import at_time
 from .simulate import simulate
-from .sweep import sweep
 from .variants import Variants
 
 if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
+    from ..hybrid.modes import Mode
+    from ..results.linearization import Linearization
+    from ..results.sweep import Sweep
+    from ..results.trajectory import Trajectory
+    from .prepared import PreparedRun
 
 __all__ = ["CompiledModel"]
 
@@ -52,7 +44,7 @@ _MOST_CHOSEN = 64
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class CompiledModel(Model[Trajectory, Sweep]):
+class CompiledModel(Model["Trajectory", "Sweep"]):
     """A scene compiled for one backend in one formulation.
 
     It holds what was compiled and does not change; `simulate`, `sweep`, `prepare`, `sensitivity`, `linearize` and
@@ -102,11 +94,7 @@ class CompiledModel(Model[Trajectory, Sweep]):
         """Return the model of a scene that went through all stages."""
         stages = compiled.stages
         derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
-        landing = landing_of(stages.equations, stages.program, derived.start)
-        kernels = sampling_kernels(stages.reduced)
-        sampling = None if kernels is None else Sampling(stages.program, kernels)
-        engine = segmented(compiled.engine, stages.program, landing, sampling)
-        return cls(stages, engine, compiled.methods, dropped, derived, variants)
+        return cls(stages, engine_of(compiled, derived.start), compiled.methods, dropped, derived, variants)
 
     # -- what was compiled -----------------------------------------------------------------
 
@@ -240,6 +228,8 @@ class CompiledModel(Model[Trajectory, Sweep]):
             Whether to count the operations of a right-hand side in every formulation, which derives them. Otherwise
             nothing is derived or compiled.
         """
+        from .explain import explain
+
         return explain(self, passes=passes, formulations=formulations)
 
     def __eq__(self, other: object) -> bool:
@@ -263,7 +253,7 @@ class CompiledModel(Model[Trajectory, Sweep]):
     def __reduce__(self) -> tuple[Any, ...]:
         return _compiled_again, (self.stages.scene, self.stages.options, self.stages.mode, self.stages.kept)
 
-    # -- what functions over models call ---------------------------------------------------
+    # -- what functions over models call; but for `simulate` it is imported when it is first needed ---------
 
     @property
     def _equations(self) -> EquationsOfMotion:
@@ -275,6 +265,8 @@ class CompiledModel(Model[Trajectory, Sweep]):
         return simulate(self, t_span, initial, parameters, options)
 
     def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> Sweep:
+        from .sweep import sweep
+
         return sweep(self, t_span, initial, parameters, options)
 
     def _stored_sweep(
@@ -286,11 +278,15 @@ class CompiledModel(Model[Trajectory, Sweep]):
         return stored_sweep(SmoothModel(self), given, options, to)
 
     def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+        from .prepare import prepare
+
         return prepare(self, t_span, options)
 
     def _linearize(
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
     ) -> Linearization:
+        from .linearize import linearize
+
         return linearize(self, t, initial, parameters, states, outputs)
 
     def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
@@ -309,6 +305,8 @@ class CompiledModel(Model[Trajectory, Sweep]):
         t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
             Times [s]; coordinates, rates and first-order states.
         """
+        from .monitors import conserved
+
         return conserved(self.stages.program, self.derived.invariants, c, t, x)
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import CapabilityError, OptionError, ValueInputError, list_names
+from ..errors import OptionError, ValueInputError, list_names
 from ..integrators.problem import SamplingClock
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -18,11 +18,8 @@ from ..ir.program import Program
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..reduction.sampling_kernels import Action, SamplingKernels
 from ..scene.elapsed import START
-from ..scene.model import ControllerModel
 
-__all__ = ["WITHOUT", "NoInstants", "Sampling", "refuse_functions", "refuse_sampling"]
-
-WITHOUT = "compile the scene without them, copy() of it before add_controllers, so that their inputs are given"
+__all__ = ["NoInstants", "Sampling"]
 
 _MOST = 10_000_000
 """Number of instants of one run from which on it is refused."""
@@ -177,31 +174,3 @@ def _numbers(controller: str, what: str, names: Sequence[str], given: Any) -> li
             f" {list_names(names) or 'none'}, in this order or by name"
         )
     return found
-
-
-def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
-    """Refuse what cannot call Python functions.
-
-    Raises
-    ------
-    CapabilityError
-        Naming the controllers, with the remedy.
-    """
-    names = [item.name for item in controllers if item.function is not None]
-    if names:
-        raise CapabilityError(
-            f"{what} calls no Python functions, and the laws of controller {list_names(names)} are one: write them as"
-            " expressions, Controller(states={...}, inputs={...}), or call simulate for each run"
-        )
-
-
-def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: str) -> None:
-    """Refuse what does not know of controllers, by their names.
-
-    Raises
-    ------
-    CapabilityError
-    """
-    if controllers:
-        names = list_names(item.name for item in controllers)
-        raise CapabilityError(f"{what} does not know of sampled controllers ({names}): {remedy}")

@@ -21,7 +21,6 @@ from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_fro
 from .event_parameters import with_event_parameters
 from .gains import with_gains
 from .inputs import span_of
-from .invariant_projection import keeping_from, refuse_jumps
 from .segment_constants import starting_constants
 from .single_run import integrate
 
@@ -77,6 +76,8 @@ def simulate_in_own_time(
 ) -> Trajectory:
     """Return one trajectory in the time of the model, whatever the span."""
     if options.project_invariants is not False:
+        from .invariant_projection import keeping_from, refuse_jumps
+
         refuse_jumps(options.events, model.layout.aliases)
         keeper, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
         options = replace(options, project_invariants=False)

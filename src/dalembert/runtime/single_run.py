@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..integrators.chaining import blocks_between_knots
-from ..integrators.event_code import EventCode
-from ..integrators.events import Occurrence, integrate_watched
 from ..integrators.problem import IntegrationProblem, SamplingClock, Solution, prescribed
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
@@ -27,6 +24,8 @@ from .symbol_assumptions import warn_of_motion
 from .table_range import ended_outside
 
 if TYPE_CHECKING:
+    from ..integrators.event_code import EventCode
+    from ..integrators.events import Occurrence
     from .model import CompiledModel
 
 __all__ = ["integrate"]
@@ -115,6 +114,9 @@ def _watched(
     model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode
 ) -> tuple[Solution, list[Occurrence]]:
     """Integrate one problem with events."""
+    from ..integrators.chaining import blocks_between_knots
+    from ..integrators.events import integrate_watched
+
     engine = model.engine
 
     def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:

@@ -18,9 +18,6 @@ from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..errors import list_names
 from ..integrators.cases import BlockResult, CaseBlock
-from ..integrators.chaining import blocks_between_knots
-from ..integrators.event_code import SUSPECT
-from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution
 from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
@@ -305,6 +302,8 @@ def judged_cases(
     Those of "radau", which run alone in any case, are not marked, and all looked at. Samples behind the
     place are NaN, as are reductions, and nothing is said of events.
     """
+    from ..integrators.event_code import SUSPECT
+
     marked = done.ends[:, 1] <= SUSPECT
     done.ends[marked, 1] = SUSPECT - done.ends[marked, 1]
     looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
@@ -335,6 +334,9 @@ def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationPr
     """Return a case of a block with its continuous output, and with its events where it has any."""
     if block.watch is None or not block.watch.reported:
         return engine.integrate(problem, method)
+    from ..integrators.chaining import blocks_between_knots
+    from ..integrators.events import integrate_watched
+
     watched, blocks = block.watch.watched(engine.course(problem)), partial(engine.step_blocks, method=method)
     between = partial(blocks_between_knots, blocks) if block.watch.reads_inputs else blocks
     return integrate_watched(between, problem, watched)[0]

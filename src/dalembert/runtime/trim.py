@@ -14,9 +14,9 @@ from ..options import TrimOptions
 from ..results.operating_point import OperatingPoint
 from . import inputs as run_input
 from .assembly import assembled
+from .capabilities import WITHOUT, refuse_sampling
 from .input_expansion import held_at
 from .newton import Root, floored, newton
-from .sampling import WITHOUT, refuse_sampling
 from .singular import redundant
 from .steady_conditions import SteadyConditions
 from .trim_report import TrimChoice, TrimReport, given_places

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ...errors import nesting_named
 from ...options import SensitivityOptions, TrimOptions
 from ...values import option
+from ..capabilities import WITHOUT, refuse_functions, refuse_sampling
 from ..input_values import read_inputs, with_inputs
-from ..sampling import WITHOUT, refuse_functions, refuse_sampling
 
 if TYPE_CHECKING:
     from ...results.linearization import Linearization

@@ -9,13 +9,13 @@ import numpy as np
 
 from ...errors import OptionError, nesting_named
 from ...options import PrepareOptions, StoreOptions, SweepOptions, simulate_options
-from ...results.sampler import CaseSet
 from ...values import tolerances
+from ..capabilities import refuse_functions
 from ..input_values import read_inputs
-from ..sampling import refuse_functions
 
 if TYPE_CHECKING:
     from ...results.comparison import Comparison
+    from ...results.sampler import CaseSet
     from ..base import Model
     from ..model import CompiledModel
     from ..prepared import PreparedRun

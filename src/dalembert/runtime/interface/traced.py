@@ -10,8 +10,7 @@ import numpy as np
 from ...codegen.base import Capability
 from ...options import SolveOptions
 from .. import inputs as run_input
-from ..capabilities import require
-from ..sampling import refuse_sampling
+from ..capabilities import refuse_sampling, require
 
 if TYPE_CHECKING:
     from ...codegen.base import TracedEngine
