@@ -27,6 +27,7 @@ from ..options import SolveOptions
 if TYPE_CHECKING:
     from ..integrators.workspace import LoopProgress
     from ..reduction.starting import Start
+    from ..scene.model import InputSymbol
 
 __all__ = [
     "Backend",
@@ -321,8 +322,11 @@ class TracedEngine(Protocol):
         """Traced functions of a state: energy, mass matrix and so on."""
         ...
 
-    def solve_fn(self, start: Start | None, options: SolveOptions) -> Any:
-        """Return a traced function that solves from given values, or from the state where `start` is None."""
+    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Any:
+        """Return a traced function that solves from given values, or from the state where `start` is None.
+
+        `inputs` are those of the scene.
+        """
         ...
 
 

@@ -12,9 +12,9 @@ from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, unknown_name
 from ..ir.input_parameters import WIDTH
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..values import array_of
+from ..values import array_of, traced_note
 
-__all__ = ["EXTRAPOLATE", "KINDS", "Samples", "samples"]
+__all__ = ["EXTRAPOLATE", "KINDS", "Samples", "checked_samples", "samples"]
 
 KINDS = ("hold", "linear", "cubic")
 """Interpolations between the values at the knots."""
@@ -42,6 +42,8 @@ class Samples:
         One of `EXTRAPOLATE`.
     slopes : ndarray or None
         Derivatives at the knots of the kind "cubic", of the shape of the values.
+    checked : bool
+        Whether the arrays hold what `samples` requires; else JAX may trace them, and slopes are None.
     """
 
     t: FloatArray
@@ -49,6 +51,7 @@ class Samples:
     kind: str
     extrapolate: str
     slopes: FloatArray | None
+    checked: bool = True
 
     @property
     def cases(self) -> int | None:
@@ -65,6 +68,17 @@ class Samples:
         """Number of the last piece."""
         return len(self.t) - (2 if self.extrapolate == "error" and self.kind != "hold" and len(self.t) > 1 else 1)
 
+    @property
+    def smoothness_inside(self) -> int:
+        """How often the values between the first knot and the last have a continuous derivative."""
+        return _SMOOTHNESS[self.kind]
+
+    @property
+    def smoothness_everywhere(self) -> int:
+        """How often the values have a continuous derivative, wherever a run goes."""
+        outside = {"error": 2, "hold": 0, "linear": 1}[self.extrapolate]
+        return min(self.smoothness_inside, outside)
+
     def reaches(self, low: float, high: float) -> bool:
         """Whether there are values between two times, up to rounding."""
         near = SMALLEST_OF_TIME * max(abs(low), abs(high))
@@ -72,10 +86,8 @@ class Samples:
 
     def smoothness(self, low: float, high: float) -> int:
         """Return how often the values between two times have a continuous derivative."""
-        kind = _SMOOTHNESS[self.kind]
-        if self.reaches(low, high) and self.extrapolate != "error" and (low < self.t[0] or high > self.t[-1]):
-            return min(kind, 1 if self.extrapolate == "linear" else 0)
-        return kind
+        outside = self.extrapolate != "error" and (low < self.t[0] or high > self.t[-1])
+        return self.smoothness_everywhere if outside else self.smoothness_inside
 
     def pieces(self, t: FloatArray, *, after: bool | NDArray[np.bool_] = True) -> NDArray[np.intp]:
         """Return the numbers of the pieces (k,) at times (k,): at a knot, that which follows, or that before it."""
@@ -130,6 +142,9 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         What values are outside of the knots: "error" refuses runs that need some, "hold" keeps the first and the last,
         "linear" goes on with the slopes at the ends.
 
+    Inside of ``jax.jit``, ``jax.grad`` and ``jax.vmap``, for the solve functions of models in JAX, both arrays may be
+    traced. A record is a pytree there, whose leaves are the two arrays; what is traced is not checked.
+
     Raises
     ------
     ValueInputError
@@ -152,7 +167,8 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
             f"samples: values must have shape ({len(knots)},), one value a knot, or (n_case, {len(knots)}), one row a"
             f" case, not {table.shape}"
         )
-    if len(knots) > 1 and not np.all(knots[1:] > knots[:-1]):
+    concrete = all(isinstance(array, np.ndarray) for array in (knots, table))
+    if isinstance(knots, np.ndarray) and len(knots) > 1 and not np.all(knots[1:] > knots[:-1]):
         i = int(np.flatnonzero(~(knots[1:] > knots[:-1]))[0])
         raise ValueInputError(
             f"samples: t must increase from knot to knot; t[{i}] = {knots[i]:g} is followed by {knots[i + 1]:g}. Sort"
@@ -160,14 +176,38 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         )
     if len(knots) == 1 and kind != "hold":
         raise ValueInputError(f"samples: one knot gives no values of kind {kind!r}; give two at least, or kind='hold'")
-    return Samples(knots, table, kind, extrapolate, _spline_slopes(knots, table) if kind == "cubic" else None)
+    slopes = _spline_slopes(knots, table) if kind == "cubic" and concrete else None
+    return Samples(knots, table, kind, extrapolate, slopes, concrete)
 
 
-def _array(name: str, given: Any) -> FloatArray:
-    """Return a copy of an array of finite numbers."""
+def checked_samples(name: str, record: Samples) -> Samples:
+    """Return the record of an input as `samples` makes it, for runs that JAX does not trace.
+
+    Raises
+    ------
+    ValueInputError
+        As for `samples`, and for what JAX traces.
+    """
+    if record.checked:
+        return record
+    found = samples(record.t, record.values, record.kind, record.extrapolate)
+    if not found.checked:
+        raise ValueInputError(
+            f"the samples of input {name!r} are traced by JAX, and numbers are wanted here: give them to the solve"
+            ' function of model.solve_fn(...), backend="jax"'
+        )
+    return found
+
+
+def _array(name: str, given: Any) -> Any:
+    """Return a copy of an array of finite numbers; what JAX traces, as an array of its own."""
     try:
         array = np.array(array_of(given), dtype=float, order="C")
     except ValueError as reason:
+        if traced_note(reason):
+            from .jax.traced import traced_array
+
+            return traced_array(given)
         raise ValueInputError(f"samples: {name} {reason}") from None
     if not np.all(np.isfinite(array)):
         where = ", ".join(map(str, np.argwhere(~np.isfinite(array))[0]))

@@ -113,11 +113,12 @@ _MESSAGES = {
         "it (real=True) and compile anew."
     ),
     Status.TIMES_IN_NO_ORDER: (
-        "The times of the run are not finite or not monotone: give finite times in increasing or in decreasing order."
+        "The times of the run, or the knots of its samples, are not finite or not monotone: give finite times in "
+        "increasing or in decreasing order, and knots in increasing order."
     ),
     Status.OUTSIDE_TABLE: (
-        "The argument of a table left its knots, outside of which the table has no values: give it more knots, or "
-        'extrapolate="hold" or "linear".'
+        "The argument of a table, or the time of a run with samples, left their knots, outside of which there are no "
+        'values: give more knots, or extrapolate="hold" or "linear".'
     ),
     Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

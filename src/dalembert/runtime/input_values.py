@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import UnknownNameError, ValueInputError, list_names, unknown_name
+from ..errors import OptionError, UnknownNameError, ValueInputError, list_names
+from ..integrators.feedback import Feedback
+from ..integrators.input_checks import refuse_samples, unknown_input
 from ..integrators.input_records import InputRecords
-from ..integrators.samples import KINDS, Samples
+from ..integrators.samples import KINDS, Samples, checked_samples
 from ..ir.input_parameters import WIDTH, coefficient_places, hidden_parameters
 from ..ir.program import Layout
 from ..scene.model import InputSymbol
@@ -69,7 +71,7 @@ class GivenInputs:
         for symbol in self.symbols:
             value = self.values[symbol.name]
             if isinstance(value, Samples):
-                _refuse(symbol, value, low, high)
+                refuse_samples(symbol, value, low, high)
 
     def records(self, layout: Layout) -> InputRecords | None:
         """Return the inputs that have knots, None without any."""
@@ -188,7 +190,7 @@ def read_inputs(
     for key, value in table.items():
         name = layout.aliases.get(str(key), str(key))
         if name not in names:
-            unknown.append(_unknown(layout, name, str(key), names))
+            unknown.append(unknown_input(layout, name, str(key), names))
         elif name in values:
             unknown.append(f"input {name!r} is given twice")
         try:
@@ -225,51 +227,20 @@ def with_inputs(
     return parameters if found is None else found.parameters(parameters, t)
 
 
-def _refuse(symbol: InputSymbol, record: Samples, low: float, high: float) -> None:
-    name, knots = symbol.name, f"t = {record.t[0]:g} to {record.t[-1]:g}"
-    if not record.reaches(low, high):
-        raise ValueInputError(
-            f"the samples of input {name!r} are too short: their knots go from {knots}, and the run from t = {low:g} to"
-            f" {high:g}. Give samples of the whole span, or say how to go on: extrapolate='hold' or 'linear'"
-        )
-    if record.smoothness(low, high) >= symbol.smoothness:
-        return
-    if record.smoothness(record.t[0], record.t[-1]) >= symbol.smoothness:
-        raise ValueInputError(
-            f"the samples of input {name!r} go on beyond their knots ({knots}) by extrapolate={record.extrapolate!r},"
-            f" where their rate jumps, and {symbol.where} depends on them: velocities would jump. Give samples of the"
-            " whole span, or extrapolate='linear'"
-        )
-    enough = "'cubic'" if symbol.smoothness > 0 else "'linear' or 'cubic'"
-    what = "jump" if record.kind == "hold" else "have kinks"
-    raise ValueInputError(
-        f"the samples of input {name!r} are of kind {record.kind!r}, which {what}, and {symbol.where} depends on them:"
-        f" velocities would jump at every knot. Give them with kind={enough}"
-    )
-
-
-def _unknown(layout: Layout, name: str, key: str, names: Sequence[str]) -> str:
-    if name in layout.held:
-        return f"{key!r} is set by a controller of the scene: leave it out of inputs=, or take the controller out"
-    if name in layout.parameters:
-        return f"{key!r} is a parameter, which is constant: give its value among the parameters, not the inputs"
-    if name in layout.initial:
-        return (
-            f"{key!r} is determined by the motion, and no input: give its value at the start among the initial values"
-        )
-    if not names:
-        return f"unknown input {key!r}: the scene has no inputs; declare given functions of time with scene.add_inputs"
-    return unknown_name("input", key, names)
-
-
 def _value(name: str, value: Any, many: bool) -> float | FloatArray | Samples:
     if isinstance(value, Samples):
+        value = checked_samples(name, value)
         if value.cases is not None and not many:
             raise ValueInputError(
                 f"input {name!r} has values for {value.cases} cases and this is one run; give values of shape"
                 f" ({len(value.t)},), those of a case, or use model.sweep"
             )
         return value
+    if isinstance(value, Feedback) or callable(value):
+        raise OptionError(
+            f"input {name!r} is a function, which traced runs alone take: call it with the solve function of"
+            ' model.solve_fn(...), backend="jax"; or make it a da.Controller(function=...), sampled in time'
+        )
     try:
         found = np.array(array_of(value))
     except ValueError as reason:

@@ -33,6 +33,7 @@ from .segment_rounds import SegmentRounds
 if TYPE_CHECKING:
     from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
     from ..reduction.starting import Start
+    from ..scene.model import InputSymbol
 
 __all__ = ["SegmentedEngine"]
 
@@ -234,9 +235,9 @@ class SegmentedEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return cast("TracedEngine", self.inner).state_functions
 
-    def solve_fn(self, start: Start | None, options: SolveOptions) -> Any:
+    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Any:
         """See `TracedEngine.solve_fn`."""
-        return cast("TracedEngine", self.inner).solve_fn(start, options)
+        return cast("TracedEngine", self.inner).solve_fn(start, options, inputs)
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import jax
@@ -10,18 +10,27 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
+from ...integrators.feedback import Feedback
 from ...integrators.samples import Samples
-from ...ir.input_parameters import hidden_parameters
+from ...ir.input_parameters import WIDTH, hidden_parameters
 from ...ir.program import Layout
 from ...values import times_of
 
 __all__ = ["parameters_of", "times", "vector"]
 
 
-def parameters_of(layout: Layout, p: Any) -> Any:
-    """Return parameters (n_p,) from an array, or from values by name, those of inputs among them."""
+def parameters_of(layout: Layout, p: Any, numbers: Mapping[str, Any], given: Container[str] = ()) -> Any:
+    """Return parameters (n_p,) from an array, or from values by name, those of inputs among them.
+
+    Inputs have the `numbers` by name, or are `given` as functions of time, or have numbers among the parameters.
+    """
     shown = (*layout.given, *layout.inputs)
-    return vector("parameter", _with_inputs(layout, p), layout.parameters, layout.defaults, shown)
+    p = vector("parameter", _with_inputs(layout, p, numbers, given), layout.parameters, layout.defaults, shown)
+    for name in layout.inputs:
+        if name in numbers or name in given:
+            row = jnp.zeros(WIDTH).at[1].set(_number(name, numbers.get(name, 0.0)))
+            p = p.at[layout.parameters.index(hidden_parameters(name)[0]) + jnp.arange(WIDTH)].set(row)
+    return p
 
 
 def times(t: Any) -> Any:
@@ -38,31 +47,50 @@ def times(t: Any) -> Any:
     return jnp.asarray(times)
 
 
-def _with_inputs(layout: Layout, values: Any) -> Any:
-    """Return parameters by name with those that stand for inputs, whose values are among them.
+def _number(name: str, value: Any) -> Any:
+    """Return the value of an input that is constant in time."""
+    try:
+        number = jnp.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        number = None
+    if number is None or number.ndim:
+        raise ValueInputError(
+            f"input {name!r} must be a number, dalembert.samples(times, values), or a function of time and state,"
+            f" dalembert.feedback(f, theta), not {value!r}"
+        )
+    return number
+
+
+def _with_inputs(layout: Layout, values: Any, numbers: Mapping[str, Any], given: Container[str]) -> Any:
+    """Return parameters by name with those that stand for inputs, whose values may be among them.
 
     Raises
     ------
     UnknownNameError
-        For inputs without values.
+        For inputs without values, and for those that have two.
     OptionError
-        For samples.
+        For samples and functions, which are no parameters.
     """
     if not isinstance(values, Mapping) or not layout.inputs:
         return values
     table: dict[str, Any] = {str(key): value for key, value in values.items()}
-    missing = [name for name in layout.inputs if name not in table]
+    elsewhere = [name for name in layout.inputs if name in numbers or name in given]
+    twice = [name for name in elsewhere if name in table]
+    missing = [name for name in layout.inputs if name not in table and name not in elsewhere]
+    if twice:
+        raise UnknownNameError(f"given among the parameters and as inputs={{...}}: {list_names(twice)}. Give each once")
     if missing:
         raise UnknownNameError(
-            f"missing inputs: {list_names(missing)}. Give each a number beside the parameters: solve(t, initial,"
-            f" {{..., {missing[0]!r}: 0.0}})"
+            f"missing inputs: {list_names(missing)}. Give each a number or samples: solve(t, initial, p,"
+            f" inputs={{{missing[0]!r}: 0.0}})"
         )
     for name in layout.inputs:
-        value = table.pop(name)
-        if isinstance(value, Samples):
+        value = table.pop(name, 0.0)
+        if isinstance(value, Samples | Feedback) or callable(value):
+            what = "samples" if isinstance(value, Samples) else "a function"
             raise OptionError(
-                f"input {name!r} has samples, and solve takes numbers, which are constant in time: a traced run does"
-                " not end steps at knots. Use model.simulate or model.sweep, or solve from knot to knot"
+                f"input {name!r} has {what}, and parameters are constant in time: give it as solve(t, initial, p,"
+                f" inputs={{{name!r}: ...}})"
             )
         knot, constant, *others = hidden_parameters(name)
         table |= {knot: 0.0, constant: value, **dict.fromkeys(others, 0.0)}

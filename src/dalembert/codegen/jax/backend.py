@@ -23,6 +23,7 @@ from ..step_blocks import growing_step_blocks
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
+    from ...scene.model import InputSymbol
 
     pass
 
@@ -170,9 +171,9 @@ class JaxEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return StateFunctions(self._program)
 
-    def solve_fn(self, start: Start | None, options: SolveOptions) -> Solve:
+    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Solve:
         """See `TracedEngine.solve_fn`."""
-        return Solve(self._program, start, options)
+        return Solve(self._program, start, options, inputs)
 
     whole_blocks: ClassVar[bool] = True
 

@@ -135,5 +135,5 @@ class StateFunctions(_OfProgram):
     def _point(self, t: Any, y: Any, p: Any) -> tuple[Any, Any, Any]:
         """Return coordinates, rates and first-order states side by side, the state, and constants."""
         layout = self._program.layout
-        y, c = _checked("the state", y, layout.state), self._constants(t, parameters_of(layout, p))
+        y, c = _checked("the state", y, layout.state), self._constants(t, parameters_of(layout, p, {}))
         return self._kernels["expand"](t, y, c), y, c

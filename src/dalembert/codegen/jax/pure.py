@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -9,9 +10,11 @@ import jax
 import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
+from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
-from ...integrators.jax.motion import Limits, Motion, Path, Reached, middles
+from ...integrators.jax.motion import Limits, Motion, Path, Pieces, Reached, middles
+from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
 from ...ir.program import Program, representative
@@ -27,40 +30,51 @@ from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
 from .kernels import compile_kernel
 from .modules import kernels_of
-from .pieces import SERVED, pieces_of
+from .pieces import SERVED, pieces_of, place_of
+from .records import register_samples
+from .run_inputs import Given, failed, inputs_of, run_inputs
 from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
+    from ...scene.model import InputSymbol
 
 __all__ = ["Solve", "Solved", "register_static"]
 
 
 @final
 class _Course(NamedTuple):
-    """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move."""
+    """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move.
+
+    With inputs that are functions of time, also what the constants in steps are, and what is wrong with the inputs.
+    """
 
     rows: Any
     first: Any
     run: Any
     breaks: Any
     moved: Any
+    constants: RunConstants | None = None
+    wrong: Any = None
 
 
 @final
 class Solve:
-    """``solve(t, initial, p)`` integrates from t[0] and returns a `Solved` at the times t.
+    """``solve(t, initial, p, inputs=None)`` integrates from t[0] and returns a `Solved` at the times t.
 
     The arguments are JAX arrays or numbers, and every one may be differentiated: t (n_t,) sorted in either
     direction; `initial` a mapping of the names `given` to scalars, an array (n_given,) in their order, or the state
     y (n_y,) where nothing was named; p a mapping of all parameters, and inputs that are constant in time, to scalars,
-    or an array (n_p,) as of ``model.parameter_vector``. Steps are
-    chosen from the values alone: derivatives are those of the steps taken, at fixed sizes, and those by a time are
-    rates. Derivatives of what a run did not reach are NaN.
+    or an array (n_p,) as of ``model.parameter_vector``. `inputs` maps names or symbols of inputs to numbers, or to
+    records ``da.samples(t, values, kind)``, at whose knots steps end; records are pytrees, and derivatives by their
+    values are those of the run, those by their knots where the rates do not jump there (else they are refused).
+    Steps are chosen from the values alone: derivatives are those of the steps taken, at fixed sizes, and those by a
+    time are rates. Derivatives of what a run did not reach are NaN.
 
     Nothing is checked inside a trace: an initial state that contradicts a constraint by more than rounding is
     projected where the formulation projects, and taken as it is elsewhere. Of times in no order, which are an error
-    where they are known, all states are NaN, and the status says so.
+    where they are known, all states are NaN, and the status says so; so it is with knots in no order and with records
+    that are too short.
 
     The function is traced in double precision only: set ``jax.config.update("jax_enable_x64", True)``, or call inside
     ``with jax.enable_x64(True):``.
@@ -80,7 +94,9 @@ class Solve:
         Names of what `initial` holds, in order.
     """
 
-    def __init__(self, program: Program, start: Start | None, options: SolveOptions) -> None:
+    def __init__(
+        self, program: Program, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()
+    ) -> None:
         if options.method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
         self._implicit = METHODS.get(options.method, METHODS["tsit5"]).ends
@@ -95,26 +111,34 @@ class Solve:
                 ' method="dopri8", "tsit5" or "taylor"'
             )
         program = representative(program)  # so that comparing equal functions compares no code
-        self._program, self._start, self._options = program, start, options
-        self._key = program, start, options
+        self._program, self._start, self._options, self._inputs = program, start, options, inputs
+        self._key = program, start, options, inputs
         self._hash = hash(self._key)
+        register_samples()
         self.given = program.layout.state if start is None else start.given
         self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Solve, (self._program, self._start, self._options)
+        return Solve, (self._program, self._start, self._options, self._inputs)
 
-    def __call__(self, t: Any, initial: Any, p: Any) -> Solved:
+    def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
         if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
             raise OptionError(
                 "solve works in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        p = parameters_of(self._program.layout, p)
-        solved = _solved(self, times(t), vector("initial value", initial, self.given), p)
+        t, layout = times(t), self._program.layout
+        numbers, given = inputs_of(layout, self._inputs, inputs, t)
+        if given and self._implicit:
+            raise OptionError(
+                f"solve_fn by {self._options.method!r} does not end steps at the knots of samples: take"
+                ' method="dopri8", "tsit5" or "taylor", or inputs that are constant in time'
+            )
+        p = parameters_of(layout, p, numbers, given)
+        solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
         if self._options.throw:
             raise_failure(solved.status, self._program.formulation, self._options.method)
         return solved
@@ -125,9 +149,9 @@ class Solve:
     def __hash__(self) -> int:
         return self._hash
 
-    def _motion(self, t: Any, initial: Any, p: Any) -> Solved:
+    def _motion(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
         """Return the motion from arrays."""
-        course = self._course(t, p)
+        course = self._course_with(t, p, given) if given else self._course(t, p)
         y0 = initial
         if self._begin is not None:
             y0 = self._begin(t[0], initial, course.first)[: len(self._program.layout.state)]
@@ -139,7 +163,10 @@ class Solve:
             spoiled = jnp.any(~jnp.isfinite(outputs)) & (status == int(Status.SUCCESS))
             status = jnp.where(spoiled, int(Status.NON_FINITE), status)
         steps, rejected = reached.steps, reached.attempts - reached.steps
-        dense = None if path is None else Dense(self, path, t[0], p, course.run, course.breaks)
+        if course.wrong is not None:
+            status = failed(status, course.wrong)
+        of_run = p, course.run, course.breaks
+        dense = None if path is None else Dense(self, path, t[0], *of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
     def _expanded(self, t: Any, y: Any, c: Any) -> tuple[Any, Any, Any]:
@@ -150,13 +177,17 @@ class Solve:
     def states(self, dense: Dense, t: Any) -> States:
         """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
         conditions, start = self._program.conditions, dense.start
+        if dense.constants is not None:
+            start = jax.lax.stop_gradient(start)
         rows = self._kernels.constants(dense.p)
         if conditions is not None:
             start = jax.lax.stop_gradient(start)
             span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, dense.path.reached[None]])
             elapsed = middles(span, dense.breaks)[1:-1]
             rows = self._decided(dense.p, start + elapsed)
-        y = self._traced_motion.states(dense.path, t - start, dense.c)
+        if dense.constants is not None:
+            rows = dense.constants.kernel_rows(rows, dense.c, t)
+        y = self._traced_motion(dense.constants).states(dense.path, t - start, dense.c)
         return States(t, y, *self._expanded(t, y, rows))
 
     def _course(self, t: Any, p: Any) -> _Course:
@@ -176,6 +207,22 @@ class Solve:
         place = self._program.conditions.place
         return jax.vmap(lambda time: self._kernels.constants(p.at[place].set(time)))(t)
 
+    def _course_with(self, t: Any, p: Any, given: Given) -> _Course:
+        """Return the constants along a run with inputs that are functions of time."""
+        start = jax.lax.stop_gradient(t[0])
+        before = self._course(t, p)
+        base = self._kernels.constants(p) if self._program.conditions is None else p
+        inputs = run_inputs(
+            self._program.layout,
+            self._inputs,
+            given,
+            t,
+            (place_of(self._program), jnp.append(base, start)),
+            (before.breaks, before.moved),
+        )
+        rows = inputs.at_times(before.rows)
+        return _Course(rows, rows[0], inputs.run, inputs.breaks, inputs.moved, inputs.constants, inputs.wrong)
+
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
         if kernel not in self._kernels:
             return jnp.zeros((len(t), 0))
@@ -185,7 +232,9 @@ class Solve:
         """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
         options, c = self._options, course.run
         start = t[0]
-        if self._program.conditions is not None:
+        if course.constants is not None:
+            y0, start = self._started(t, y0, course), jax.lax.stop_gradient(start)
+        elif self._program.conditions is not None:
             # Breaks stay where they are when the start moves: what moves is the state there.
             start, place = jax.lax.stop_gradient(start), self._program.conditions.place
             middle = middles(jax.lax.stop_gradient(t) - start, course.breaks)[0]
@@ -196,16 +245,29 @@ class Solve:
             if decisions(self._program) is not None:
                 y0, c = _held(_JUMPS_UNSEEN, y0), _held(_JUMPS_UNSEEN, c)
             return implicit_motion(self._elapsed, t, y0, c, options), None
-        motion = self._traced_motion
+        motion = self._traced_motion(course.constants)
         if not options.dense:
             return motion(t, y0, c, course.breaks, course.moved), None
         if motion.jumps:
             t, y0, c = (_held(_JUMPS_IN_DENSE, value) for value in (t, y0, c))
         return motion.recorded(t, y0, c, course.breaks, course.moved)
 
-    @property
-    def _traced_motion(self) -> Motion:
-        """Runs by the method and its limits; explicit methods have them."""
+    def _started(self, t: Any, y0: Any, course: _Course) -> Any:
+        """Return the first state of a run with inputs, which changes with the start; breaks stay where they are."""
+        steps = self._pieces(course.constants).steps
+
+        def rates(elapsed: Any, y: Any, c: Any) -> Any:
+            """Return the rates (n_y,) with what the constants, all but the last, are at that time."""
+            rows = steps.constants.rows(c[:-1], c[-1:])
+            at = Steps(jnp.reshape(elapsed, 1), jnp.zeros(1), tuple(y[:, None]), rows, jnp.isfinite(c[-1]))
+            return jnp.concatenate(steps.rates(at)) if len(y) else y
+
+        still = jax.lax.stop_gradient(t)
+        middle = middles(still - still[0], course.breaks)[0] if len(course.breaks) else 0.0
+        return started(rates, y0, t[0] - still[0], jnp.append(course.run, middle))
+
+    def _traced_motion(self, constants: RunConstants | None) -> Motion:
+        """Return runs by the method and its limits; explicit methods have them."""
         options = self._options
         limits = Limits(
             options.rtol,
@@ -214,14 +276,19 @@ class Solve:
             options.max_step,
             options.max_steps,
         )
+        return Motion(self._pieces(constants), limits)
+
+    def _pieces(self, constants: RunConstants | None) -> Pieces:
+        """Return the pieces of the method, for runs whose constants are those of the program or others."""
+        options = self._options
         order = order_for(clipped_tolerance(options.rtol, options.atol)) if options.method == "taylor" else 0
-        return Motion(pieces_of(self._elapsed.program, self._elapsed, options.method, order), limits)
+        return pieces_of(self._elapsed.program, self._elapsed, options.method, order, constants)
 
 
 @partial(jax.jit, static_argnums=0)
-def _solved(solve: Solve, t: Any, initial: Any, p: Any) -> Solved:
+def _solved(solve: Solve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
     """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
-    return solve._motion(t, initial, p)
+    return solve._motion(t, initial, p, given)
 
 
 _JUMPS_UNSEEN = (

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from ...errors import RunFailedError, ValueInputError
 from ...integrators.jax.motion import Path
+from ...integrators.jax.run_constants import RunConstants
 from ...methods.status import Status
 
 if TYPE_CHECKING:
@@ -72,7 +73,10 @@ class Dense:
     traced and differentiated.
     """
 
-    def __init__(self, solve: Solve, path: Path, start: Any, p: Any, c: Any, breaks: Any) -> None:
+    def __init__(
+        self, solve: Solve, path: Path, start: Any, p: Any, c: Any, breaks: Any, constants: RunConstants | None
+    ) -> None:
+        self.constants = constants
         self.solve, self.path, self.start, self.p, self.c, self.breaks = solve, path, start, p, c, breaks
 
     def __call__(self, t: Any) -> States:
@@ -88,10 +92,15 @@ class Dense:
 
 
 def _children(dense: Dense) -> tuple[Any, Any]:
-    return (dense.path, dense.start, dense.p, dense.c, dense.breaks), dense.solve
+    return (dense.path, dense.start, dense.p, dense.c, dense.breaks), (dense.solve, dense.constants)
 
 
-jax.tree_util.register_pytree_node(Dense, _children, lambda solve, children: Dense(solve, *children))
+def _whole(fixed: Any, children: Any) -> Dense:
+    path, start, p, c, breaks = children
+    return Dense(fixed[0], path, start, p, c, breaks, fixed[1])
+
+
+jax.tree_util.register_pytree_node(Dense, _children, _whole)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -103,6 +103,13 @@ class RunConstants:
             given[self.place] = time
         return self._filled(given, c, c, time)
 
+    def kernel_rows(self, rows: Any, c: Any, t: Any) -> Any:
+        """Return constants of kernels (n_t, n) or (n,) with those of the inputs in c (n_c,) at times t (n_t,)."""
+        rows = jnp.broadcast_to(rows, (len(t), rows.shape[-1]))
+        for table in self.tables:
+            rows = rows.at[:, table.place : table.place + table.width].set(c[table.at(c, t)])
+        return rows
+
     def changes(self, dc: Any, c: Any, t: Any, like: Rows) -> Rows:
         """Return changes (n_c,) of constants c as those of `rows`, shaped `like` these."""
         rows = self._filled(list(dc[: self.count]), dc, c, c[self.count - 1] + t) if self.extended else dc

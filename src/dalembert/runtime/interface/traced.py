@@ -86,4 +86,4 @@ def solve_fn(
         dense=dense,
         throw=throw,
     )
-    return cast("TracedEngine", self.engine).solve_fn(start, options)
+    return cast("TracedEngine", self.engine).solve_fn(start, options, self._inputs)

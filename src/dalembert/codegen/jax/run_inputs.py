@@ -1,0 +1,173 @@
+"""Inputs of traced runs: what users give them, read and checked, and constants along runs with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...errors import UnknownNameError, ValueInputError
+from ...integrators.input_checks import refuse_kind, refuse_samples, unknown_input
+from ...integrators.jax.run_constants import InputTable, RunConstants
+from ...integrators.jax.traced import is_traced
+from ...integrators.samples import Samples, checked_samples
+from ...ir.input_parameters import coefficient_places
+from ...ir.program import Layout
+from ...methods.status import Status
+from ...scene.model import InputSymbol
+from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
+
+__all__ = ["Given", "RunInputs", "failed", "inputs_of", "run_inputs"]
+
+Given = dict[str, Samples]
+"""Inputs that are functions of time, by name."""
+
+
+def inputs_of(
+    layout: Layout, symbols: Sequence[InputSymbol], inputs: Mapping[Any, Any] | None, t: Any
+) -> tuple[dict[str, Any], Given]:
+    """Return inputs that are constant in time, by name, and the others.
+
+    Raises
+    ------
+    UnknownNameError
+        For what is no input, and inputs that are given twice.
+    ValueInputError
+        For samples for many cases, too short ones, and those of a kind that is not smooth enough.
+    """
+    if inputs is None:
+        return {}, {}
+    if not isinstance(inputs, Mapping):
+        raise ValueInputError(f"inputs must be a mapping of names or symbols to numbers or samples, not {inputs!r}")
+    known = {symbol.name: symbol for symbol in symbols}
+    numbers: dict[str, Any] = {}
+    given: Given = {}
+    wrong = []
+    for key, value in inputs.items():
+        name = layout.aliases.get(str(key), str(key))
+        if name not in known:
+            wrong.append(unknown_input(layout, name, str(key), list(known)))
+        elif name in numbers or name in given:
+            wrong.append(f"input {name!r} is given twice")
+        elif isinstance(value, Samples):
+            given[name] = _checked(known[name], value, t)
+        else:
+            numbers[name] = value
+    if wrong:
+        raise UnknownNameError("\n".join(wrong))
+    return numbers, given
+
+
+def _checked(symbol: InputSymbol, record: Samples, t: Any) -> Samples:
+    """Return a record, refused where it is known not to serve a run along times t."""
+    shape, knots = np.shape(record.values), len(record.t)
+    if shape != (knots,):
+        raise ValueInputError(
+            f"input {symbol.name!r} has values of shape {shape} and this is one run: give values of shape ({knots},),"
+            " those of a case, and vectorise over the cases: jax.vmap(lambda values: solve(t, initial, p,"
+            f" inputs={{{symbol.name!r}: da.samples(times, values)}}))(values)"
+        )
+    refuse_kind(symbol, record)
+    if not is_traced(record.t, record.values):
+        record = checked_samples(symbol.name, record)
+    if not is_traced(record.t, t):
+        times = np.asarray(t)
+        refuse_samples(symbol, record, float(times.min()), float(times.max()))
+    return record
+
+
+@final
+class RunInputs(NamedTuple):
+    """The constants of a run with inputs that are functions of time.
+
+    Attributes
+    ----------
+    constants : RunConstants
+        What the constants are.
+    run : Array (n_c,)
+        The constants.
+    breaks, moved : Array (n,)
+        As `dalembert.codegen.jax.breaks.traced_breaks` has them.
+    pieces : tuple of InputTable and Array
+        Where the polynomials of each record go, and these at the times of the run (n_t, width).
+    wrong : Array ()
+        Status of a run whose records do not serve it, else SUCCESS.
+    """
+
+    constants: RunConstants
+    run: Any
+    breaks: Any
+    moved: Any
+    pieces: tuple[tuple[InputTable, Any], ...]
+    wrong: Any
+
+    def at_times(self, rows: Any) -> Any:
+        """Return constants of kernels (n_t, n) or (n,) with those of the inputs at the times."""
+        count = len(self.pieces[0][1]) if self.pieces else 0
+        rows = jnp.broadcast_to(rows, (count, rows.shape[-1])) if self.pieces and rows.ndim == 1 else rows
+        for table, values in self.pieces:
+            rows = rows.at[:, table.place : table.place + table.width].set(values)
+        return rows
+
+
+def run_inputs(
+    layout: Layout,
+    symbols: Sequence[InputSymbol],
+    given: Given,
+    t: Any,
+    base: tuple[int | None, Any],
+    broken: tuple[Any, Any],
+) -> RunInputs:
+    """Return the constants of a run along times t (n_t,) with inputs that are functions of time.
+
+    Parameters
+    ----------
+    layout, symbols, given
+        Of the scene, its inputs, and those that are functions of time.
+    t
+        The times.
+    base
+        The place of conditions on time, and the constants of kernels, of which the last is the start.
+    broken
+        Breaks of conditions on time, and which of them move.
+    """
+    known = {symbol.name: symbol for symbol in symbols}
+    records = given
+    (place, c), (breaks, moved) = base, broken
+    tables, parts, pieces = [], [c], []
+    order, beyond = jnp.asarray(False), jnp.asarray(False)
+    end = len(c)
+    for name, where in zip(records, coefficient_places(layout.parameters, tuple(records)), strict=True):
+        record, (begin, stop) = records[name], COLUMNS[records[name].kind]
+        knots = knots_of(known[name], record)
+        rows = polynomials(knots, record)
+        table = InputTable(end, len(record.t), stop - begin, where + begin)
+        at = rows[_ahead(table, knots, t)]
+        pieces.append((table, at))
+        tables.append(table)
+        parts += [jax.lax.stop_gradient(knots), rows.ravel()]
+        end = table.end
+        wrong = out_of_reach(known[name], record, t)
+        order, beyond = order | wrong[0], beyond | wrong[1]
+    if records:
+        breaks, moved = with_knots(tuple(records.values()), t, breaks, moved)
+    status = jnp.where(beyond, int(Status.OUTSIDE_TABLE), int(Status.SUCCESS))
+    status = jnp.where(order, int(Status.TIMES_IN_NO_ORDER), status)
+    run = jnp.where(status == int(Status.SUCCESS), jnp.concatenate(parts), jnp.nan)
+    constants = RunConstants(place, len(c), tuple(tables))
+    return RunInputs(constants, run, breaks, moved, tuple(pieces), status)
+
+
+def _ahead(table: InputTable, knots: Any, t: Any) -> Any:
+    """Return the numbers of the polynomials at the times t (n_t,) of a run: at a knot, that ahead."""
+    before = jnp.searchsorted(*jax.lax.stop_gradient((knots, t)), side="left")
+    at_end = (t == t[-1]) & (t[0] != t[-1])  # where nothing is ahead any more
+    return jnp.where((t[-1] >= t[0]) != at_end, table.piece(knots, t), before)
+
+
+def failed(status: Any, wrong: Any) -> Any:
+    """Return the status of a run, or of what is wrong with its inputs."""
+    return jnp.where(wrong == int(Status.SUCCESS), status, wrong)
