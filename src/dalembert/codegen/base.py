@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..integrators.workspace import LoopProgress
     from ..reduction.starting import Start
     from ..scene.model import InputSymbol
+    from .host_runs import HostedRuns
 
 __all__ = [
     "Backend",
@@ -327,6 +328,10 @@ class TracedEngine(Protocol):
 
         `inputs` are those of the scene.
         """
+        ...
+
+    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> Any:
+        """Return a traced function whose runs are left to the host: those with events, reductions or contacts."""
         ...
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..results.sampler import CaseSet
     from .model import CompiledModel
 
-__all__ = ["event_parameters", "with_event_parameters"]
+__all__ = ["event_parameters", "watched_expressions", "with_event_parameters"]
 
 T = TypeVar("T")
 
@@ -49,11 +49,11 @@ def event_parameters(
     further = {name for name in names if layout.aliases.get(name, name) not in known}
     if not further:
         return model
-    found = symbols_called(further, _expressions(events, reduce, layout.aliases))
+    found = symbols_called(further, watched_expressions(events, reduce, layout.aliases))
     return make(found) if found else model
 
 
-def _expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterable[Any]:
+def watched_expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterable[Any]:
     """Yield the expressions of events, of the jumps that they apply, and of reductions."""
     from ..integrators.event_code import event_list
     from .reductions import reduction_table

@@ -32,6 +32,7 @@ from .segment_rounds import SegmentRounds
 
 if TYPE_CHECKING:
     from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
+    from ..codegen.host_runs import HostedRuns
     from ..reduction.starting import Start
     from ..scene.model import InputSymbol
 
@@ -238,6 +239,10 @@ class SegmentedEngine(Engine):
     def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Any:
         """See `TracedEngine.solve_fn`."""
         return cast("TracedEngine", self.inner).solve_fn(start, options, inputs)
+
+    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> Any:
+        """See `TracedEngine.hosted_solve_fn`."""
+        return cast("TracedEngine", self.inner).hosted_solve_fn(start, options, hosted)
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
         """See `Engine.code`."""

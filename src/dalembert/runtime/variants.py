@@ -94,6 +94,19 @@ class Variants:
             lambda: self._make(compile_equations(stages.derivation, options, stages.mode), ()),
         )
 
+    def on_backend(self, name: str) -> CompiledModel:
+        """Return the same model on another backend."""
+        stages = self._stages
+        options = replace(stages.options, backend=name, formulation=stages.program.formulation)
+        left_out = stages.reduced.left_out
+        return self._once(
+            "backend",
+            (name,),
+            lambda: self._make(
+                compile_equations(stages.derivation, options, stages.mode, left_out, stages.kept), self._dropped
+            ),
+        )
+
     def in_formulations(self) -> dict[str, CompiledModel]:
         """Return the models in other formulations that have been compiled, by formulation."""
         return {model.formulation: model for (kind, _), model in self._tables.items() if kind == "formulation"}

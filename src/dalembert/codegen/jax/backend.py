@@ -19,6 +19,7 @@ from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
 from ..base import Backend, Capability, Engine, Prepared, RenderedModule
+from ..host_runs import HostedRuns
 from ..step_blocks import growing_step_blocks
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ from ...integrators.jax.precision import double_precision
 from ...integrators.jax.series import TaylorIntegrator
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
+from .hosted import HostedSolve
 from .kernels import compile_kernel
 from .modules import loaded, rendered_module
 from .pieces import PAIRS, pieces_of
@@ -175,6 +177,11 @@ class JaxEngine(Engine):
         """See `TracedEngine.solve_fn`."""
         return Solve(self._program, start, options, inputs)
 
+    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> HostedSolve:
+        """See `TracedEngine.hosted_solve_fn`."""
+        native = None if hosted.watched is None else Solve(self._program, start, options)
+        return HostedSolve(hosted, options, native)
+
     whole_blocks: ClassVar[bool] = True
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -285,4 +292,5 @@ class JaxBackend(Backend):
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
         """See `Backend.load`; XLA compiles in memory, so that there is nothing to keep on disk."""
         register_static(Solve)
+        register_static(HostedSolve)
         return JaxEngine(rendered.program, loaded(rendered))

@@ -6,12 +6,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ...arrays import FloatArray
 from ...integrators.breakpoints import break_times_of_cases
 from ...ir.conditions import Conditions
+from .host_calls import on_host
 
 __all__ = ["traced_breaks"]
 
@@ -22,22 +22,14 @@ def traced_breaks(conditions: Conditions, p: Any, t: Any, most: int) -> tuple[An
     Breaks are times since t[0] in the order of the run, infinite behind the last. More than a run may take steps are
     left out, as it ends before. Derivatives do not pass.
     """
-    shape: Any = jax.eval_shape(lambda: jnp.zeros((most, 2), jnp.uint32))
-    given = (_halves(jax.lax.stop_gradient(value)) for value in (p, t[0], t[-1]))
-    found = jax.pure_callback(partial(_breaks, conditions, most), (shape, shape), *given, vmap_method="broadcast_all")
-    times, moved = (jax.lax.bitcast_convert_type(halves, jnp.float64) for halves in found)
+    times, moved = on_host(partial(_breaks, conditions, most), ((most,), (most,)), p, t[0], t[-1])
     return times, moved
 
 
-def _halves(value: Any) -> Any:
-    """Return numbers as two integers each: a thread of a callback may not know of 64 bits."""
-    return jax.lax.bitcast_convert_type(jnp.asarray(value, dtype=float), jnp.uint32)
-
-
-def _breaks(conditions: Conditions, most: int, *given: Any) -> tuple[Any, Any]:
-    """Return breaks (..., most) and 1 where they move, of parameters (..., n_p), all of them in halves."""
-    p, t0, t1 = (np.ascontiguousarray(value, dtype=np.uint32).view(np.float64)[..., 0] for value in given)
-    shape, rows, begin, end = t0.shape, p.reshape(-1, p.shape[-1]), t0.ravel(), t1.ravel()
+def _breaks(
+    conditions: Conditions, most: int, rows: FloatArray, begin: FloatArray, end: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return breaks (k, most) of runs with parameters (k, n_p) from `begin` to `end` (k,), and 1 where they move."""
     times = np.repeat(np.where(end >= begin, np.inf, -np.inf)[:, np.newaxis], most, axis=1)
     moved = np.zeros_like(times)
     starts, found = break_times_of_cases(conditions, rows, begin, end)
@@ -48,8 +40,7 @@ def _breaks(conditions: Conditions, most: int, *given: Any) -> tuple[Any, Any]:
         own = own[:most]
         times[i, : len(own)] = own - begin[i]
         moved[i, : len(own)] = np.isclose(own[:, np.newaxis], some, rtol=1e-14, atol=0.0).any(axis=1)
-    one, other = (values.reshape(*shape, most, 1).view(np.uint32) for values in (times, moved))
-    return one, other
+    return times, moved
 
 
 def _moving(conditions: Conditions) -> Conditions:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ...reduction.starting import Start
     from ...scene.model import InputSymbol
 
-__all__ = ["Solve", "Solved", "register_static"]
+__all__ = ["Solve", "Solved", "refusing", "register_static"]
 
 
 @final
@@ -149,7 +149,12 @@ class Solve:
     def __hash__(self) -> int:
         return self._hash
 
-    def _motion(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
+    @property
+    def program(self) -> Program:
+        """The compiled program."""
+        return self._program
+
+    def motion(self, t: Any, initial: Any, p: Any, given: Given | None = None) -> Solved:
         """Return the motion from arrays."""
         course = self._course_with(t, p, given) if given else self._course(t, p)
         y0 = initial
@@ -243,13 +248,13 @@ class Solve:
         t = t - start
         if self._implicit:
             if decisions(self._program) is not None:
-                y0, c = _held(_JUMPS_UNSEEN, y0), _held(_JUMPS_UNSEEN, c)
+                y0, c = refusing(_JUMPS_UNSEEN, y0), refusing(_JUMPS_UNSEEN, c)
             return implicit_motion(self._elapsed, t, y0, c, options), None
         motion = self._traced_motion(course.constants)
         if not options.dense:
             return motion(t, y0, c, course.breaks, course.moved), None
         if motion.jumps:
-            t, y0, c = (_held(_JUMPS_IN_DENSE, value) for value in (t, y0, c))
+            t, y0, c = (refusing(_JUMPS_IN_DENSE, value) for value in (t, y0, c))
         return motion.recorded(t, y0, c, course.breaks, course.moved)
 
     def _started(self, t: Any, y0: Any, course: _Course) -> Any:
@@ -288,7 +293,7 @@ class Solve:
 @partial(jax.jit, static_argnums=0)
 def _solved(solve: Solve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
     """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
-    return solve._motion(t, initial, p, given)
+    return solve.motion(t, initial, p, given)
 
 
 _JUMPS_UNSEEN = (
@@ -304,12 +309,12 @@ _JUMPS_IN_DENSE = (
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _held(message: str, values: Any) -> Any:
+def refusing(message: str, values: Any) -> Any:
     """Return values by which a run is not differentiated, for the reason in the message."""
     return values
 
 
-@_held.defjvp
+@refusing.defjvp
 def _(message: str, values: Any, tangents: Any) -> Any:
     raise OptionError(message)
 

@@ -16,7 +16,7 @@ from ...methods.status import Status
 if TYPE_CHECKING:
     from .pure import Solve
 
-__all__ = ["Dense", "Solved", "States", "raise_failure"]
+__all__ = ["Dense", "EventTimes", "Solved", "States", "raise_failure"]
 
 
 @final
@@ -37,9 +37,15 @@ class Solved(NamedTuple):
         How the run ended, a number of `dalembert.methods.status.Status`; 0 is success. What is given and not finite is
         NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
     steps, rejected : Array ()
-        Numbers of accepted and of rejected steps.
+        Numbers of accepted and of rejected steps; the second is None where `end` is not.
     dense : Dense or None
         The motion at any time between the first and the last, where ``dense=True`` asked for it.
+    end : States or None
+        Where the run ended, if it was asked to watch for events or to keep reductions, or may change contacts.
+    events : dict of str to EventTimes, or None
+        Events by name.
+    reduced : dict of str to Array (), or None
+        Reductions by name, NaN where the run failed.
     """
 
     t: Any
@@ -51,6 +57,18 @@ class Solved(NamedTuple):
     steps: Any
     rejected: Any
     dense: Any = None
+    end: Any = None
+    events: Any = None
+    reduced: Any = None
+
+
+@final
+class EventTimes(NamedTuple):
+    """How often an event occurred (), and when first and last [s] (), NaN where it did not."""
+
+    count: Any
+    first: Any
+    last: Any
 
 
 @final

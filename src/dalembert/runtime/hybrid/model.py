@@ -25,6 +25,7 @@ from ...scene import Scene
 from .. import inputs as run_input
 from ..base import Given, Model
 from ..inputs import span_of
+from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from ..prepared import PreparedRun
 from .decisions import Decisions
@@ -74,6 +75,8 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
             defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
         )
         object.__setattr__(self, "layout", layout)
+
+    solve_fn = hybrid_solve_fn
 
     # -- what it is made of ----------------------------------------------------------------
 
@@ -248,6 +251,20 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     def in_elapsed_time(self, watched: tuple[Any, ...]) -> HybridModel:
         """Return the model of the scene in the time since a start, with expressions of time that events contain."""
         return self._variant(("elapsed", watched), lambda: self.several.scene.in_elapsed_time(watched))
+
+    def on_backend(self, name: str) -> HybridModel:
+        """Return the model of the scene on another backend."""
+        options = replace(self.several.options, backend=name)
+        return derived_once(self._variants, ("backend", name), lambda: compile_hybrid(self.several.scene, options))
+
+    def check_watched(self, events: Any, reduce: Any) -> None:
+        """Refuse events and reductions that cannot be watched, as a run does."""
+        self._model(plain_mode(self.modes, OPEN)).derived.events(events, reduce)
+
+    @property
+    def traced_engine(self) -> Engine:
+        """An engine of the backend, which makes traced functions."""
+        return self._engine()
 
     def _variant(self, key: tuple[Any, ...], scene: Callable[[], Scene]) -> HybridModel:
         return derived_once(self._variants, key, lambda: compile_hybrid(scene(), self.several.options))

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ...codegen.base import Capability
+from ...errors import CapabilityError, OptionError, unknown_name
 from ...options import SolveOptions
 from .. import inputs as run_input
 from ..capabilities import refuse_sampling, require
 
 if TYPE_CHECKING:
     from ...codegen.base import TracedEngine
+    from ..hybrid import HybridModel
     from ..model import CompiledModel
 
-__all__ = ["solve_fn"]
+__all__ = ["hybrid_solve_fn", "solve_fn"]
 
 
 def solve_fn(
@@ -31,6 +33,8 @@ def solve_fn(
     max_steps: int = 4096,
     dense: bool = False,
     throw: bool = False,
+    events: Any = (),
+    reduce: Any = None,
 ) -> Any:
     """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
 
@@ -55,6 +59,10 @@ def solve_fn(
     throw : bool
         Whether a run that fails raises `RunFailedError` where it is called outside of traces. Inside ``jax.jit``,
         ``jax.grad`` and ``jax.vmap`` nothing can be raised, and the status says how it ended.
+    events, reduce
+        As for `sweep`: ``solved.events``, ``solved.reduced`` and ``solved.end`` hold what they give. Symbols that only
+        events and reductions contain are further parameters of the function. Such runs, and those of scenes whose
+        contacts change, are left to the compiled backend on the host; see the page on the jax backend.
 
     Returns
     -------
@@ -71,11 +79,17 @@ def solve_fn(
         For names that are not known or not enough.
     """
     require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
+    watching = reduce is not None or not (isinstance(events, tuple) and not events)
+    if watching:
+        from ..hosted import hosted_runs, with_symbols  # for these runs alone
+
+        self = with_symbols(self, self.layout, events, reduce, self.variants.with_parameters)
     refuse_sampling(self._controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
     start = None
     if given is not None:
         names = [self.layout.aliases.get(str(name), str(name)) for name in given]
         start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
+        given = start.given
     options = SolveOptions(
         method=self.choose_method(method, rtol, atol),
         mode=mode,
@@ -86,4 +100,62 @@ def solve_fn(
         dense=dense,
         throw=throw,
     )
-    return cast("TracedEngine", self.engine).solve_fn(start, options, self._inputs)
+    engine = cast("TracedEngine", self.engine)
+    hosted = hosted_runs(self, given, method, options, events, reduce) if watching else None
+    return (
+        engine.solve_fn(start, options, self._inputs)
+        if hosted is None
+        else engine.hosted_solve_fn(start, options, hosted)
+    )
+
+
+def hybrid_solve_fn(
+    self: HybridModel,
+    given: Iterable[str] | None = None,
+    *,
+    method: str = "auto",
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    max_step: float = np.inf,
+    max_steps: int = 4096,
+    throw: bool = False,
+    events: Any = (),
+    reduce: Any = None,
+) -> Any:
+    """Return a pure function ``solve(t, initial, p)`` that JAX can trace and vectorise.
+
+    Its runs are left to the compiled backend on the host, one call for a whole batch, and have no derivatives.
+
+    Parameters
+    ----------
+    given : iterable of str, optional
+        Names of the coordinates and rates that `initial` holds; without it all of them, in the order of
+        ``layout.variables``.
+    method, rtol, atol, max_step, max_steps, throw, events, reduce
+        As for `CompiledModel.solve_fn`.
+
+    Returns
+    -------
+    HostedSolve
+        Its results are described in `Solved`; the state y is that of coordinates and rates.
+
+    Raises
+    ------
+    CapabilityError
+        For a backend other than "jax".
+    OptionError
+        For options that do not exist, and scenes with inputs.
+    """
+    if self.backend != "jax":
+        raise CapabilityError(Capability.SOLVE_FUNCTION.value)
+    from ..hosted import METHODS, hybrid_runs, with_symbols
+
+    self = with_symbols(self, self.layout, events, reduce, self.with_parameters)
+    if given is not None:
+        names = [self.layout.aliases.get(str(name), str(name)) for name in given]
+        given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
+    if method not in METHODS:
+        raise OptionError(unknown_name("method", str(method), METHODS))
+    options = SolveOptions(method=method, rtol=rtol, atol=atol, max_step=max_step, max_steps=max_steps, throw=throw)
+    hosted = hybrid_runs(self, given, method, options, events, reduce)
+    return cast("TracedEngine", self.traced_engine).hosted_solve_fn(None, options, hosted)

@@ -1,0 +1,47 @@
+"""Calls of functions on the host from traced programs, in double precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...arrays import FloatArray
+
+__all__ = ["on_host"]
+
+_Struct: Any = jax.ShapeDtypeStruct  # which has no types
+
+
+def on_host(
+    function: Callable[..., Sequence[FloatArray]], shapes: Sequence[tuple[int, ...]], *given: Any
+) -> tuple[Any, ...]:
+    """Return what a function of NumPy arrays gives, arrays of some shapes, without derivatives.
+
+    Of a batch, to any depth, the function gets one call: all arguments have one further axis, which counts the cases,
+    and so has what it returns.
+    """
+    ranks = [jnp.ndim(value) for value in given]
+
+    def call(*halves: Any) -> tuple[Any, ...]:
+        arrays = [np.ascontiguousarray(value, dtype=np.uint32).view(np.float64)[..., 0] for value in halves]
+        batch = arrays[0].shape[: arrays[0].ndim - ranks[0]]
+        rows = [array.reshape(-1, *array.shape[len(batch) :]) for array in arrays]
+        found = function(*rows)
+        return tuple(
+            np.ascontiguousarray(value, dtype=np.float64).reshape(*batch, *shape, 1).view(np.uint32)
+            for value, shape in zip(found, shapes, strict=True)
+        )
+
+    wanted = tuple(_Struct((*shape, 2), jnp.uint32) for shape in shapes)
+    halves = (_halves(jax.lax.stop_gradient(value)) for value in given)
+    found = jax.pure_callback(call, wanted, *halves, vmap_method="broadcast_all")
+    return tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found)
+
+
+def _halves(value: Any) -> Any:
+    """Return numbers as two integers each: a thread of a callback may not know of 64 bits."""
+    return jax.lax.bitcast_convert_type(jnp.asarray(value, dtype=float), jnp.uint32)

@@ -1,0 +1,282 @@
+"""Runs that traced functions leave to the compiled backend on the host: those with events, reductions or contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..codegen.host_runs import HostedRuns, HostRun
+from ..errors import InitialStateError, OptionError, list_names
+from ..integrators.event_code import Event, event_list
+from ..ir.program import Layout
+from ..methods.status import Status
+from ..options import SolveOptions
+from ..scene.expressions import symbols_called
+from .event_parameters import watched_expressions
+from .reductions import Reduction, reduction_table
+
+if TYPE_CHECKING:
+    from .base import Model
+    from .hybrid import HybridModel
+    from .model import CompiledModel
+
+__all__ = ["METHODS", "HostRuns", "hosted_runs", "hybrid_runs", "with_symbols"]
+
+T = TypeVar("T")
+
+_BACKEND = "llvm"
+METHODS: Mapping[str, str] = {
+    "auto": "auto",
+    "dopri8": "dop853",
+    "tsit5": "tsit5",
+    "taylor": "taylor",
+    "kvaerno5": "radau",
+}
+"""Methods of the compiled loops, by those of traced runs."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HostRuns:
+    """Sweeps of a model of the compiled backend, as a function of arrays.
+
+    Attributes
+    ----------
+    model : Model
+        Of the scene, on the compiled backend.
+    given : tuple of str
+        Names of the given initial values.
+    columns : tuple of str
+        Names of what is wanted of the motion.
+    events, reductions
+        What is watched, and what is kept of every motion.
+    options
+        Method, tolerances and limits of steps.
+    """
+
+    model: Model[Any, Any]
+    given: tuple[str, ...]
+    columns: tuple[str, ...]
+    events: tuple[Event, ...]
+    reductions: Mapping[str, Reduction]
+    options: Mapping[str, Any]
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        told = repr((self.events, dict(self.reductions)))
+        return self.model, self.given, self.columns, told, *self.options.items()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, HostRuns) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the events."""
+        return tuple(event.label for event in self.events)
+
+    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray) -> HostRun:
+        """Return how cases went at times t (k, n_t), from initial values (k, n_given) and parameters p (k, n_p).
+
+        Cases of the same times are one sweep.
+        """
+        count, wanted = t.shape
+        out = self._nothing(count, wanted)
+        steps = np.diff(t, axis=1)
+        with np.errstate(invalid="ignore"):
+            ordered = np.all(np.isfinite(t), axis=1) & (np.all(steps >= 0.0, axis=1) | np.all(steps <= 0.0, axis=1))
+        numbers = np.all(np.isfinite(initial), axis=1) & np.all(np.isfinite(p), axis=1)
+        out.numbers[:, 1] = np.where(ordered, float(Status.NON_FINITE), float(Status.TIMES_IN_NO_ORDER))
+        able = np.flatnonzero(ordered & numbers)
+        if len(able):
+            times, group = np.unique(t[able], axis=0, return_inverse=True)
+            for i, own in enumerate(times):
+                self._sweep(own, able[group.ravel() == i], initial, p, out)
+        return out
+
+    def _nothing(self, count: int, wanted: int) -> HostRun:
+        """Return the results of cases that were not run."""
+        width = len(self.columns)
+        happened = np.full((count, len(self.events), 3), np.nan)
+        happened[:, :, 0] = 0.0
+        return HostRun(
+            np.full((count, wanted, width), np.nan),
+            np.full((count, width), np.nan),
+            np.concatenate([np.full((count, 1), np.nan), np.zeros((count, 2))], axis=1),
+            happened,
+            np.full((count, len(self.reductions)), np.nan),
+        )
+
+    def _sweep(self, t: FloatArray, cases: Any, initial: FloatArray, p: FloatArray, out: HostRun) -> None:
+        """Run the cases of some numbers, which have their times in common."""
+        layout = self.model.layout
+        shown = {name: p[cases, i] for i, name in enumerate(layout.parameters) if name in layout.given}
+        try:
+            sweep = self.model.sweep(
+                (t[0], t[-1]),
+                {name: initial[cases, i] for i, name in enumerate(self.given)},
+                shown,
+                t_eval=t,
+                events=self.events,
+                reduce=dict(self.reductions) or None,
+                **self.options,
+            )
+        except InitialStateError:
+            out.numbers[cases, 1] = float(Status.INITIAL_STATE)
+            return
+        final = sweep.final
+        for i, name in enumerate(self.columns):
+            out.rows[cases, :, i] = sweep[name]
+            out.end[cases, i] = final[name]
+        out.numbers[cases] = np.stack([sweep.t, sweep.status, sweep.steps], axis=1)
+        for i, label in enumerate(self.labels):
+            counts = sweep.events[label]
+            out.happened[cases, i] = np.stack([counts.count, counts.first, counts.last], axis=1)
+        for i, name in enumerate(self.reductions):
+            out.reduced[cases, i] = sweep.reduced[name]
+        self._judge_outputs(cases, out)
+
+    def _judge_outputs(self, cases: Any, out: HostRun) -> None:
+        """Give the status NON_FINITE to runs in which something is not finite although the motion is."""
+        reached = np.isfinite(out.rows[cases]).any(axis=2, keepdims=True)
+        spoiled = np.any(reached & ~np.isfinite(out.rows[cases]), axis=(1, 2))
+        good = np.isin(out.numbers[cases, 1], (float(Status.SUCCESS), float(Status.EVENT)))
+        out.numbers[cases[spoiled & good], 1] = float(Status.NON_FINITE)
+
+
+def with_symbols(model: T, layout: Layout, events: Any, reduce: Any, make: Callable[[tuple[Any, ...]], T]) -> T:
+    """Return what `make` makes of the symbols that only events and reductions contain; `model` without any."""
+    expressions = list(watched_expressions(events, reduce, layout.aliases))
+    known = {*layout.parameters, *layout.variables, *layout.state, *layout.inputs, *layout.outputs, "t"}
+    free = {str(symbol) for each in expressions for symbol in getattr(each, "free_symbols", ())}
+    further = {name for name in free if layout.aliases.get(name, name) not in known}
+    found = symbols_called(further, expressions) if further else ()
+    return make(found) if found else model
+
+
+def hosted_runs(
+    model: CompiledModel, given: Iterable[str] | None, method: str, options: SolveOptions, events: Any, reduce: Any
+) -> HostedRuns | None:
+    """Return what runs of a traced function need that has events or reductions; None for those that have none.
+
+    Raises
+    ------
+    OptionError
+        For what such runs do not serve.
+    UnknownNameError, ExpressionError
+        For expressions that cannot be watched.
+    """
+    code = model.derived.events(events, reduce)
+    if code is None:
+        return None
+    layout = model.layout
+    if layout.inputs:
+        raise OptionError(
+            f"solve_fn with events or reductions does not take inputs ({list_names(layout.inputs)}): use"
+            " model.simulate or model.sweep, or write the inputs as parameters of the scene"
+        )
+    if options.dense:
+        raise OptionError(
+            "solve_fn with events or reductions has no dense output: give solve the times that are wanted, or leave"
+            " out events= and reduce="
+        )
+    runner = _runner(model.variants.on_backend(_BACKEND), layout.state, given, method, options, events, reduce)
+    watched, refusal = (code.watch.values, code.watch.begins), _refusal(model, runner.events, runner.reductions)
+    return HostedRuns(runner, layout, layout.state, watched, _terminal(runner), refusal)
+
+
+def hybrid_runs(
+    model: HybridModel,
+    given: Iterable[str] | None,
+    method: str,
+    options: SolveOptions,
+    events: Any,
+    reduce: Any,
+) -> HostedRuns:
+    """Return what runs of a traced function need in which contacts change.
+
+    Raises
+    ------
+    OptionError
+        For what such runs do not serve.
+    UnknownNameError, ExpressionError
+        For expressions that cannot be watched.
+    """
+    layout, contacts = model.layout, list_names(model.contacts)
+    if layout.inputs:
+        raise OptionError(
+            f"solve_fn of scenes whose contacts change ({contacts}) does not take inputs"
+            f" ({list_names(layout.inputs)}): use model.simulate or model.sweep"
+        )
+    refusal = (
+        f"derivatives across changes of contacts ({contacts}) are not computed: differentiate runs of one mode, such as"
+        " model.mode().solve_fn(), or take differences of runs"
+    )
+    model.check_watched(events, reduce)
+    runner = _runner(model.on_backend(_BACKEND), layout.variables, given, method, options, events, reduce)
+    return HostedRuns(runner, layout, layout.variables, None, _terminal(runner), refusal)
+
+
+def _runner(
+    twin: Model[Any, Any],
+    state: tuple[str, ...],
+    given: Iterable[str] | None,
+    method: str,
+    options: SolveOptions,
+    events: Any,
+    reduce: Any,
+) -> HostRuns:
+    """Return the runs of a model of the compiled backend."""
+    layout = twin.layout
+    return HostRuns(
+        twin,
+        tuple(layout.variables if given is None else given),
+        (*state, *layout.coordinates, *layout.rates, *layout.outputs),
+        event_list(events, layout.aliases),
+        reduction_table(reduce, layout.aliases),
+        _options(method, options),
+    )
+
+
+def _terminal(runner: HostRuns) -> tuple[bool, ...]:
+    """Return whether each event may end a run."""
+    return tuple(bool(event.terminal) for event in runner.events)
+
+
+def _options(method: str, options: SolveOptions) -> dict[str, Any]:
+    """Return the options of sweeps."""
+    return {
+        "method": METHODS[method],
+        "rtol": options.rtol,
+        "atol": options.atol,
+        "max_step": options.max_step,
+        "max_steps": options.max_steps,
+    }
+
+
+def _refusal(model: CompiledModel, events: tuple[Event, ...], table: Mapping[str, Reduction]) -> str:
+    """Return why runs have no derivatives; nothing where they have."""
+    jumps = [event.label for event in events if event.apply is not None]
+    if jumps:
+        return (
+            f"derivatives across jumps of the state (events with apply=: {list_names(jumps)}) are not computed: stop at"
+            " the event (terminal=True), whose state is differentiated, and go on from the state after it in a second"
+            " run"
+        )
+    if table:
+        return (
+            f"derivatives of reductions ({list_names(table)}) are not computed: leave out reduce=, and compute what is"
+            " wanted of states at times"
+        )
+    if model.stages.program.conditions is not None:
+        return (
+            "derivatives of runs with events are not computed where conditions on time change: smooth the conditions"
+            " (tanh), or leave out events="
+        )
+    return ""

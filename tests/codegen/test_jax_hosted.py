@@ -1,0 +1,177 @@
+"""Traced runs with events, reductions and contacts, beside sweeps of the compiled backend."""
+
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import CapabilityError, OptionError, RunFailedError, UnknownNameError
+from dalembert.methods.status import Status
+
+jax = pytest.importorskip("jax")
+
+QUICK = {"xla_backend_optimization_level": 0}
+OPTIONS = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-12}
+T = np.array([0.5, 0.7, 0.9, 1.5])
+P = {"m": 1.0, "g": 9.81, "e": 0.8}
+h, (m, g, e, level) = dynamicsymbols("h"), sp.symbols("m g e level", positive=True)
+speed = h.diff()
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def ball(backend):
+    frame, origin = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("ball", frame=frame, origin=origin, coordinates=[h])
+    scene.add_bodies(Particle("ball", origin.locatenew("B", h * frame.y), m))
+    scene.apply_uniform_gravity(-g * frame.y)
+    return da.compile_model(scene, backend=backend, outputs={"momentum": m * speed})
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ball("jax")
+
+
+@pytest.fixture(scope="module")
+def bouncing():
+    return da.compile_model(da.scenes.bouncing_ball(), backend="jax")
+
+
+def test_jumps_and_reductions_of_a_batch_are_those_of_a_sweep(model):
+    impact = da.Event(h, direction=-1, apply={speed: -e * speed}, name="impact")
+    watched = {
+        "events": [impact, speed],
+        "reduce": {"top": da.maximum(h), "mean": da.mean(h), "when": da.first_crossing(h)},
+    }
+    solve = model.solve_fn([h, speed], **watched, **OPTIONS)
+    starts, bounces = np.array([1.0, 0.5, 0.8]), np.array([0.9, 0.5])
+    values = {"m": 1.0, "g": 9.81}
+
+    def run(start, e):
+        return solve(T, {"h": start, "h_dot": 0.3}, {**values, "e": e})
+
+    found = jax.jit(jax.vmap(jax.vmap(run, (None, 0)), (0, None)))(starts, bounces)
+    every = {"h": np.repeat(starts, 2), "h_dot": 0.3}, {**values, "e": np.tile(bounces, 3)}
+    sweep = ball("llvm").sweep((0.5, 1.5), *every, t_eval=T, **watched, **OPTIONS)
+
+    def same(one, other):
+        np.testing.assert_array_equal(np.reshape(one, np.shape(other)), other)
+
+    same(found.q[..., 0], sweep["h"])
+    same(found.qdot[..., 0], sweep["h_dot"])
+    same(found.outputs[..., 0], sweep["momentum"])
+    same(found.steps, sweep.steps)
+    same(found.end.q[..., 0], sweep.final["h"])
+    for name in ("impact", "h_dot"):
+        for part in ("count", "first", "last"):
+            same(getattr(found.events[name], part), getattr(sweep.events[name], part))
+    assert np.min(found.events["impact"].count) >= 1
+    for name, kept in found.reduced.items():
+        same(kept, sweep.reduced[name])
+    alone = run(starts[1], bounces[1])
+    np.testing.assert_allclose(alone.y, found.y[1, 1], rtol=1e-13)
+    with pytest.raises(OptionError, match=r"derivatives across jumps.*impact.*terminal=True"):
+        jax.grad(lambda start: run(start, 0.5).q[-1, 0])(1.0)
+
+
+def test_a_terminal_event_ends_the_run_and_is_differentiated(model):
+    """Thrown up, the ball falls to a level that is a parameter of the event alone, and passes another height twice."""
+    ends = da.Event(h - level, direction=-1, terminal=True, name="end")
+    solve = model.solve_fn(events=[da.Event(h - 0.9, name="passes"), ends], **OPTIONS)
+
+    def run(start, level, t0):
+        return solve(T - 0.5 + t0, start, {"m": 2.0, "g": 9.81, "level": level})
+
+    def found(start, level, t0):
+        solved = run(start, level, t0)
+        passes, end = solved.events["passes"], solved.end
+        return jax.numpy.stack(
+            [solved.q[1, 0], end.t, end.y[1], end.outputs[0], passes.first, passes.last, solved.events["end"].last]
+        )
+
+    def exact(start, level, t0):
+        (place, speed), root = start, jax.numpy.sqrt
+        time = lambda at, sign: (speed + sign * root(speed**2 + 2 * 9.81 * (place - at))) / 9.81  # noqa: E731
+        last = speed - 9.81 * time(level, 1.0)
+        times = [time(level, 1.0), time(0.9, -1.0), time(0.9, 1.0)]
+        row = [place + speed * 0.2 - 9.81 * 0.02, t0 + times[0], last, 2.0 * last, t0 + times[1], t0 + times[2]]
+        return jax.numpy.stack([*row, t0 + times[0]])
+
+    at = np.array([0.6, 3.0]), 0.1, 0.5
+    run_and_slopes = jax.jit(lambda *a: (run(*a), found(*a), jax.jacrev(found, (0, 1, 2))(*a)), compiler_options=QUICK)
+    solved, values, slopes = run_and_slopes(*at)
+    assert (int(solved.status), int(solved.events["passes"].count)) == (Status.EVENT, 2)
+    assert np.all(np.isnan(solved.q[3])) and np.all(np.isfinite(solved.q[:3]))
+    np.testing.assert_allclose(values, exact(*at), rtol=1e-9, atol=1e-10)
+    for one, other in zip(slopes, jax.jacfwd(exact, (0, 1, 2))(*at), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-8)
+    with pytest.raises(OptionError, match="first derivatives only"):
+        jax.make_jaxpr(jax.jacfwd(jax.jacfwd(lambda level: run(at[0], level, 0.5).end.t)))(0.1)
+    copy = pickle.loads(pickle.dumps(solve))
+    np.testing.assert_array_equal(copy(T, at[0], {"m": 2.0, "g": 9.81, "level": 0.1}).q[:3], solved.q[:3])
+
+
+def test_failures_are_statuses(model):
+    solve = model.solve_fn(reduce=[h], **OPTIONS)
+    batch = jax.jit(jax.vmap(lambda t, g: solve(t, [1.0, 0.0], {"m": 1.0, "g": g}), (0, 0)))
+    times = np.array([[0.0, 0.1, 0.2], [0.0, 0.1, 0.2], [0.0, 0.2, 0.1], [0.3, 0.2, 0.1], [0.0, np.nan, 0.1]])
+    found = batch(times, np.array([9.0, np.nan, 9.0, 9.0, 9.0]))
+    wrong = int(Status.TIMES_IN_NO_ORDER)
+    np.testing.assert_array_equal(found.status, [0, int(Status.NON_FINITE), wrong, 0, wrong])
+    np.testing.assert_allclose(found.reduced["h"], [0.82, np.nan, np.nan, 0.82, np.nan])
+    np.testing.assert_allclose(found.q[3, :, 0], [1.0, 0.955, 0.82])
+    with pytest.raises(OptionError, match=r"derivatives of reductions \(h\)"):
+        jax.grad(lambda g: solve([0.0, 0.1], [1.0, 0.0], {"m": 1.0, "g": g}).reduced["h"])(9.0)
+
+
+def test_contacts_run_in_traced_code_forward(bouncing):
+    times, start = np.linspace(0.0, 1.5, 4), {"x": 0.0, "y": 1.0, "x_dot": 1.0, "y_dot": 0.0}
+    solve = bouncing.solve_fn(start, events=["y_dot"], reduce={"top": da.maximum("y")}, **OPTIONS)
+    bounces = np.array([0.5, 0.7, 0.9])
+    run = jax.jit(jax.vmap(lambda e: solve(times, start, {**P, "e": e})))
+    found = run(bounces)
+    compiled = da.compile_model(da.scenes.bouncing_ball())
+    sweep = compiled.sweep(
+        (0.0, 1.5),
+        start,
+        {**P, "e": bounces},
+        t_eval=times,
+        events=["y_dot"],
+        reduce={"top": da.maximum("y")},
+        **OPTIONS,
+    )
+    for i, name in enumerate(("x", "y")):
+        np.testing.assert_array_equal(found.q[..., i], sweep[name])
+        np.testing.assert_array_equal(found.end.qdot[..., i], sweep.final[f"{name}_dot"])
+    np.testing.assert_array_equal(found.events["y_dot"].count, sweep.events["y_dot"].count)
+    np.testing.assert_array_equal(found.reduced["top"], sweep.reduced["top"])
+    with pytest.raises(OptionError, match=r"across changes of contacts \(ground\).*model\.mode\(\)"):
+        jax.grad(lambda e: solve(times, start, {**P, "e": e}).q[-1, 1])(0.5)
+    few = bouncing.solve_fn(start, max_steps=1, throw=True, **OPTIONS)
+    with pytest.raises(RunFailedError, match="MAX_STEPS"):
+        few(times, start, P)
+
+
+def test_faults(model, bouncing):
+    with pytest.raises(OptionError, match=r"no dense output.*events="):
+        model.solve_fn(events=[h], dense=True)
+    for each in (model, bouncing):
+        with pytest.raises(UnknownNameError, match="'altitude'"):
+            each.solve_fn(events=["altitude"])
+        with pytest.raises(OptionError, match="euler"):
+            each.solve_fn(events=["t"], method="euler")
+    solve = model.solve_fn(events=[h - level])
+    with pytest.raises(UnknownNameError, match="missing parameters: level"):
+        solve(T, [1.0, 0.0], {"m": 1.0, "g": 9.81})
+    with pytest.raises(CapabilityError, match='backend="jax"'):
+        da.compile_model(da.scenes.bouncing_ball()).solve_fn()
+    with jax.enable_x64(False), pytest.raises(OptionError, match="jax_enable_x64"):
+        solve(T, [1.0, 0.0], {"m": 1.0, "g": 9.81, "level": 0.1})
