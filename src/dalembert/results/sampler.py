@@ -121,6 +121,9 @@ class CaseSampler:
             points = engine.random(last - first) if last > first else np.empty((0, len(self.distributions)))
         return list(np.ascontiguousarray(points.T))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CaseSampler, (self.count, self.seed, self.sequence, self.distributions)
+
     def __repr__(self) -> str:
         return f"<{self.count:,} {self.sequence} cases of {', '.join(self.distributions)}, seed {self.seed}>"
 

@@ -78,11 +78,23 @@ class Request:
 
     def part(self, first: int, last: int, leaders: Sequence[int]) -> Part:
         """Return the arguments for the cases `leaders`, followed by the cases from number `first` up to `last`."""
-        some = (*((k, k + 1) for k in leaders), (first, last))
+        return self.completed(self.given(first, last, leaders), first, last, leaders)
+
+    def given(self, first: int, last: int, leaders: Sequence[int]) -> Part:
+        """Return the arguments without those that grids and random cases determine."""
+        some = _ranges(first, last, leaders)
         initial, parameters = (
             {key: _rows(value, some) for key, value in given.items()} for given in (self.initial, self.parameters)
         )
-        varied: dict[str, Any] = {}
+        begin, end = (_rows(self.span[which], some) for which in ("start", "end"))
+        inputs = None
+        if self.inputs is not None:
+            inputs = {key: _rows(value, some) for key, value in self.inputs.items()}
+        return Part(len(leaders), (begin, end), initial, parameters, inputs)
+
+    def completed(self, part: Part, first: int, last: int, leaders: Sequence[int]) -> Part:
+        """Return the arguments with those that grids and random cases determine."""
+        some, varied = _ranges(first, last, leaders), dict[str, Any]()
         if isinstance(self.cases, CaseSampler):
             pieces = [self.cases.part(*each) for each in some]
             varied = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
@@ -90,13 +102,13 @@ class Request:
             numbers = np.concatenate([np.arange(*each) for each in some])
             places = np.unravel_index(numbers, self.shape)
             varied = {name: axis[k] for (name, axis), k in zip(self.cases.axes.items(), places, strict=True)}
-        for name, values in varied.items():
-            (initial if name in self.initials else parameters)[name] = values
-        begin, end = (_rows(self.span[which], some) for which in ("start", "end"))
-        inputs = None
-        if self.inputs is not None:
-            inputs = {key: _rows(value, some) for key, value in self.inputs.items()}
-        return Part(len(leaders), (begin, end), initial, parameters, inputs)
+        started = {name: values for name, values in varied.items() if name in self.initials}
+        others = {name: values for name, values in varied.items() if name not in self.initials}
+        return replace(part, initial={**part.initial, **started}, parameters={**part.parameters, **others})
+
+    def without_arrays(self) -> Request:
+        """Return the request without what `given` returns."""
+        return replace(self, span={}, initial={}, parameters={}, inputs=None)
 
     def digest(self) -> str:
         """Return a digest of all cases."""
@@ -152,6 +164,10 @@ def request_of(layout: Layout, given: Given, cases: Any) -> Request:
                 f"arrays beside a grid of {int(np.prod(shape))} cases must have that length: {listed}"
             )
     return Request(span, initial, parameters, inputs, cases, int(np.prod(shape)), shape, dims, layout.initial)
+
+
+def _ranges(first: int, last: int, leaders: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    return (*((k, k + 1) for k in leaders), (first, last))
 
 
 def _length(value: Any) -> int | None:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import FloatArray
 from ...errors import MissingExtraError, OptionError
 from .request import Request
 
-__all__ = ["COORDINATES", "DIGEST", "Store", "packages"]
+__all__ = ["COORDINATES", "DIGEST", "Store", "StoreLayout", "packages"]
 
 DIGEST, CHUNK, COORDINATES = "dalembert_digest", "dalembert_chunk", "dalembert_coordinates"
-_DONE = "progress/done"
+_PROGRESS, _DONE = "progress", "progress/done"
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -41,52 +42,45 @@ def packages() -> tuple[Any, Any]:
 
 
 @final
+@dataclass(frozen=True)
+class StoreLayout:
+    """Names, kinds and coordinates of the arrays of a store.
+
+    Attributes
+    ----------
+    columns : mapping of str to ndarray
+        Results of some cases, from which names and kinds of numbers are taken.
+    coordinates : mapping of str to ndarray
+        Values along the axes, and times to record.
+    attributes : mapping of str to mapping
+        Of arrays.
+    """
+
+    columns: Columns
+    coordinates: Columns
+    attributes: Mapping[str, Mapping[str, Any]]
+
+
+@final
 class Store:
     """A zarr group with the results of a sweep.
 
     A chunk is some whole rows of the first axis. Its piece of every array is one piece of the store, so that chunks are
     written independently, in any order, by any process. ``progress/done`` has a number for each chunk, 0 until it is
-    done, then a checksum of its results: what was cut short or damaged does not have it.
+    done, then a checksum of its results: what was cut short or damaged does not have it. The group ``progress`` has the
+    attributes of the store once more, in case its first file is damaged.
     """
 
     def __init__(self, where: Any, group: Any, rows: int) -> None:
         self.where, self.group, self.rows = where, group, rows
 
     @classmethod
-    def create(
-        cls,
-        where: Any,
-        request: Request,
-        columns: Columns,
-        rows: int,
-        attributes: Mapping[str, Any],
-        names: Columns,
-        told: Mapping[str, Mapping[str, Any]],
-    ) -> Store:
-        """Lay out a store; `columns` are results of some cases, from which it takes names and kinds of numbers.
-
-        `names` are coordinates: values along the axes, and times to record; `told` are attributes of arrays.
-        """
+    def create(cls, where: Any, rows: int, attributes: Mapping[str, Any]) -> Store:
+        """Begin a store without arrays."""
         zarr, _ = packages()
-        group = zarr.create_group(where, attributes={**attributes, CHUNK: rows}, overwrite=False)
-        for name, values in names.items():
-            array = group.create_array(name, data=np.asarray(values), dimension_names=(name,))
-            array.attrs["units"] = "s" if name == "time" else ""
-        for name, values in columns.items():
-            further = values.shape[1:]
-            group.create_array(
-                name,
-                shape=(*request.shape, *further),
-                chunks=(min(rows, request.shape[0]), *request.shape[1:], *further),
-                dtype=values.dtype,
-                fill_value=np.nan if values.dtype.kind == "f" else -1,
-                dimension_names=(*request.dims, *(("time",) if further else ())),
-                attributes=dict(told.get(name, {})),
-                config={"write_empty_chunks": True},
-            )
-        count = -(-request.shape[0] // rows)
-        done = {"shape": (count,), "chunks": (1,), "dtype": "uint64", "fill_value": 0}
-        group.create_array(_DONE, **done, config={"write_empty_chunks": True})
+        told = {**attributes, CHUNK: rows}
+        group = zarr.create_group(where, attributes=told, overwrite=False)
+        group.create_group(_PROGRESS, attributes=told)
         return cls(where, group, rows)
 
     @classmethod
@@ -101,18 +95,72 @@ class Store:
         zarr, _ = packages()
         try:
             group = zarr.open_group(where, mode="r+")
-        except (FileNotFoundError, zarr.errors.GroupNotFoundError):
-            if isinstance(where, str | Path) and Path(where).exists() and any(Path(where).iterdir()):
+        except (FileNotFoundError, zarr.errors.GroupNotFoundError, ValueError):
+            group = cls._recovered(where)
+            if group is None and isinstance(where, str | Path) and Path(where).exists() and any(Path(where).iterdir()):
                 raise OptionError(
                     f"to={str(where)!r} exists and is no store of a sweep; nothing was written. Choose another name, or"
                     " remove it"
                 ) from None
-            return None
+            if group is None:
+                return None
         if DIGEST not in group.attrs:
             raise OptionError(
                 f"to={where!r} is a zarr group that no sweep wrote; nothing was written. Choose another name"
             )
         return cls(where, group, int(group.attrs[CHUNK]))
+
+    @staticmethod
+    def _recovered(where: Any) -> Any:
+        """Return the group whose first file is missing or damaged, written anew; None where there is no store."""
+        zarr, _ = packages()
+        try:
+            attributes = dict(zarr.open_group(where, path=_PROGRESS, mode="r").attrs)
+        except (FileNotFoundError, zarr.errors.GroupNotFoundError, ValueError):
+            return None
+        return zarr.create_group(where, attributes=attributes, overwrite=False) if DIGEST in attributes else None
+
+    def lay_out(self, request: Request, layout: StoreLayout) -> None:
+        """Make the arrays that are missing or damaged."""
+        if not self._is_whole(_PROGRESS):
+            self.group.create_group(_PROGRESS, attributes=dict(self.group.attrs), overwrite=True)
+        for name, values in layout.coordinates.items():
+            if not self._is_whole(name, values):
+                array = self.group.create_array(name, data=np.asarray(values), dimension_names=(name,), overwrite=True)
+                array.attrs["units"] = "s" if name == "time" else ""
+        for name, values in layout.columns.items():
+            if not self._is_whole(name):
+                self._create_column(name, values, request, layout.attributes.get(name, {}))
+        if not self._is_whole(_DONE):
+            count = -(-request.shape[0] // self.rows)
+            done = {"shape": (count,), "chunks": (1,), "dtype": "uint64", "fill_value": 0}
+            self.group.create_array(_DONE, **done, config={"write_empty_chunks": True}, overwrite=True)
+
+    def _create_column(self, name: str, values: NDArray[Any], request: Request, attributes: Mapping[str, Any]) -> None:
+        """Make an array over the cases."""
+        from zarr.codecs import BloscCodec
+
+        further = values.shape[1:]
+        self.group.create_array(
+            name,
+            shape=(*request.shape, *further),
+            chunks=(min(self.rows, request.shape[0]), *request.shape[1:], *further),
+            dtype=values.dtype,
+            compressors=BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"),
+            fill_value=np.nan if values.dtype.kind == "f" else -1,
+            dimension_names=(*request.dims, *(("time",) if further else ())),
+            attributes=dict(attributes),
+            config={"write_empty_chunks": True},
+            overwrite=True,
+        )
+
+    def _is_whole(self, name: str, values: NDArray[Any] | None = None) -> bool:
+        """Whether an array or group is there, with these values if any are given."""
+        try:
+            found = self.group[name]
+            return values is None or np.array_equal(found[:], values)
+        except Exception:  # whatever a decoder says of a damaged piece
+            return False
 
     @property
     def count(self) -> int:
@@ -163,7 +211,6 @@ def checksum(columns: Columns) -> int:
     """Return a number above 0 that belongs to these results."""
     seal = blake2b(digest_size=8)
     for name in sorted(columns):
-        values: FloatArray = np.ascontiguousarray(columns[name])
-        seal.update(f"{name} {values.shape} {values.dtype.str}".encode())
-        seal.update(values.tobytes())
+        values: NDArray[Any] = np.ascontiguousarray(columns[name])
+        seal.update(f"{name} {values.shape} {values.dtype.str} {crc32(values.data)}".encode())
     return int.from_bytes(seal.digest(), "little") | 1

@@ -51,10 +51,18 @@ class SweptModel(ABC):
         """Return the model with the parameters that only events and reductions contain."""
 
     def run(self, part: Part, options: SweepOptions) -> Sweep | HybridSweep:
-        """Return the results of a part, its leading cases among them."""
+        """Return the results of a part, its leading cases among them.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where Ctrl-C has stopped cases.
+        """
         found: Sweep | HybridSweep = self.model._sweep(
             part.t_span, part.initial, part.parameters, replace(options, inputs=self.inputs(part))
         )
+        if np.any(found.status == Status.INTERRUPTED):
+            raise KeyboardInterrupt
         return found
 
     def methods(self, request: Request, options: SweepOptions) -> dict[tuple[int, float], str] | None:
