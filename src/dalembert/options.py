@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, final
@@ -425,7 +425,8 @@ class TrimOptions:
             raise OptionError(f"tolerance must be a number between 0 and 1, not {self.tolerance!r}")
         if most < 1:
             raise OptionError(f"max_iterations must be at least 1, not {self.max_iterations!r}")
-        self.__dict__.update(t=option("t", self.t), tolerance=tolerance, max_iterations=most)
+        free, steady = (tuple(v) if isinstance(v, Iterator) else v for v in (self.free, self.steady))
+        self.__dict__.update(free=free, steady=steady, t=option("t", self.t), tolerance=tolerance, max_iterations=most)
 
 
 @lru_cache(maxsize=256, typed=True)

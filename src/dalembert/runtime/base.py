@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..ir.program import Layout
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
-from ..options import PrepareOptions, SimulateOptions, StoreOptions, SweepOptions
+from ..options import PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
 from ..scene.model import ControllerModel, InputSymbol
 from . import inputs as run_input
 from .interface import derivatives, evaluation, motions, states
@@ -19,6 +19,7 @@ from .value_reader import ValueReader
 
 if TYPE_CHECKING:
     from ..results.linearization import Linearization
+    from ..results.operating_point import OperatingPoint
     from .prepared import PreparedRun
 
 __all__ = ["Model"]
@@ -53,6 +54,7 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     sweep = motions.sweep
     prepare = motions.prepare
     linearize = derivatives.linearize
+    trim = derivatives.trim
 
     # -- what a kind of model brings -------------------------------------------------------
 
@@ -101,6 +103,10 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
     ) -> Linearization:
         """Return the linearisation about a state."""
+
+    @abstractmethod
+    def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
+        """Return an equilibrium or a steady motion."""
 
     # -- what functions over models read ---------------------------------------------------
 

@@ -14,7 +14,7 @@ from ..errors import OptionError, list_names, unknown_name
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
-from ..options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions
+from ..options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..scene import Scene
 from ..values import tolerances
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
     from ..hybrid.modes import Mode
     from ..results.linearization import Linearization
+    from ..results.operating_point import OperatingPoint
     from ..results.sweep import Sweep
     from ..results.trajectory import Trajectory
     from .prepared import PreparedRun
@@ -79,7 +80,6 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     _chosen: dict[tuple[float, float, bool], str] = field(init=False, default_factory=dict)
 
     sensitivity = derivatives.sensitivity
-    trim = derivatives.trim
     compare_formulations = motions.compare_formulations
     expand = states.expand
     assemble = states.assemble
@@ -288,6 +288,11 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         from .linearize import linearize
 
         return linearize(self, t, initial, parameters, states, outputs)
+
+    def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
+        from .trim import find_operating_point
+
+        return find_operating_point(self, guess, parameters, options)
 
     def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
         program = self.stages.program

@@ -16,11 +16,12 @@ from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once
-from ...options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions
+from ...options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
 from ...pipeline import SeveralModes, compile_mode, compile_stages
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
+from ...results.operating_point import OperatingPoint
 from ...scene import Scene
 from .. import inputs as run_input
 from ..base import Given, Model
@@ -28,10 +29,10 @@ from ..inputs import span_of
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from ..prepared import PreparedRun
+from .at_state import linearize_mode, trim_mode
 from .decisions import Decisions
 from .evaluate import evaluate
 from .given_values import plain_mode, start_state
-from .linearize import linearize_mode
 from .mode_models import ModeModels
 from .spans import prepare, simulate, sweep
 
@@ -229,6 +230,9 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
     ) -> Linearization:
         return linearize_mode(self, t, initial, parameters, states, outputs)
+
+    def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
+        return trim_mode(self, guess, parameters, options)
 
     def _refuse(self, project_invariants: Any) -> None:
         if project_invariants is not False:

@@ -128,7 +128,7 @@ def linearize(
 
 @nesting_named
 def trim(
-    self: CompiledModel,
+    self: Model[Any, Any],
     guess: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     *,
@@ -144,6 +144,10 @@ def trim(
     Values that are `free` change until the constraints hold and what is `steady` does not change in time. All
     other values are held. Where the conditions do not determine the free values, each Newton step takes the least
     change, and the result names what is undetermined.
+
+    With contacts it is looked for in the mode that the guess decides, where a gap that is not positive counts as
+    closed. If the contacts are in another mode at what is found, it is looked for in that one from there; what they
+    forbid is not converged.
 
     Parameters
     ----------
@@ -190,6 +194,4 @@ def trim(
     """
     options = TrimOptions(free=free, steady=steady, t=t, tolerance=tolerance, max_iterations=max_iterations)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, options.t)
-    from ..trim import find_operating_point
-
-    return find_operating_point(self, guess, given, options)
+    return self._trim(guess, given, options)

@@ -1,0 +1,165 @@
+"""Linearisations and equilibria of scenes with contacts, in the mode that a state decides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...errors import InitialStateError
+from ...hybrid import OPEN, Mode
+from ...integrators.contact_cases import NOISE
+from ...integrators.contact_table import GAP
+from ...ir.conditions import CONDITION_TIME
+from ...options import TrimOptions
+from ...results.linearization import Linearization
+from ...results.operating_point import OperatingPoint
+from .. import inputs as run_input
+from ..input_values import with_inputs
+from ..linearize import linearize
+from ..trim import find_operating_point
+from .evaluate import decided_state
+from .given_values import plain_mode, start_state
+
+if TYPE_CHECKING:
+    from .model import HybridModel
+
+__all__ = ["linearize_mode", "trim_mode"]
+
+_MOST_MODES = 8
+"""Modes in which an equilibrium is looked for, one after the other."""
+
+
+def linearize_mode(
+    model: HybridModel,
+    t: float,
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
+    states: Sequence[str] | None,
+    outputs: Iterable[Any] | None,
+) -> Linearization:
+    """Return the linearisation about a state; see `Model.linearize`.
+
+    Raises
+    ------
+    InitialStateError
+        For states that the contacts forbid or do not let go on.
+    """
+    values = run_input.given_values(model.layout, initial)
+    given = model.parameter_values(parameters)
+    mode, x, given = _decided_mode(model, t, start_state(model.modes, model.layout, t, values, given), given)
+    start = dict(zip(model.layout.variables, x.tolist(), strict=True))
+    return linearize(model.modes.model(mode), t, start, given, states, outputs)
+
+
+def trim_mode(
+    model: HybridModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
+) -> OperatingPoint:
+    """Return an equilibrium or a steady motion; see `Model.trim`.
+
+    It is looked for in the mode that the guess decides. Where the contacts are in another mode at what is found, this
+    is the guess for that one.
+
+    Raises
+    ------
+    InitialStateError
+        For guesses that the contacts forbid or do not let go on.
+    """
+    layout, t = model.layout, options.t
+    values = run_input.given_values(layout, guess, plain=True)
+    values, mode, own = _on_contacts(model, t, values, model.parameter_values(parameters))
+    for _ in range(_MOST_MODES):
+        found = find_operating_point(model.modes.model(mode), values, own, options)
+        point = replace(
+            found,
+            message=f"{found.message} ({_mode_text(model, mode)})",
+            parameters={name: found.parameters[name] for name in layout.given},
+            aliases=layout.aliases,
+        )
+        if not point.converged:
+            return point
+        values = {name: point.initial[name] for name in values}
+        given = model.parameter_values(with_inputs(layout, model._inputs, point.inputs, point.parameters, t))
+        try:
+            if _penetrates(model, t, values, given):
+                values, after, own = _on_contacts(model, t, values, given)
+            else:
+                x = np.array([point.initial[name] for name in layout.variables])
+                after, _, own = _decided_mode(model, t, x, given)
+        except InitialStateError as reason:
+            return replace(point, converged=False, message=f"{point.message}, but the contacts forbid it: {reason}")
+        if after == mode:
+            return point
+        mode = after
+    message = f"{point.message}, but there the mode is another, {_mode_text(model, mode)}, and so on: start elsewhere"
+    return replace(point, converged=False, message=message)
+
+
+def _on_contacts(
+    model: HybridModel, t: float, values: dict[str, float], given: dict[str, float]
+) -> tuple[dict[str, float], Mode, dict[str, float]]:
+    """Return a rough guess moved onto what it touches, the mode that it decides, and the parameters of its model.
+
+    Raises
+    ------
+    InitialStateError
+        For guesses that the contacts forbid or do not let go on.
+    """
+    modes, slipping, opened = model.modes, plain_mode(model.modes, ""), plain_mode(model.modes, OPEN)
+    gaps = _gaps(model, t, values, given)
+    apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps > NOISE * (np.abs(gaps) + 1.0)
+    touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
+    values = values | modes.model(touching).assemble(values, given | _no_slip(model, touching), t=t)
+    mode, _, own = _decided_mode(model, t, start_state(modes, model.layout, t, values, given), given)
+    return values, mode, own
+
+
+def _gaps(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> FloatArray | None:
+    """Return the gaps (n_contacts,) at a guess, None where it lacks coordinates."""
+    layout, decisions = model.layout, model.modes.decisions
+    if any(name not in values for name in layout.coordinates):
+        return None
+    x = np.array([[values.get(name, 0.0) for name in layout.variables]])
+    c = np.array([[given[name] for name in layout.parameters]])
+    return decisions.numbers(decisions.values(np.array([t]), x, c), GAP)[0]
+
+
+def _penetrates(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> bool:
+    """Whether a contact that can open has a gap below zero."""
+    gaps = _gaps(model, t, values, given)
+    opening = [contact.constraint is not None for contact in model.modes.equations.contacts]
+    return gaps is not None and bool(np.any(gaps[opening] < -NOISE * (np.abs(gaps[opening]) + 1.0)))
+
+
+def _decided_mode(
+    model: HybridModel, t: float, x: FloatArray, given: Mapping[str, float]
+) -> tuple[Mode, FloatArray, dict[str, float]]:
+    """Return the mode that variables x (2 n_q + n_z,) decide, with the variables and the parameters of its model.
+
+    Raises
+    ------
+    InitialStateError
+        For states that the contacts forbid or do not let go on.
+    """
+    modes, values = model.modes, dict(given)
+    if CONDITION_TIME in values:
+        values[CONDITION_TIME] = t
+    c = np.array([[values[name] for name in model.layout.parameters]])
+    state = decided_state(modes.decisions, np.array([t]), x[np.newaxis], c, "no motion goes on from")
+    mode = modes.automaton.mode(int(state.mode_numbers()[0]))
+    added = modes.added(mode, state.directions()[0], state.cases.sides[0], state.cases.rest[0])
+    return mode, state.x[0], values | {name: float(value) for name, value in added.items()}
+
+
+def _no_slip(model: HybridModel, mode: Mode) -> dict[str, float]:
+    """Return parameters of the model of a mode for positions alone, which do not depend on them."""
+    n = len(mode)
+    added = model.modes.added(mode, np.zeros((n, 2)), np.zeros(n), np.zeros(n))
+    return {name: float(value) for name, value in added.items()}
+
+
+def _mode_text(model: HybridModel, mode: Mode) -> str:
+    return ", ".join(f"{name}: {state}" for name, state in model.modes.named(mode).items())
