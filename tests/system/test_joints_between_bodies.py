@@ -465,3 +465,39 @@ def test_no_torque_on_a_particle():
     scene.joints = (da.Joint("wrist", body="slider", other="rod", at=old.at, torque=R_x * N.z),)
     with pytest.raises(SceneError, match="'slider' is a particle, which has no orientation"):
         da.compile_model(scene, backend="numpy")
+
+
+def carried_particle(at, **joint):
+    """A particle on a bar that turns, and a joint on the particle at a share of the way to it."""
+    a, r = dynamicsymbols("a r")
+    A = turned("A", a)
+    P = O.locatenew("P", r * A.x)
+    Q = P if at == 1 else O.locatenew("Q", at * r * A.x)
+    scene = da.Scene("carried", frame=N, origin=O, coordinates=[a, r])
+    scene.add_bodies(Particle("bead", P, 1))
+    scene.add_joints(da.Joint("hand", body="bead", at=Q, **joint))
+    return scene, a, r, A
+
+
+@pytest.mark.parametrize("at, joint", [(0, {}), (sp.S.Half, {}), (1, {"torque": 3 * N.z})])
+def test_a_particle_has_one_point_and_no_orientation(at, joint):
+    wanted = (
+        "'bead' at 'Q', which is not the point 'P' of that particle"
+        if at != 1
+        else "'bead' is a particle, which has no orientation"
+    )
+    with pytest.raises(SceneError, match=wanted):
+        da.compile_model(carried_particle(at, force=3 * N.y, **joint)[0], backend="numpy")
+
+
+def test_a_constraint_may_bring_the_joint_to_the_particle():
+    """The power of its force is that on the particle, whatever the frame that carries it; both routes agree."""
+    scene, a, r, A = carried_particle(1)
+    Q = O.locatenew("Q", l1 * A.x)
+    scene.joints = (da.Joint("hand", body="bead", at=Q, force=3 * A.y),)
+    scene.add_holonomic_constraints(r - l1)
+    model = da.compile_model(scene, backend="numpy", formulation="projected")
+    found = model.forcing(0.0, [0.3, 2.0], [0.0, 0.0], {l1: 1.0})
+    np.testing.assert_allclose(found, [6.0, 0.0], atol=1e-14)
+    view = da.lagrange(scene)
+    assert sp.simplify(view.power_coefficient(a) - 3 * r) == 0 and view.power_coefficient(r) == 0

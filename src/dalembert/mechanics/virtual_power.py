@@ -110,7 +110,9 @@ def _add_actions(kinematics: Kinematics, bodies: list[Pose], wrenches: dict[Pose
         if action.kind == "screw":
             assert action.target is not None and action.at is not None
             pose, body = bodies[action.target], model.bodies[action.target]
-            arm = kinematics.between(body.centre, action.at, pose.frame)
+            arm = vec.zero(kinematics.graph)
+            if body.inertia is not None:  # a particle has one point, and does not turn with the frame that carries it
+                arm = kinematics.between(body.centre, action.at, pose.frame)
         elif action.kind == "force":
             assert action.at is not None
             pose = kinematics.pose(kinematics.carrier(action.at), action.at)

@@ -1,13 +1,60 @@
-"""Check that the point of a joint belongs to its body."""
+"""Check that the point of a joint belongs to its body, and that particles have no torques."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from sympy.physics.mechanics import Particle
 
 from ..ir.graph import Graph, Node
+from .identity import vanishes
 from .model import Action, BodyModel, FrameModel, Pieces, PointModel
+from .unknowns import Unknown
 
-__all__ = ["foreign_points"]
+if TYPE_CHECKING:
+    from .scene import Joint, Scene
+
+__all__ = ["foreign_points", "points_off_particles", "torques_on_particles"]
+
+
+def torques_on_particles(scene: Scene, joint: Joint) -> list[str]:
+    """Return a fault for every particle that a joint with a torque acts on."""
+    return [
+        f"joint {joint.name!r} has a torque, but {str(body.name)!r} is a particle, which has no orientation: make it a"
+        " RigidBody, or leave the torque out"
+        for body in scene.bodies
+        if joint.torque != 0 and isinstance(body, Particle) and str(body.name) in (joint.body, joint.other)
+    ]
+
+
+def points_off_particles(scene: Scene) -> list[str]:
+    """Return a fault for every joint on a particle at another point than that of the particle.
+
+    Where constraints or contacts may bring the two together, and for pairs of opposite actions, they may differ.
+    """
+    if scene.holonomic_constraints or scene.contacts:
+        return []
+    faults = []
+    unknowns = [_unknowns(joint.force) | _unknowns(joint.torque) for joint in scene.joints]
+    for number, joint in enumerate(scene.joints):
+        paired = any(found & unknowns[number] for other, found in enumerate(unknowns) if other != number)
+        for body in scene.bodies:
+            if paired or not isinstance(body, Particle) or str(body.name) not in (joint.body, joint.other):
+                continue
+            apart = joint.at.pos_from(body.point)
+            if not all(vanishes(x) for matrix, _ in apart.args for x in matrix):
+                faults.append(
+                    f"joint {joint.name!r} acts on {str(body.name)!r} at {joint.at.name!r}, which is not the point"
+                    f" {body.point.name!r} of that particle: let it act at {body.point.name!r}, or, where it acts on"
+                    " what carries the particle, make that a RigidBody"
+                )
+    return faults
+
+
+def _unknowns(vector: Any) -> set[Unknown]:
+    """Return the unknown components in a vector."""
+    return set() if vector == 0 else {x for matrix, _ in vector.args for x in matrix.atoms(Unknown)}
 
 
 def foreign_points(

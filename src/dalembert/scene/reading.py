@@ -20,7 +20,7 @@ from .controllers import controller_symbols, read_controllers
 from .dyadics import matrix_of
 from .expressions import short
 from .geometry import GeometryReader
-from .joint_checks import foreign_points
+from .joint_checks import foreign_points, points_off_particles, torques_on_particles
 from .model import (
     Action,
     BodyModel,
@@ -115,6 +115,7 @@ class _SceneReader(GeometryReader):
                 symbols.unknowns,
             )
         if not self.faults and placed:
+            self.faults += points_off_particles(scene)
             self.faults += velocity_faults(scene, self.frames, self.points, self._met)
         self.faults += rough_tables(self.graph, requirements)
         faults = self.faults + self.expressions.faults
@@ -263,14 +264,7 @@ class _SceneReader(GeometryReader):
                 f" action (known: {list_names(name for name in bodies if name != joint.body)}), or is left out where"
                 " the fixed frame has it"
             )
-        turned = [str(body.name) for body in self.scene.bodies if isinstance(body, RigidBody)]
-        if joint.other is not None and joint.torque != 0:
-            for body in named:
-                if body in bodies and body not in turned:
-                    self.faults.append(
-                        f"{place} has a torque between two bodies, of which {body!r} is a particle, which has no"
-                        " orientation: make it a RigidBody, or leave the torque out"
-                    )
+        self.faults += torques_on_particles(self.scene, joint)
         if len(self.faults) > before:
             return []
         at = self._point(joint.at, place)

@@ -34,7 +34,8 @@ class Joint:
     """A contact of a body with the fixed frame, or with another body: an action screw with unknown components.
 
     The power of the screw is taken with the body's own velocity field at `at`
-    (v_G + omega x (at - G)), so the point may travel over the body. With `other`, the opposite screw acts on that body
+    (v_G + omega x (at - G)), so the point may travel over the body. A particle has the velocity of its point, takes no
+    torque, and a joint acts on it at that point. With `other`, the opposite screw acts on that body
     at the same point, with the velocity field of that body there.
 
     Parameters
