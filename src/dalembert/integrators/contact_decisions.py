@@ -77,7 +77,7 @@ _MOST_IMPACTS = 10_000
 
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
-"""Share of the gap accelerations so far that rounding of positions and forces leaves of one that is zero."""
+"""Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
 _ACCUMULATE = int(Status.EVENTS_ACCUMULATE)
@@ -300,21 +300,26 @@ def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
 
 @compiled_subset
 def _weigh(arguments: DecisionArguments, case: int) -> None:
-    """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them."""
+    """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them.
+
+    Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads, which
+    reactions balance.
+    """
     table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
     for i in range(table.constraint.size):
         pick.still[i] = pick.least[i] = 0.0
         if table.constraint[i] < 0 or pick.kind[i] == FREE:
             continue
-        square, ease, power = 0.0, 0.0, opening_power(table, space, i)
+        square, ease, power, terms = 0.0, 0.0, opening_power(table, space, i), 0.0
         for j in range(table.coordinates):
             entry, inertia = slope(table, space, table.constraint[i], j), mass(table, space, j, j)
             square += entry * entry
             if inertia > 0.0:
                 ease += entry * entry / inertia
-        pick.still[i] = _LOADS * cases.loads[case, i]
+                terms += abs(entry * space.load[j]) / inertia
+        pick.still[i] = _LOADS * max(cases.loads[case, i], terms)
         if ease > 0.0 and power > 0.0:
-            pick.least[i] = pick.still[i] * square / (ease * power)
+            pick.least[i] = _LOADS * cases.loads[case, i] * square / (ease * power)
 
 
 @compiled_subset
@@ -400,8 +405,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         cases.status[case] = _impact(arguments, case)
         return cases.status[case] == _SUCCESS
     known, meets, closing = _joined(arguments, case, begins)
-    _weigh(arguments, case)
     load_accelerations(table, space)
+    _weigh(arguments, case)
     cases.status[case] = select_mode(table, space, pick, known, meets)
     if cases.status[case] != _SUCCESS:
         return False

@@ -114,13 +114,27 @@ def _together(table: ContactTable, space: ContactSpace, pick: Candidates, i: int
 
 
 @compiled_subset
+def _has_own_slip(table: ContactTable, space: ContactSpace, place: int, i: int) -> bool:
+    """Return whether a contact along a line slips beyond rounding in the combination at hand."""
+    r, force = table.first[i], 0.0
+    for j in range(table.constraint.size):
+        force += abs(space.normal[j]) + _friction(table, space, j)
+    size = _speed(space) * row_size(table, space, table.constraints + r)
+    return abs(space.slip[r]) > _GRAZING * (size + abs(compliance(table, space, place, r, r)) * force)
+
+
+@compiled_subset
 def _torn(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
-    """Return whether a contact sticks that can only slip together with one that begins to slip."""
+    """Return whether a contact sticks that can only slip together with one that begins to slip.
+
+    One that slips although the other sticks has a slip of its own, as on a belt that runs while a wall stands still.
+    """
     torn = False
     for i in range(table.constraint.size):
         for j in range(i + 1, table.constraint.size):
             if pick.mode[i] != pick.mode[j] and _together(table, space, pick, i, j):
-                torn = torn or _coupled(table, space, place, i, j)
+                own = _has_own_slip(table, space, place, i if pick.mode[i] == SLIP else j)
+                torn = torn or (not own and _coupled(table, space, place, i, j))
     return torn
 
 

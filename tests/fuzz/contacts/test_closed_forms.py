@@ -272,3 +272,22 @@ def test_a_wheel_at_a_smooth_wall_rolls_away_when_its_motor_reverses():
     s = 1.2 - away
     angle = 0.8 / (0.1 + 0.25) * (s / 4.0 - math.sin(4.0 * s) / 16.0)
     np.testing.assert_allclose(motion.q[-1], [-0.5 * angle, 0.5, angle], atol=1e-8)
+
+
+def test_a_wall_stops_a_wheel_that_a_belt_drives():
+    # once the wall holds the wheel, belt and wall can only slip together but for the speed of the belt
+    m, I, r, belt, mu, mu_wall = 2.0, 0.2, 0.3, 0.3, 0.25, 0.7
+    x_dot, theta_dot = 1.0, 0.8
+    run = compiled("wheel").simulate(
+        (0.0, 0.5),
+        {"x": 0.0, "y": r, "theta": 0.0, "x_dot": x_dot, "y_dot": 0.0, "theta_dot": theta_dot},
+        {"m": m, "I": I, "r": r, "g_x": 0.0, "g_y": 9.81, "belt": belt, "T": 0.0, "omega": 1.0, "A": 0.0}
+        | {"mu": mu, "mu_wall": mu_wall, "x_wall": r + 0.01, "e": 0.0},
+    )
+    after = 1 + int(np.flatnonzero(np.diff(run.t) == 0.0)[0])
+    before = run.qdot[after - 1]
+    floor = I * before[2] / r / (1.0 - mu)  # normal impulses: the wall's friction presses the wheel on the belt
+    wall = m * before[0] + mu * floor
+    assert floor < mu_wall * wall
+    np.testing.assert_allclose(run.qdot[after], 0.0, atol=1e-12)
+    assert run.status is Status.SUCCESS
