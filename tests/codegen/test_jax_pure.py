@@ -148,13 +148,28 @@ def test_which_gradients_go_back_one_stage_after_the_other(formulation, limit, a
     monkeypatch.setattr(pieces, "_SHORT", limit)
     forget()
     solve = compiled("chaplygin_sleigh", formulation).solve_fn(method="tsit5")
-    assert (pieces.pieces_of(solve._program, solve._kernels, "tsit5", 0).steps.in_turn is not None) == alone
+    in_turn = pieces.pieces_of(solve._program, solve._kernels, "tsit5", 0).steps.in_turn
+    assert (in_turn is not None and in_turn.whole) == alone
     forget()
 
 
-@pytest.mark.parametrize("times", ([0.0, 9.0], [0.0, 4.0, 9.0], [0.0, -1.0], [0.0, 0.0]))
-def test_gradients_one_stage_after_the_other(times, monkeypatch):
-    monkeypatch.setattr(pieces, "_SHORT", 0)
+SEVERAL = [0.0, 0.1, 0.1001, 0.1002, 4.0, 4.0, 9.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "limit"),
+    [
+        ([0.0, 9.0], 0),
+        ([0.0, 4.0, 9.0], 0),
+        (SEVERAL, 0),
+        (SEVERAL, 50),
+        ([0.0, -1.0, -2.0], 50),
+        ([0.0, -1.0], 0),
+        ([0.0, 0.0], 0),
+    ],
+)
+def test_gradients_one_stage_after_the_other(times, limit, monkeypatch):
+    monkeypatch.setattr(pieces, "_SHORT", limit)
     monkeypatch.setattr(adjoint, "_CHUNK", 8)
     forget()
     parameters, initial, _ = SLEIGH
@@ -170,6 +185,25 @@ def test_gradients_one_stage_after_the_other(times, monkeypatch):
     directions = tuple(np.sin(1.0 + np.arange(len(part))) for part in at)
     pushed = jax.jit(lambda *at: jax.jvp(value("forward"), at, directions)[1])(*at)
     assert sum(a @ b for a, b in zip(found, directions, strict=True)) == pytest.approx(float(pushed), rel=1e-9)
+    forget()
+
+
+@pytest.mark.parametrize("limit", (0, 50))
+def test_times_that_are_all_the_first_have_derivatives(limit, monkeypatch):
+    monkeypatch.setattr(pieces, "_SHORT", limit)
+    forget()
+    parameters, initial, _ = SLEIGH
+    model = compiled("chaplygin_sleigh")
+    y, p = model.state(initial, parameters), model.parameter_vector(parameters)
+
+    def states(y):
+        return model.solve_fn(method="tsit5")(np.zeros(3), y, p).y
+
+    each = np.broadcast_to(np.eye(len(y)), (3, len(y), len(y)))
+    np.testing.assert_array_equal(jax.jacfwd(states)(y), each)
+    np.testing.assert_array_equal(jax.jacrev(states)(y), each)
+    one = jax.grad(lambda y: (states(y) ** 2).sum())(y)  # not vectorised
+    np.testing.assert_array_equal(one, 6.0 * y)
     forget()
 
 

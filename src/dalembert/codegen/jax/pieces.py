@@ -81,9 +81,10 @@ def pieces_of(
     one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved, knots=limits[0])
     many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved, knots=limits[1])
     in_turn: InTurn | None = None
-    if len(rhs.body) > _SHORT and not moved and not constants.extended and not only_in_branches(rhs):
+    if not moved and not constants.extended and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
-        in_turn = InTurn(tableau, looped(rhs), cache(partial(cotangents_of, rhs, *sizes)))
+        pulling = cache(partial(cotangents_of, rhs, *sizes))
+        in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
     steps_of_pair = _PairSteps(blocked(rhs), tableau, projections, in_turn, constants)
     return Pieces(one, whole, many, on_rows, steps_of_pair, _decided(program), moved_by)
 

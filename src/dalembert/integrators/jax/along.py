@@ -8,12 +8,13 @@ changes of second order are changes along the same run that enter at every step.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Linear, Record, Steps, pulled, pushed
+from .derivatives import CHUNK, Linear, Over, Record, Steps, Turns, pulled, pushed
 from .lanes import Rows
 from .linear_maps import LinearMap, apply
 from .row_maps import Given, PushedRows
@@ -133,7 +134,7 @@ class Along:
         at_times = jnp.zeros((0, len(dy)))
         if timed:
             sizes, states = _times(held)
-            starts = rows[held.at.astype(int)]
+            starts = jnp.where(held.count > 0.0, rows[held.at.astype(int)], dy)
             at_times, _ = _Pushed(_Step(self.linear))(sizes, (states, starts), (held.c, dc, held.end))
         if sources:
             at_times = at_times + sources[1]
@@ -178,17 +179,53 @@ class _Against:
     sources: bool
 
     def __call__(self, held: Course, moving: Any) -> Any:
+        turns, timed = self.linear.in_turn, len(held.at) > 0
+        # Elsewhere it is long rows that are fast.
+        if turns is None or self.sources or jax.default_backend() != "cpu" or not (turns.whole or timed):
+            return self._in_rows(held, moving)
+        alone = jax.custom_batching.custom_vmap(partial(self._in_turn, turns))
+
+        @alone.def_vmap
+        def _(size: int, batched: Any, held: Course, moving: Any) -> Any:
+            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
+            return jax.vmap(self._in_rows, axes, axis_size=size)(held, moving), (True, True)
+
+        return alone(held, moving)
+
+    def _in_turn(self, turns: Turns, held: Course, moving: Any) -> Any:
+        """Return the same, one stage after the other, of one run."""
         end, at_times, *kept = moving
-        at, share = held.at.astype(int), jnp.zeros_like(held.c)
-        starts = jnp.zeros((0, len(end)))
-        if len(at):
+        over = Over(held.at.astype(int), held.begins, held.sizes)
+        if turns.whole:
+            timed = (over, at_times) if len(held.at) else ()
+            return self._with_start(held, at_times, turns(held.record, held.c, tuple(kept), end, timed))
+        starts, share = turns.starts(held.record, held.c, over, at_times)
+        return self._with_starts(held, moving, starts, share)
+
+    def _in_rows(self, held: Course, moving: Any) -> Any:
+        """Return the same, of chunks of steps at once, as a batch of runs has it."""
+        at_times, starts, share = moving[1], (), jnp.zeros_like(held.c)
+        if len(held.at):
             sizes, states = _times(held)
             starts, share = _Pulled(_Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
-        rows = kept[0].at[at].add(starts) if kept else None
-        first, added, *ahead = pulled(
-            self.linear, held.record, held.c, (at, starts), end, rows=rows, sources=self.sources
-        )
-        return (first, share + added, ahead[0], at_times) if self.sources else (first, share + added)
+        return self._with_starts(held, moving, starts, share)
+
+    def _with_starts(self, held: Course, moving: Any, starts: Any, share: Any) -> Any:
+        """Return the same, from the cotangents of the starts of steps to times, and what these add to the constants."""
+        end, at_times, *kept = moving
+        given = tuple(kept)
+        if len(held.at):
+            rows = kept[0] if kept else jnp.zeros_like(held.record.y)
+            given = (rows.at[held.at.astype(int)].add(starts),)
+        first, added, *ahead = pulled(self.linear, held.record, held.c, given, end, sources=self.sources)
+        first, added = self._with_start(held, at_times, (first, share + added))
+        return (first, added, ahead[0], at_times) if self.sources else (first, added)
+
+    @staticmethod
+    def _with_start(held: Course, at_times: Any, found: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Return cotangents of the first state and the constants; where no step was taken, every time is the first."""
+        first, share = found
+        return jnp.where(held.count > 0.0, first, first + jnp.sum(at_times, 0)), share
 
     @property
     def transposed(self) -> LinearMap:

@@ -7,8 +7,6 @@ rows; one after the other there are but products of small matrices and vectors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
 import jax
@@ -22,8 +20,10 @@ from .run_constants import RunConstants
 __all__ = [
     "CHUNK",
     "Linear",
+    "Over",
     "Record",
     "Steps",
+    "Turns",
     "instantiate",
     "jacobians",
     "pulled",
@@ -76,12 +76,45 @@ class Steps(NamedTuple):
     go: Any
 
 
+@final
+class Over(NamedTuple):
+    """Shorter steps from the starts of attempts to wanted times, each on its own.
+
+    Attributes
+    ----------
+    at, begins, sizes : Array (n_t,)
+        Numbers of the attempts, when these began, and how far the steps go.
+    """
+
+    at: Any
+    begins: Any
+    sizes: Any
+
+
+class Turns(Protocol):
+    """The stages of the steps of a run of one case, one after the other."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether whole runs go back so; else steps to wanted times alone."""
+
+    def ends(self, over: Over, states: Any, c: Any) -> Any:
+        """Return the ends (n_t, n_y) of steps from states (n_t, n_y), by constants (n_c,)."""
+
+    def starts(self, record: Record, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
+        """Return the cotangents of the starts of steps to times (n_t, n_y), those of one attempt summed, and of c."""
+
+    def __call__(
+        self, record: Record, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
+    ) -> tuple[Any, Any]:
+        """Return what `pulled` does, of a run with steps to wanted times, `over` = (`Over`, cotangents (n_t, n_y))."""
+
+
 class Linear(Protocol):
     """The derivatives of one method's steps.
 
-    ``in_turn`` pulls a run of one case back one stage after the other, where that is faster and possible: from a
-    `Record`, constants (n_c,), nothing or cotangents (room, n_y) at the starts of attempts, and one of the last state
-    (n_y,), to what `pulled` returns.
+    ``in_turn`` goes over a run of one case one stage after the other, where that is faster and possible (see
+    `dalembert.integrators.jax.adjoint`).
 
     ``constants`` says what the constants of a run are.
 
@@ -94,7 +127,7 @@ class Linear(Protocol):
         """See the class."""
 
     @property
-    def in_turn(self) -> Callable[..., tuple[Any, Any]] | None:
+    def in_turn(self) -> Turns | None:
         """See the class."""
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
@@ -177,15 +210,12 @@ def pulled(
     linear: Linear,
     record: Record,
     c: Any,
-    starts: tuple[Any, Any],
+    given: tuple[Any, ...],
     end: Any,
     *,
-    rows: Any = None,
     sources: bool = False,
 ) -> tuple[Any, ...]:
     """Return the cotangents of the first state (n_y,), of the constants (n_c,), and of `sources` where they are wanted.
-
-    A batch of runs goes back in chunks of steps, and so does a run that does not go back one stage after the other.
 
     Parameters
     ----------
@@ -193,39 +223,13 @@ def pulled(
         The derivatives of the steps.
     record, c
         The run, and its constants (n_c,).
-    starts
-        Numbers of attempts (k,), and cotangents of the states at their starts (k, n_y).
+    given
+        Nothing, or the cotangents (room, n_y) of the states at the starts of attempts.
     end
         Cotangent of the last state (n_y,).
-    rows
-        Cotangents (room, n_y) of the states at all starts, in place of `starts`, where there are any.
     sources
         Whether the cotangents (room, n_y) of the ends of steps are wanted.
     """
-    at, some = starts
-    if rows is None and len(at):
-        rows = jnp.zeros_like(record.y).at[at].add(some)
-    given = () if rows is None else (rows,)
-    if sources:
-        return _pulled_in_chunks(linear, record, c, given, end, sources=True)
-    in_chunks = partial(_pulled_in_chunks, linear)
-    if linear.in_turn is None or jax.default_backend() != "cpu":  # elsewhere it is long rows that are fast
-        return in_chunks(record, c, given, end)
-    one = jax.custom_batching.custom_vmap(linear.in_turn)
-
-    @one.def_vmap
-    def _(size: int, batched: Any, *arguments: Any) -> Any:
-        axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-        return jax.vmap(in_chunks, axes, axis_size=size)(*arguments), (True, True)
-
-    found: tuple[Any, Any] = one(record, c, given, end)
-    return found
-
-
-def _pulled_in_chunks(
-    linear: Linear, record: Record, c: Any, given: tuple[Any, ...], end: Any, *, sources: bool = False
-) -> tuple[Any, ...]:
-    """Return what `pulled` does, with the cotangents (room, n_y) at the starts of attempts where there are any."""
     chunks = -(-record.count // CHUNK)
 
     def chunk(number: Any, carry: Any) -> Any:

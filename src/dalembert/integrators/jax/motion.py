@@ -18,7 +18,7 @@ from jax.custom_derivatives import SymbolicZero
 from ...methods.status import Status
 from ...once import once_property
 from .along import Along, Course, Differentiable
-from .derivatives import CHUNK, Record, Steps, instantiate
+from .derivatives import CHUNK, Over, Record, Steps, instantiate
 from .jumping import moved_until, sure_until
 from .lanes import Attempts, Batch, Function, Projections, Rows
 from .linear_maps import apply
@@ -338,6 +338,26 @@ class Motion:
         steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
         return jnp.stack(self._pieces.steps.rates(steps), axis=1)
 
+    def _ends(self, over: Over, states: Any, c: Any, go: Any) -> Any:
+        """Return the ends (n_t, n_y) of steps to wanted times, one stage after the other where that is faster."""
+        moves = self._pieces.steps
+
+        def in_rows(over: Over, states: Any, c: Any, go: Any) -> Any:
+            rows = moves.constants.rows(c, over.begins + 0.5 * over.sizes)
+            return jnp.stack(moves(Steps(over.begins, over.sizes, tuple(states.T), rows, go)), axis=1)
+
+        turns = moves.in_turn
+        if turns is None or jax.default_backend() != "cpu":
+            return in_rows(over, states, c, go)
+        alone = jax.custom_batching.custom_vmap(lambda over, states, c, go: turns.ends(over, states, c))
+
+        @alone.def_vmap
+        def _(size: int, batched: Any, *arguments: Any) -> Any:
+            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
+            return jax.vmap(in_rows, axes, axis_size=size)(*arguments), True
+
+        return alone(over, states, c, go)
+
     def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Reached, Record, Any, Any]:
         """Return how the run went, its record, which times were reached, and what passes over them, as in `_Full`."""
         t, ordered = in_order(t)
@@ -354,11 +374,10 @@ class Motion:
         if room:
             times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
             at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
-            begins, states = record.t[at], record.y[at]
+            begins, states = record.t[at], jnp.where(record.count > 0, record.y[at], y0)
         else:
             begins, states = record.taken[:, 0], record.taken[:, 1:]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
-        rows = self._pieces.steps.constants.rows(c, begins + 0.5 * size)
-        steps = Steps(begins, size, tuple(states.T), rows, record.count > 0)
-        y = jnp.where(known[:, None], jnp.stack(self._pieces.steps(steps), axis=1), jnp.nan)
+        ends = self._ends(Over(at, begins, size), states, c, record.count > 0)
+        y = jnp.where(known[:, None], ends, jnp.nan)
         return Reached(y, *numbers), record, known, (at.astype(float), begins, size)
