@@ -302,8 +302,8 @@ def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
 def _weigh(arguments: DecisionArguments, case: int) -> None:
     """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them.
 
-    Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads, which
-    reactions balance.
+    Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads,
+    which reactions balance.
     """
     table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
     for i in range(table.constraint.size):
