@@ -26,8 +26,8 @@ from ..simulate import NO_ESTIMATE
 from .event_jumps import EventJumps
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
-from .request import SweepRequest
-from .simulate import Request, simulate
+from .request import MotionRequest, SweepRequest
+from .simulate import simulate
 from .sweep import sweep
 
 __all__ = ["plain_mode", "run_cases", "run_motion", "start_state"]
@@ -75,7 +75,7 @@ def run_motion(
         raise OptionError(NO_ESTIMATE)
     if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
         raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
-    request = Request(
+    request = MotionRequest(
         t0=t0,
         t1=t1,
         x=start_state(modes, layout, t0, values, given),

@@ -1,4 +1,4 @@
-"""Request of a sweep of motions with contacts."""
+"""Requests of a motion with contacts, and of a sweep of such motions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...integrators.event_code import Event
 from ...ir.program import Layout
-from ...options import SweepOptions
+from ...options import SimulateOptions, SweepOptions
 from .event_jumps import EventJumps
 from .reductions import PhaseReductions
 
-__all__ = ["SweepRequest"]
+__all__ = ["MotionRequest", "SweepRequest"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MotionRequest:
+    """Request of one motion.
+
+    Attributes
+    ----------
+    t0, t1 : float
+        Span [s].
+    x : ndarray (2 n_q,)
+        Consistent coordinates and rates to start from.
+    parameters : dict of str to float
+        Of the scene.
+    c : ndarray (n_p,)
+        The same in the order of the scene.
+    options : SimulateOptions
+        As `simulate` was given them.
+    events : tuple of Event
+    jumps : EventJumps
+        Of the events that map the state.
+    layout : Layout
+        Of the scene, with the outputs that were asked for.
+    """
+
+    t0: float
+    t1: float
+    x: FloatArray
+    parameters: dict[str, float]
+    c: FloatArray
+    options: SimulateOptions
+    events: tuple[Event, ...]
+    jumps: EventJumps
+    layout: Layout
 
 
 @final
