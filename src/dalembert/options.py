@@ -127,7 +127,7 @@ class RunOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOptions(RunOptions):
-    """What runs take whose steps may be limited.
+    """Options of runs whose steps may be limited.
 
     Attributes
     ----------

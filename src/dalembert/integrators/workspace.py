@@ -88,7 +88,7 @@ class LaneNumbers(NamedTuple):
 
 
 class LoopProgress(Record):
-    """Where a loop over lanes is, and when it returns before its end.
+    """Progress of a loop over lanes, and when it returns before its end.
 
     After ``patience`` of its ``rounds`` it checks whether to stop, and returns where ``returns`` is not 0. ``paused``
     is 1 then, and it continues where it was when it is called again. This thread is to load the cases from ``coming``

@@ -35,7 +35,7 @@ _BLOCK = 65_536
 @final
 @dataclass(frozen=True)
 class SweepStatistics:
-    """What a sweep cost, and its tolerances, NaN where they are not known.
+    """Cost of a sweep, and its tolerances, NaN where they are not known.
 
     `note` says why "auto" took another method than it usually does, where it did. `methods` are those of each mode of
     contacts by number, `NO_MODE` without contacts, and by `rtol`.
@@ -66,7 +66,7 @@ class CaseFailure:
 @final
 @dataclass(frozen=True, eq=False)
 class EventCounts:
-    """How often an event occurred in each case (n_case,), and when first and last [s], NaN where it did not."""
+    """Number of times an event occurred in each case (n_case,), and first and last time [s], NaN where it did not."""
 
     count: NDArray[np.int64]
     first: FloatArray

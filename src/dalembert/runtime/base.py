@@ -30,7 +30,7 @@ SweepT_co = TypeVar("SweepT_co", covariant=True)
 
 
 class Model(ABC, Generic[RunT_co, SweepT_co]):
-    """What every compiled scene can do: functions over a model, in `dalembert.runtime.interface`, are its methods.
+    """Compiled scene: its methods are functions over a model, in `dalembert.runtime.interface`.
 
     They check arguments, make frozen options of them, and call what a kind of model brings: the methods below. The type
     variables are those of a trajectory and of the results of many cases.

@@ -38,7 +38,7 @@ def available_threads() -> int:
 @final
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What all cases have in common."""
+    """Options that all cases have in common."""
 
     t_eval: FloatArray | None
     method: str

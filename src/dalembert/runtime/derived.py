@@ -31,7 +31,7 @@ _MOST_WATCHES = 64
 
 @final
 class Derived:
-    """What is derived from the stages of a model on demand.
+    """Kernels and facts that are derived from the stages of a model on demand.
 
     Attributes
     ----------

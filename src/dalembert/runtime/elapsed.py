@@ -73,7 +73,7 @@ def elapsed_times(t0: float, t1: float, t_eval: FloatArray | None) -> FloatArray
 @final
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What is asked of a model that runs in the time since a start.
+    """Events and reductions of a model that runs in the time since a start.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ __all__ = ["Variation", "chosen_names", "through_offsets", "vary"]
 @final
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """What it takes to run a model with its derivatives.
+    """Equations and names of a run with derivatives.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ def flag(guard: Guard) -> int:
 
 @final
 class Decisions:
-    """What follows when guards fire, and which mode holds.
+    """Impacts and mode selection of many cases, by compiled code.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions, *, 
 @final
 @dataclass(frozen=True, eq=False)
 class _Memory:
-    """Where cases are gathered, and what becomes of them."""
+    """Memory in which cases are gathered and their results are written."""
 
     gathered: FloatArray
     y: FloatArray

@@ -24,7 +24,7 @@ __all__ = ["MotionLog"]
 
 @final
 class MotionLog:
-    """What a run has recorded so far.
+    """Record of a motion so far.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ class MotionRequest:
 @final
 @dataclass(frozen=True, eq=False)
 class SweepRequest:
-    """What a sweep is asked for.
+    """Request of a sweep.
 
     Attributes
     ----------
