@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..integrators.cases import BlockResult, CaseColumns
@@ -14,7 +13,7 @@ from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.segments import constants_at
-from ..integrators.workspace import POINT_LANES, EventKernels, aligned, no_events
+from ..integrators.workspace import EventKernels, aligned, no_events
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
@@ -308,45 +307,14 @@ class CompiledEngine(Engine):
             return no_events()
         if len(self._event_kernels) >= _MOST_EVENT_KERNELS:
             self._event_kernels.clear()
-        key = (code, method, shape, lanes, with_series)
-        return computed_once(self._event_kernels, key, lambda: self._compiled_events(*key))
 
-    def _compiled_events(
-        self, code: EventCode, method: str, shape: tuple[int, int], lanes: int, with_series: int
-    ) -> EventKernels:
-        from ..integrators.reductions import KINDS
-        from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
+        def make() -> EventKernels:
+            from .event_kernels import event_kernels
 
-        steps, values = self.steps, code.watch.values
-        tableau = None if method == "taylor" else _pair(method)
-        jumps = [0 if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]
-        (degree, memory), n = shape, self._sizes["rhs"]
-        step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=tableau is None)
-        if with_series:
-            signs = series_signs_kernel(with_series, n + with_series, degree)
-        else:
-            signs = step_signs_kernel(values, step)
-        running = code.running
-        return EventKernels(
-            step_signs=steps.extra_kernel(signs, lanes),
-            values=steps.extra_kernel(values, POINT_LANES),
-            value=steps.extra_kernel(values, 1),
-            begins=steps.extra_kernel(code.watch.begins, 1),
-            start=steps.extra_kernel(code.start.kernel, 1),
-            refill=0 if tableau is None else steps.beginning(tableau, 1),
-            given=len(code.start.given),
-            checks=2 * len(code.start.labels),
-            jumps=np.array(jumps, np.int64),
-            directions=np.array([event.direction for event in code.events], np.int64),
-            last=np.array([int(event.terminal) for event in code.events], np.int64),
-            used=_components(values),
-            step_bounds=steps.extra_kernel(step_bounds_kernel(running, step), lanes),
-            running=steps.extra_kernel(running, POINT_LANES),
-            at=steps.extra_kernel(running, 1),
-            kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
-            read=_components(running),
-            events_with_series=with_series,
-        )
+            tableau = None if method == "taylor" else _pair(method)
+            return event_kernels(self.steps, code, tableau, (self._sizes["rhs"], *shape), lanes, with_series)
+
+        return computed_once(self._event_kernels, (code, method, shape, lanes, with_series), make)
 
     def _kernels(self) -> list[int]:
         return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity", "knots")]
@@ -397,11 +365,6 @@ def _pair(name: str) -> Tableau:
     from ..methods.tableaus import TABLEAUS
 
     return next(tableau for tableau in TABLEAUS if tableau.name == name)
-
-
-def _components(kernel: Kernel) -> NDArray[np.int64]:
-    """Return which components of the state a kernel reads."""
-    return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
 
 
 def default_source(program: Program, steps: KernelLibrary, methods: Iterable[str]) -> str:
