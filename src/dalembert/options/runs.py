@@ -1,90 +1,30 @@
-"""Options of compilation and of all kinds of runs: names, defaults and checks."""
+"""Options of motions: single, many, prepared and traced."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, final
 
-from .errors import OptionError, unknown_name
-from .values import flag, option, times_of, tolerances, whole
+from ..errors import OptionError, unknown_name
+from ..values import flag, option, times_of, tolerances, whole
 
 __all__ = [
     "DEFAULT_TOLERANCES",
-    "ORIENTATIONS",
-    "CompileOptions",
     "PrepareOptions",
     "RunOptions",
-    "SensitivityOptions",
     "SimulateOptions",
     "SolveOptions",
     "StepOptions",
-    "StoreOptions",
     "SweepOptions",
-    "TrimOptions",
+    "set_checked",
     "simulate_options",
 ]
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
 """Relative and absolute tolerance of a run that is not told another."""
-
-ORIENTATIONS = ("scene", "quaternion")
-"""Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""
-
-
-@final
-@dataclass(frozen=True)
-class CompileOptions:
-    """Options of a compilation; the arguments of `dalembert.compile_model`.
-
-    Attributes
-    ----------
-    backend : str
-        A name in `dalembert.codegen.BACKENDS`.
-    formulation : str
-        A name in `dalembert.reduction.FORMULATIONS`, or "auto".
-    outputs : tuple
-        Names or SymPy expressions to record.
-    cache : bool
-        Whether generated modules and compiled code may be kept on disk.
-    gains : (float, float) or None
-        Gains alpha and beta [1/s] of the formulation "baumgarte"; None leaves them to each run.
-    orientation : str
-        "scene" for the coordinates of the scene, "quaternion" to let unit quaternions take the place of angles.
-
-    Raises
-    ------
-    OptionError
-        For an orientation that does not exist, gains that are not two positive numbers, or that no formulation takes.
-    """
-
-    backend: str = "llvm"
-    formulation: str = "auto"
-    outputs: tuple[Any, ...] = ()
-    cache: bool = True
-    gains: tuple[float, float] | None = None
-    orientation: str = "scene"
-
-    def __post_init__(self) -> None:
-        orientation: Any = self.orientation
-        if not isinstance(orientation, str) or orientation not in ORIENTATIONS:
-            raise OptionError(unknown_name("orientation", str(self.orientation), ORIENTATIONS))
-        if self.gains is None:
-            return
-        try:
-            alpha, beta = (float(gain) for gain in self.gains)
-        except (TypeError, ValueError):
-            raise OptionError(f"gains must be two numbers, alpha and beta [1/s], not {self.gains!r}") from None
-        if not (0.0 <= alpha < math.inf and 0.0 <= beta < math.inf):
-            raise OptionError(f"gains must be finite and not negative, not {self.gains!r}")
-        if self.formulation != "baumgarte":
-            raise OptionError(
-                f"gains are those of the formulation 'baumgarte', not of {self.formulation!r}: give formulation="
-                "'baumgarte' with them, or leave them out"
-            )
-        object.__setattr__(self, "gains", (alpha, beta))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,7 +56,7 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         rtol, atol = tolerances(self.rtol, self.atol)
-        _set(self, rtol=rtol, atol=atol, max_steps=whole("max_steps", self.max_steps))
+        set_checked(self, rtol=rtol, atol=atol, max_steps=whole("max_steps", self.max_steps))
 
     @property
     def automatic(self) -> bool:
@@ -144,7 +84,7 @@ class StepOptions(RunOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set(self, max_step=option("max_step", self.max_step))
+        set_checked(self, max_step=option("max_step", self.max_step))
 
 
 @final
@@ -185,12 +125,12 @@ class SimulateOptions(StepOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set(self, progress=flag("progress", self.progress))
+        set_checked(self, progress=flag("progress", self.progress))
         if self.t_eval is not None:
-            _set(self, t_eval=times_of("t_eval", self.t_eval))
+            set_checked(self, t_eval=times_of("t_eval", self.t_eval))
         if self.first_step is not None:
-            _set(self, first_step=option("first_step", self.first_step))
-        _set(self, dense=flag("dense", self.dense), error_estimate=flag("error_estimate", self.error_estimate))
+            set_checked(self, first_step=option("first_step", self.first_step))
+        set_checked(self, dense=flag("dense", self.dense), error_estimate=flag("error_estimate", self.error_estimate))
 
 
 @final
@@ -248,54 +188,13 @@ class SweepOptions(StepOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.t_eval is not None:
-            _set(self, t_eval=times_of("t_eval", self.t_eval))
+            set_checked(self, t_eval=times_of("t_eval", self.t_eval))
         if self.threads is not None:
-            _set(self, threads=whole("threads", self.threads))
+            set_checked(self, threads=whole("threads", self.threads))
             if self.threads < 1:
                 raise OptionError(f"threads must be at least 1, not {self.threads!r}")
-        _set(self, progress=flag("progress", self.progress))
-        _set(self, error_estimate=flag("error_estimate", self.error_estimate))
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StoreOptions:
-    """Options of stored sweeps; further keyword arguments of `CompiledModel.sweep`.
-
-    Attributes
-    ----------
-    to : str, Path or zarr store
-    chunk : int or None
-        Cases of a chunk; None lets the sweep choose it.
-    client : distributed.Client or None
-        The cluster that computes the chunks; None stands for this process.
-    resume : bool
-        Whether an existing store of the same sweep is completed.
-
-    Raises
-    ------
-    OptionError
-        For values that are not of the kind that is needed, and a client that is not running.
-    """
-
-    to: Any
-    chunk: int | None = None
-    client: Any = None
-    resume: bool = True
-
-    def __post_init__(self) -> None:
-        if self.chunk is not None:
-            _set(self, chunk=whole("chunk", self.chunk))
-            if self.chunk < 1:
-                raise OptionError(
-                    f"chunk must be at least one case, not {self.chunk!r}; leave it out to have it chosen"
-                )
-        _set(self, resume=flag("resume", self.resume))
-        status = getattr(self.client, "status", type(self.client).__name__)
-        if self.client is not None and status != "running":
-            raise OptionError(
-                f"client must be a running distributed.Client; this one is {status}. Make a new one, or leave it out"
-            )
+        set_checked(self, progress=flag("progress", self.progress))
+        set_checked(self, error_estimate=flag("error_estimate", self.error_estimate))
 
 
 @final
@@ -356,77 +255,7 @@ class SolveOptions:
             raise OptionError(f"max_step must be a positive number of seconds, not {self.max_step!r}")
         numbers = {name: float(getattr(self, name)) for name in ("rtol", "atol", "max_step")}
         flags = {name: flag(name, getattr(self, name)) for name in ("dense", "throw")}
-        _set(self, max_steps=int(self.max_steps), **numbers, **flags)
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SensitivityOptions(RunOptions):
-    """Options of a run with derivatives; the keyword arguments of `CompiledModel.sensitivity`.
-
-    Attributes
-    ----------
-    wrt : iterable of symbols or names
-        Parameters and given initial values with respect to which is differentiated.
-    of : iterable of symbols or names, or None
-        What is differentiated; None takes all coordinates and rates.
-    t_eval : ndarray (n_t,) or None
-        Times to record [s]; None records the accepted steps.
-
-    Raises
-    ------
-    OptionError, ValueInputError
-        For values that are not of the kind that is needed.
-    """
-
-    wrt: Any
-    of: Any = None
-    t_eval: Any = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.t_eval is not None:
-            _set(self, t_eval=times_of("t_eval", self.t_eval))
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TrimOptions:
-    """Options of equilibria and steady motions; the keyword arguments of `CompiledModel.trim`.
-
-    Attributes
-    ----------
-    free : iterable of names or None
-        Values that may change; None takes all coordinates and first-order states.
-    steady : iterable of names or None
-        Coordinates, rates and states that must not change in time; None takes rates and states.
-    t : float
-        Time [s].
-    tolerance : float
-        What may be left of a condition, as a share of the size of its terms.
-    max_iterations : int
-        Most Newton steps.
-
-    Raises
-    ------
-    OptionError
-        For values that are not of the kind that is needed.
-    """
-
-    free: Any = None
-    steady: Any = None
-    t: float = 0.0
-    tolerance: float = 1e-12
-    max_iterations: int = 100
-
-    def __post_init__(self) -> None:
-        tolerance, most = option("tolerance", self.tolerance), whole("max_iterations", self.max_iterations)
-        if not 0.0 < tolerance < 1.0:
-            raise OptionError(f"tolerance must be a number between 0 and 1, not {self.tolerance!r}")
-        if most < 1:
-            raise OptionError(f"max_iterations must be at least 1, not {self.max_iterations!r}")
-        free, steady = (tuple(v) if isinstance(v, Iterator) else v for v in (self.free, self.steady))
-        self.__dict__.update(free=free, steady=steady, t=option("t", self.t), tolerance=tolerance, max_iterations=most)
+        set_checked(self, max_steps=int(self.max_steps), **numbers, **flags)
 
 
 @lru_cache(maxsize=256, typed=True)
@@ -475,6 +304,6 @@ def simulate_options(
     return replace(options, t_eval=t_eval, events=events, inputs=inputs, progress=progress)
 
 
-def _set(options: RunOptions | SolveOptions | StoreOptions, **values: Any) -> None:
+def set_checked(options: object, **values: Any) -> None:
     """Write checked values into options that are being made."""
     options.__dict__.update(values)

@@ -1,0 +1,31 @@
+"""Options of compilation and of all kinds of runs: names, defaults and checks."""
+
+from .compilation import ORIENTATIONS, CompileOptions
+from .derivatives import SensitivityOptions, TrimOptions
+from .runs import (
+    DEFAULT_TOLERANCES,
+    PrepareOptions,
+    RunOptions,
+    SimulateOptions,
+    SolveOptions,
+    StepOptions,
+    SweepOptions,
+    simulate_options,
+)
+from .stores import StoreOptions
+
+__all__ = [
+    "DEFAULT_TOLERANCES",
+    "ORIENTATIONS",
+    "CompileOptions",
+    "PrepareOptions",
+    "RunOptions",
+    "SensitivityOptions",
+    "SimulateOptions",
+    "SolveOptions",
+    "StepOptions",
+    "StoreOptions",
+    "SweepOptions",
+    "TrimOptions",
+    "simulate_options",
+]
