@@ -11,6 +11,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .compiler import compile_model
     from .integrators.event_code import Event
+    from .integrators.feedback import feedback
     from .integrators.samples import samples
     from .results.grid import grid
     from .results.sampler import normal, random_cases, sobol_cases, uniform
@@ -38,6 +39,7 @@ __all__ = [
     "__version__",
     "compile_model",
     "errors",
+    "feedback",
     "final",
     "first_crossing",
     "free_orientation",
@@ -72,6 +74,7 @@ _ELSEWHERE = {
     "maximum": ("runtime.reductions", "maximum"),
     "mean": ("runtime.reductions", "mean"),
     "minimum": ("runtime.reductions", "minimum"),
+    "feedback": ("integrators.feedback", "feedback"),
     "samples": ("integrators.samples", "samples"),
 }
 """Name -> module and name of what is imported when it is first asked for: a scene is written without it."""

@@ -13,7 +13,7 @@ from ...ir.kernel import Assignment, Kernel, Load, Operand
 from ...ir.program import Program
 from ...transforms.pipelines import STEP_PASSES
 
-__all__ = ["in_elapsed_time"]
+__all__ = ["expansion_in_elapsed_time", "in_elapsed_time"]
 
 _TIMED = ("rhs", "project_position", "project_velocity")
 
@@ -34,6 +34,14 @@ def in_elapsed_time(program: Program) -> Program:
         return program
     counted = tuple(_counted(kernel, start) for kernel in kernels)
     return replace(program, kernels=counted, layout=replace(layout, constants=start + 1))
+
+
+def expansion_in_elapsed_time(program: Program) -> Kernel:
+    """Return the kernel of coordinates and rates with the constants of `in_elapsed_time`, the start always the last."""
+    kernel, layout = program.kernel("expand"), program.layout
+    if program.conditions is not None:
+        return _counted(_of_parameters(kernel, program.kernel("prepare")), len(layout.parameters))
+    return _counted(kernel, layout.constants or len(layout.parameters))
 
 
 def _of_parameters(kernel: Kernel, prepare: Kernel) -> Kernel:

@@ -29,9 +29,10 @@ from ...transforms.recurrences import recurrences
 from ...transforms.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
+from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
 
-__all__ = ["PAIRS", "SERVED", "pieces_of", "place_of"]
+__all__ = ["PAIRS", "SERVED", "pieces_of", "pieces_with", "place_of"]
 
 _BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
 PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
@@ -52,10 +53,30 @@ _SHORT = 50
 def pieces_of(
     program: Program, kernels: Kernels, method: str, order: int, constants: RunConstants | None = None
 ) -> Pieces:
+    """Return the pieces of a method for a program, made once; see `pieces_with`."""
+    return pieces_with(program, kernels, method, order, constants)
+
+
+def pieces_with(
+    program: Program,
+    kernels: Kernels,
+    method: str,
+    order: int,
+    constants: RunConstants | None,
+    feedback: FeedbackKernels | None = None,
+) -> Pieces:
     """Return the pieces of a method for a program.
 
-    `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes.
+    `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes; inputs may be
+    functions, with `feedback`, but in Taylor steps.
     """
+
+    def one_row(kernel: Function) -> Function:
+        return kernel if feedback is None else feedback.on_one_row(kernel)
+
+    def rows(kernel: Function) -> Function:
+        return kernel if feedback is None else feedback.on_rows(kernel)
+
     if constants is None:
         constants = RunConstants(place_of(program))
     corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
@@ -77,16 +98,19 @@ def pieces_of(
         return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or constants.broken
-    limits = _knots_of_one(program, kernels), compile_kernel(program.kernel("knots")) if "knots" in program else None
-    one = PairAttempts(_on_one_row(_of_one(program, kernels, "rhs")), tableau, moved=moved, knots=limits[0])
-    many = PairAttempts(compile_kernel(rhs, JAX), tableau, moved=moved, knots=limits[1])
+    limits: tuple[Function | None, ...] = None, None
+    if "knots" in program:
+        limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
+    one = PairAttempts(one_row(_on_one_row(_of_one(program, kernels, "rhs"))), tableau, moved=moved, knots=limits[0])
+    many = PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1])
     in_turn: InTurn | None = None
     if not moved and not constants.extended and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         pulling = cache(partial(cotangents_of, rhs, *sizes))
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
-    steps_of_pair = _PairSteps(blocked(rhs), tableau, projections, in_turn, constants)
-    return Pieces(one, whole, many, on_rows, steps_of_pair, _decided(program), moved_by)
+    in_steps, decided = blocked(rhs), _decided(program)
+    steps_of_pair = _PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants)
+    return Pieces(one, whole, many, on_rows, steps_of_pair, None if decided is None else rows(decided), moved_by)
 
 
 def place_of(program: Program) -> int | None:
@@ -120,10 +144,8 @@ def _on_one_row(kernel: OnArrays) -> Function:
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
 
 
-def _knots_of_one(program: Program, kernels: Kernels) -> Function | None:
-    """Return the limits of steps at knots of tables for one case on a row; None where there are none."""
-    if "knots" not in program:
-        return None
+def _knots_of_one(program: Program, kernels: Kernels) -> Function:
+    """Return the limits of steps at knots of tables for one case on a row."""
     limits = _of_one(program, kernels, "knots")
     return lambda t, y, c: tuple(limits(t, y[0], c[0]))
 

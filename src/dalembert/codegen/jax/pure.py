@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
+from ...integrators.feedback import Feedback
 from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
@@ -28,11 +29,13 @@ from ..printers import JAX
 from .arguments import parameters_of, times, vector
 from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
+from .feedback_functions import register_feedback
+from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
 from .modules import kernels_of
-from .pieces import SERVED, pieces_of, place_of
+from .pieces import PAIRS, SERVED, pieces_of, pieces_with, place_of
 from .records import register_samples
-from .run_inputs import Given, failed, inputs_of, run_inputs
+from .run_inputs import Given, failed, feedback_kernels, inputs_of, run_inputs
 from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
@@ -46,7 +49,8 @@ __all__ = ["Solve", "Solved", "refusing", "register_static"]
 class _Course(NamedTuple):
     """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move.
 
-    With inputs that are functions of time, also what the constants in steps are, and what is wrong with the inputs.
+    With inputs that are functions, also what the constants in steps are, what is wrong with the inputs, and those that
+    are functions of the state.
     """
 
     rows: Any
@@ -56,6 +60,7 @@ class _Course(NamedTuple):
     moved: Any
     constants: RunConstants | None = None
     wrong: Any = None
+    feedback: FeedbackKernels | None = None
 
 
 @final
@@ -115,6 +120,7 @@ class Solve:
         self._key = program, start, options, inputs
         self._hash = hash(self._key)
         register_samples()
+        register_feedback()
         self.given = program.layout.state if start is None else start.given
         self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
@@ -132,16 +138,31 @@ class Solve:
             )
         t, layout = times(t), self._program.layout
         numbers, given = inputs_of(layout, self._inputs, inputs, t)
-        if given and self._implicit:
-            raise OptionError(
-                f"solve_fn by {self._options.method!r} does not end steps at the knots of samples: take"
-                ' method="dopri8", "tsit5" or "taylor", or inputs that are constant in time'
-            )
+        self._refuse(given)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
         if self._options.throw:
             raise_failure(solved.status, self._program.formulation, self._options.method)
         return solved
+
+    def _refuse(self, given: Given) -> None:
+        """Refuse inputs that the method does not serve."""
+        method, functions = self._options.method, [name for name in given if isinstance(given[name], Feedback)]
+        if functions and self._options.method not in PAIRS:
+            raise OptionError(
+                f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take"
+                f" one of {list_names(map(repr, PAIRS))}, or give samples"
+            )
+        if given and self._implicit:
+            raise OptionError(
+                f"solve_fn by {method!r} does not end steps at the knots of samples: take"
+                ' method="dopri8", "tsit5" or "taylor", or inputs that are constant in time'
+            )
+        if functions and self._options.dense:
+            raise OptionError(
+                f"dense output does not know the function of input {functions[0]!r}: leave out dense=True, and give"
+                " solve the times that are wanted"
+            )
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Solve) and self._key == other._key)
@@ -161,7 +182,7 @@ class Solve:
         if self._begin is not None:
             y0 = self._begin(t[0], initial, course.first)[: len(self._program.layout.state)]
         reached, path = self._integrate(t, y0, course)
-        q, qdot, outputs = self._expanded(t, reached.y, course.rows)
+        q, qdot, outputs = self._expanded(t, reached.y, course.rows, course)
         status = reached.status
         if outputs.size:
             # Where states were not reached, the status says why outputs are not finite.
@@ -174,10 +195,14 @@ class Solve:
         dense = None if path is None else Dense(self, path, t[0], *of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
-    def _expanded(self, t: Any, y: Any, c: Any) -> tuple[Any, Any, Any]:
+    def _expanded(self, t: Any, y: Any, c: Any, course: _Course | None = None) -> tuple[Any, Any, Any]:
         """Return coordinates, rates (n_t, n_q) and outputs (n_t, n_outputs) of states at times."""
         n, x = len(self._program.layout.coordinates), self._on_rows("expand", t, y, c)
-        return x[:, :n], x[:, n : 2 * n], self._on_rows("outputs", t, y, c)
+        q, qdot = x[:, :n], x[:, n : 2 * n]
+        if course is not None and course.constants is not None and course.feedback is not None:
+            weights = course.run[len(course.run) - course.constants.weights :]
+            c = course.feedback.at_times(t, q, qdot, c, weights)
+        return q, qdot, self._on_rows("outputs", t, y, c)
 
     def states(self, dense: Dense, t: Any) -> States:
         """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
@@ -226,7 +251,9 @@ class Solve:
             (before.breaks, before.moved),
         )
         rows = inputs.at_times(before.rows)
-        return _Course(rows, rows[0], inputs.run, inputs.breaks, inputs.moved, inputs.constants, inputs.wrong)
+        first, constants = rows if rows.ndim == 1 else rows[0], inputs.constants
+        feedback = feedback_kernels(self._program, given, constants.count - 1)
+        return _Course(rows, first, inputs.run, inputs.breaks, inputs.moved, constants, inputs.wrong, feedback)
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
         if kernel not in self._kernels:
@@ -250,7 +277,7 @@ class Solve:
             if decisions(self._program) is not None:
                 y0, c = refusing(_JUMPS_UNSEEN, y0), refusing(_JUMPS_UNSEEN, c)
             return implicit_motion(self._elapsed, t, y0, c, options), None
-        motion = self._traced_motion(course.constants)
+        motion = self._traced_motion(course.constants, course.feedback)
         if not options.dense:
             return motion(t, y0, c, course.breaks, course.moved), None
         if motion.jumps:
@@ -259,7 +286,7 @@ class Solve:
 
     def _started(self, t: Any, y0: Any, course: _Course) -> Any:
         """Return the first state of a run with inputs, which changes with the start; breaks stay where they are."""
-        steps = self._pieces(course.constants).steps
+        steps = self._pieces(course.constants, course.feedback).steps
 
         def rates(elapsed: Any, y: Any, c: Any) -> Any:
             """Return the rates (n_y,) with what the constants, all but the last, are at that time."""
@@ -271,7 +298,7 @@ class Solve:
         middle = middles(still - still[0], course.breaks)[0] if len(course.breaks) else 0.0
         return started(rates, y0, t[0] - still[0], jnp.append(course.run, middle))
 
-    def _traced_motion(self, constants: RunConstants | None) -> Motion:
+    def _traced_motion(self, constants: RunConstants | None, feedback: FeedbackKernels | None = None) -> Motion:
         """Return runs by the method and its limits; explicit methods have them."""
         options = self._options
         limits = Limits(
@@ -281,13 +308,14 @@ class Solve:
             options.max_step,
             options.max_steps,
         )
-        return Motion(self._pieces(constants), limits)
+        return Motion(self._pieces(constants, feedback), limits)
 
-    def _pieces(self, constants: RunConstants | None) -> Pieces:
+    def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""
         options = self._options
         order = order_for(clipped_tolerance(options.rtol, options.atol)) if options.method == "taylor" else 0
-        return pieces_of(self._elapsed.program, self._elapsed, options.method, order, constants)
+        given = self._elapsed.program, self._elapsed, options.method, order, constants
+        return pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
 
 
 @partial(jax.jit, static_argnums=0)

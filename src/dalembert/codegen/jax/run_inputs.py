@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, final
 
 import jax
@@ -10,19 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import UnknownNameError, ValueInputError
+from ...integrators.feedback import Feedback
 from ...integrators.input_checks import refuse_kind, refuse_samples, unknown_input
+from ...integrators.jax.kernels import stacked
 from ...integrators.jax.run_constants import InputTable, RunConstants
 from ...integrators.jax.traced import is_traced
 from ...integrators.samples import Samples, checked_samples
 from ...ir.input_parameters import coefficient_places
-from ...ir.program import Layout
+from ...ir.program import Layout, Program
 from ...methods.status import Status
 from ...scene.model import InputSymbol
+from ..printers import JAX
+from .elapsed import expansion_in_elapsed_time
+from .feedback_functions import checked_feedback, function_of_weights, weights_of
+from .feedback_kernels import FeedbackKernels
+from .kernels import compile_kernel
 from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 
-__all__ = ["Given", "RunInputs", "failed", "inputs_of", "run_inputs"]
+__all__ = ["Given", "RunInputs", "failed", "feedback_kernels", "inputs_of", "run_inputs"]
 
-Given = dict[str, Samples]
+Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""
 
 
@@ -37,11 +44,15 @@ def inputs_of(
         For what is no input, and inputs that are given twice.
     ValueInputError
         For samples for many cases, too short ones, and those of a kind that is not smooth enough.
+    OptionError
+        For functions that do not serve.
     """
     if inputs is None:
         return {}, {}
     if not isinstance(inputs, Mapping):
-        raise ValueInputError(f"inputs must be a mapping of names or symbols to numbers or samples, not {inputs!r}")
+        raise ValueInputError(
+            f"inputs must be a mapping of names or symbols to numbers, samples or functions, not {inputs!r}"
+        )
     known = {symbol.name: symbol for symbol in symbols}
     numbers: dict[str, Any] = {}
     given: Given = {}
@@ -54,6 +65,8 @@ def inputs_of(
             wrong.append(f"input {name!r} is given twice")
         elif isinstance(value, Samples):
             given[name] = _checked(known[name], value, t)
+        elif isinstance(value, Feedback) or callable(value):
+            given[name] = checked_feedback(known[name], value, len(layout.coordinates))
         else:
             numbers[name] = value
     if wrong:
@@ -135,7 +148,8 @@ def run_inputs(
         Breaks of conditions on time, and which of them move.
     """
     known = {symbol.name: symbol for symbol in symbols}
-    records = given
+    records = {name: value for name, value in given.items() if isinstance(value, Samples)}
+    functions = [value for value in given.values() if isinstance(value, Feedback)]
     (place, c), (breaks, moved) = base, broken
     tables, parts, pieces = [], [c], []
     order, beyond = jnp.asarray(False), jnp.asarray(False)
@@ -154,11 +168,34 @@ def run_inputs(
         order, beyond = order | wrong[0], beyond | wrong[1]
     if records:
         breaks, moved = with_knots(tuple(records.values()), t, breaks, moved)
+    weights = [weights_of(value) for value in functions]
+    parts += weights
     status = jnp.where(beyond, int(Status.OUTSIDE_TABLE), int(Status.SUCCESS))
     status = jnp.where(order, int(Status.TIMES_IN_NO_ORDER), status)
     run = jnp.where(status == int(Status.SUCCESS), jnp.concatenate(parts), jnp.nan)
-    constants = RunConstants(place, len(c), tuple(tables))
+    constants = RunConstants(place, len(c), tuple(tables), sum(map(len, weights)), bool(functions))
     return RunInputs(constants, run, breaks, moved, tuple(pieces), status)
+
+
+def feedback_kernels(program: Program, given: Given, start: int) -> FeedbackKernels | None:
+    """Return the inputs of a run that are functions, for kernels whose constant `start` is its start; None without."""
+    functions = {name: value for name, value in given.items() if isinstance(value, Feedback)}
+    if not functions:
+        return None
+    layout = program.layout
+    n, first, each = len(layout.coordinates), 0, []
+    for name, value in functions.items():
+        last = first + len(weights_of(value))
+        each.append(_of_some(function_of_weights(name, value, n), first, last))
+        first = last
+    places = tuple(place + 1 for place in coefficient_places(layout.parameters, tuple(functions)))
+    expand = compile_kernel(expansion_in_elapsed_time(program), JAX)
+    return FeedbackKernels(tuple(each), places, start, n, expand, stacked(expand))
+
+
+def _of_some(function: Callable[..., Any], first: int, last: int) -> Callable[..., Any]:
+    """Return a function that takes some of the weights as one that takes all."""
+    return lambda t, q, qdot, weights: function(t, q, qdot, weights[first:last])
 
 
 def _ahead(table: InputTable, knots: Any, t: Any) -> Any:

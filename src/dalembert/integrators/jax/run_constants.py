@@ -74,13 +74,16 @@ class RunConstants:
         How many constants kernels take, where there are tables or weights.
     tables : tuple of InputTable
     weights : int
-        How many numbers behind the tables are weights, which kernels get as one array behind their constants.
+        How many numbers behind the tables are weights.
+    weighted : bool
+        Whether kernels get an array of weights behind their constants, be they none.
     """
 
     place: int | None = None
     count: int = 0
     tables: tuple[InputTable, ...] = ()
     weights: int = 0
+    weighted: bool = False
 
     @property
     def broken(self) -> bool:
@@ -90,7 +93,7 @@ class RunConstants:
     @property
     def extended(self) -> bool:
         """Whether there are more constants than kernels take."""
-        return bool(self.tables) or self.weights > 0
+        return bool(self.tables) or self.weighted
 
     def rows(self, c: Any, t: Any) -> Rows:
         """Return what kernels take in steps with the middles t (k,), times since the start of the run."""
@@ -127,7 +130,7 @@ class RunConstants:
             for i in columns:
                 rows[i] = jnp.zeros(())
         total = total.at[: self.count].add(jnp.stack([jnp.sum(row) for row in rows]))
-        return total.at[len(total) - self.weights :].add(share[-1]) if self.weights else total
+        return total.at[len(total) - self.weights :].add(share[-1]) if self.weighted else total
 
     def reading(self, c: Any, breaks: Any, t0: Any, t1: Any) -> Reading:
         """Return a function from constants as a loop has them, middles between breaks and breaks passed to `rows`.
@@ -160,7 +163,7 @@ class RunConstants:
         for table in self.tables:
             found = values[table.at(c, time)]
             given[table.place : table.place + table.width] = [found[..., i] for i in range(table.width)]
-        return (*given, values[len(values) - self.weights :]) if self.weights else tuple(given)
+        return (*given, values[len(values) - self.weights :]) if self.weighted else tuple(given)
 
     def _pieces(self, table: InputTable, c: Any, middles: Any, *, many: bool) -> Any:
         """Return the number of the polynomial between any two breaks (n + 1,) or (n + 1, k)."""
@@ -179,7 +182,7 @@ class RunConstants:
                 first = table.polynomials + numbers[passed] * table.width
                 polynomial = lax.dynamic_slice(whole, (first,), (table.width,))
                 given = lax.dynamic_update_slice(given, polynomial, (table.place,))
-            return (given, whole[len(whole) - self.weights :]) if self.weights else (given,)
+            return (given, whole[len(whole) - self.weights :]) if self.weighted else (given,)
 
         return read
 
@@ -193,7 +196,7 @@ class RunConstants:
                 first = table.polynomials - self.count + numbers[passed, cases] * table.width
                 for i in range(table.width):
                     given[table.place + i] = c[-1][cases, first + i]
-            return (*given, c[-1][:, c[-1].shape[1] - self.weights :]) if self.weights else tuple(given)
+            return (*given, c[-1][:, c[-1].shape[1] - self.weights :]) if self.weighted else tuple(given)
 
         return read
 

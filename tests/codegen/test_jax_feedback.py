@@ -1,0 +1,182 @@
+"""Functions as inputs of traced runs: laws of force, networks, and their derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from codegen.test_jax_inputs import KNOTS, PARAMETERS, QUICK, START, VALUES, compiled, differences, double, solve_fn
+from dalembert.errors import OptionError
+from runtime.test_input_values import driven
+
+jax = pytest.importorskip("jax")
+pytest.importorskip("diffrax")
+jnp = jax.numpy
+
+__all__ = ["double"]  # a fixture
+
+T = np.array([0.2, 0.9, 1.7])
+THETA = {"w": np.array([[0.3, -0.8], [1.1, 0.4], [-0.5, 0.7]]), "v": np.array([0.9, -0.6, 0.4]), "bias": 0.2}
+
+
+def damping(t, q, qdot, d):
+    return -d * qdot[0]
+
+
+def damped(t, d):
+    """Return the motion of a damped oscillator from START, known."""
+    m, k = PARAMETERS["m"], PARAMETERS["k"]
+    rate, x0, v0 = d / (2.0 * m), START["x"], START["x_dot"]
+    w, s = np.sqrt(k / m - rate**2), t - t[0]
+    return np.exp(-rate * s) * (x0 * np.cos(w * s) + (v0 + rate * x0) / w * np.sin(w * s))
+
+
+def network(t, q, qdot, theta):
+    return theta["v"] @ jnp.tanh(theta["w"] @ jnp.concatenate([q, qdot])) + theta["bias"] * jnp.sin(t)
+
+
+def force(t, q, qdot):
+    return network(t, q, qdot, THETA)
+
+
+@pytest.mark.parametrize(("method", "mode"), [("dopri8", jax.jacrev), ("tsit5", jax.jacfwd)])
+def test_a_law_of_force_is_that_of_the_known_motion(method, mode):
+    solve = solve_fn(method)
+
+    def run(d):
+        return solve(T, START, PARAMETERS, inputs={"u": da.feedback(damping, d)})
+
+    found = run(0.4)
+    assert found.status == 0
+    np.testing.assert_allclose(found.q[:, 0], damped(T, 0.4), rtol=1e-9)
+    np.testing.assert_allclose(found.outputs[:, 0], -0.4 * found.qdot[:, 0], rtol=1e-12)
+    slope = jax.jit(mode(lambda d: run(d).q[:, 0]), compiler_options=QUICK)(0.4)
+    np.testing.assert_allclose(slope, (damped(T, 0.4 + 1e-5) - damped(T, 0.4 - 1e-5)) / 2e-5, rtol=1e-6, atol=1e-8)
+
+
+def last(theta, solve=None, start=START, t=T):
+    run = (solve or solve_fn("tsit5"))(t, start, PARAMETERS, inputs={"u": da.feedback(network, theta)})
+    return jnp.sum(run.q[-1] + run.outputs[1])
+
+
+def test_gradients_by_weights_start_and_times_and_batches():
+    flat, whole = jax.flatten_util.ravel_pytree(THETA)
+    gradient = jax.grad(lambda theta, x, t: last(theta, start={**START, "x": x}, t=t), (0, 1, 2))
+    one, many = (jax.jit(f, compiler_options=QUICK) for f in (gradient, jax.vmap(gradient, (0, None, None))))
+    by_theta, by_x, by_t = one(THETA, START["x"], T)
+    value = jax.jit(lambda theta, x, t: last(whole(theta), start={**START, "x": x}, t=t), compiler_options=QUICK)
+    want = differences(lambda theta: np.asarray(value(theta, START["x"], T)), np.asarray(flat))
+    np.testing.assert_allclose(jax.flatten_util.ravel_pytree(by_theta)[0], want, rtol=1e-6, atol=1e-8)
+    want = differences(lambda x: np.asarray(value(flat, x[0], T)), np.array([START["x"]]))
+    np.testing.assert_allclose(by_x, want[0], rtol=1e-6)
+    np.testing.assert_allclose(by_t, differences(lambda t: np.asarray(value(flat, START["x"], t)), T), rtol=1e-6)
+    batch = jax.tree.map(lambda leaf: np.stack([leaf, 0.5 * leaf]), THETA)
+    both = many(batch, START["x"], T)
+    for found, single in zip(jax.tree.leaves(both), jax.tree.leaves((by_theta, by_x, by_t)), strict=True):
+        np.testing.assert_allclose(found[0], single, rtol=1e-9, atol=1e-12)
+
+
+def test_functions_may_close_over_what_is_differentiated_and_stand_beside_samples():
+    start, p = {"theta": 0.3, "theta_dot": -0.2}, {"m": 1.1, "ell": 0.7, "g": 9.81}
+    solve, road = solve_fn("tsit5", driven, tuple(start)), da.samples(KNOTS, VALUES / 4.0, "cubic")
+
+    def end(theta, inside):
+        law = da.feedback(network, theta) if inside else lambda t, q, qdot: network(t, q, qdot, theta)
+        return solve(T, start, p, inputs={"u": road, "v": law}).q[-1, 0]
+
+    inside = jax.jit(lambda theta: end(theta, True), compiler_options=QUICK)
+    closed = jax.jit(jax.value_and_grad(lambda theta: end(theta, False)), compiler_options=QUICK)
+    value, gradient = closed(THETA)
+    np.testing.assert_allclose(value, inside(THETA), rtol=1e-12)
+    ahead, behind = (inside({**THETA, "bias": 0.2 + h}) for h in (1e-5, -1e-5))
+    np.testing.assert_allclose(gradient["bias"], (ahead - behind) / 2e-5, rtol=1e-6)
+
+
+def test_rules_of_users_are_respected():
+    solve = solve_fn("tsit5")
+
+    @jax.custom_jvp
+    def pushed(x):
+        return x**2
+
+    @pushed.defjvp
+    def _(values, tangents):
+        return pushed(*values), 3.0 * values[0] * tangents[0]
+
+    @jax.custom_vjp
+    def pulled(x):
+        return x**2
+
+    pulled.defvjp(lambda x: (x**2, x), lambda x, given: (3.0 * x * given,))
+
+    def law(square):
+        return lambda t, q, qdot, d: -square(d) * qdot[0]
+
+    def slope(square, transform):
+        def run(d):
+            return solve(T[:2], START, PARAMETERS, inputs={"u": da.feedback(law(square), d)}).q[-1, 0]
+
+        return float(jax.jit(transform(run), compiler_options=QUICK)(0.6))
+
+    size = 1e-5
+    plain = 2.0 * 0.6 * (damped(T[:2], 0.36 + size) - damped(T[:2], 0.36 - size))[-1] / (2.0 * size)
+    for square, transform, factor in (
+        (lambda d: jax.lax.stop_gradient(d) * d, jax.grad, 0.5),
+        (pushed, jax.grad, 1.5),
+        (pulled, jax.grad, 1.5),
+        (pulled, jax.jacfwd, 1.5),
+    ):
+        assert slope(square, transform) == pytest.approx(factor * plain, rel=1e-6)
+
+
+def test_a_module_of_equinox_is_a_function_and_a_tree_of_weights():
+    equinox = pytest.importorskip("equinox")
+
+    class Law(equinox.Module):
+        mlp: equinox.nn.MLP
+
+        def __call__(self, t, q, qdot):
+            return self.mlp(jnp.concatenate([q, qdot]))
+
+    law = Law(equinox.nn.MLP(2, "scalar", 4, 1, activation=jnp.tanh, key=jax.random.key(0)))
+    solve = solve_fn("tsit5")
+
+    def end(law):
+        return solve(T[:2], START, PARAMETERS, inputs={"u": law}).q[-1, 0]
+
+    gradient = equinox.filter_grad(end)(law)
+
+    def where(law):
+        return law.mlp.layers[1].bias
+
+    ahead, behind = (end(equinox.tree_at(where, law, where(law) + h)) for h in (1e-5, -1e-5))
+    np.testing.assert_allclose(where(gradient), (ahead - behind) / 2e-5, rtol=1e-6)
+
+
+def test_what_is_wrong_with_functions_is_named():
+    solve, start = solve_fn("tsit5"), {"theta": 0.3, "theta_dot": -0.2}
+
+    def run(law, function=solve):
+        return function(T, START, PARAMETERS, inputs={"u": law})
+
+    for law, message in (
+        (lambda t, q: 0.0, r"called as \(t, q, qdot, theta\).*does not take that: too many"),
+        (network, "does not take that: missing a required argument: 'theta'"),
+        (lambda t, q, qdot: qdot, r"must return one real number, of shape \(\), not shape \(1,\)"),
+        (lambda t, q, qdot: None, "must return one real number"),
+        (da.feedback(network, {**THETA, "extra": [{1, 2}]}), "neither an array nor constant"),
+    ):
+        with pytest.raises(OptionError, match=message):
+            run(law)
+    for method in ("taylor", "kvaerno5"):
+        with pytest.raises(OptionError, match=f"'{method}' needs more of input 'u' than the values"):
+            run(force, solve_fn(method))
+    with pytest.raises(OptionError, match="dense output does not know the function of input 'u'"):
+        run(force, solve_fn("tsit5", dense=True))
+    with pytest.raises(OptionError, match="input 'u' cannot be a function of the state"):
+        solve_fn("tsit5", driven, tuple(start))(T, start, {"m": 1, "ell": 1, "g": 1}, inputs={"u": force, "v": 0.0})
+    with pytest.raises(OptionError, match="input 'u' is a function, which traced runs alone take"):
+        compiled(backend="llvm").simulate((0, 1), START, PARAMETERS, inputs={"u": force})
+    with pytest.raises(OptionError, match="feedback takes a function"):
+        da.feedback(3.0)
