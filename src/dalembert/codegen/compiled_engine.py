@@ -22,9 +22,10 @@ from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.runge_kutta import memory_size
 from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
-from .base import CaseRun, Engine, Prepared, StartCode
+from .base import Engine
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.loops import loop_named
+from .runs import CaseRun, Prepared, StartCode
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode

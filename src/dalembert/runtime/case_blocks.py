@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..codegen.base import CaseRun, Engine
+from ..codegen.base import Engine
+from ..codegen.runs import CaseRun
 from ..integrators.cases import BlockResult
 from ..interrupts import STOPPED, check, stopped_by
 from ..methods.status import Status

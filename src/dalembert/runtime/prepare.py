@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Prepared, PreparedStates
+from ..codegen.runs import Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
 from ..methods.status import Status
 from ..once import derived_once

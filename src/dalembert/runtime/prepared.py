@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Prepared
+from ..codegen.runs import Prepared
 from ..errors import ValueInputError, list_names, nesting_named
 from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.program import Layout

@@ -21,7 +21,7 @@ from .sampling import NoInstants, Sampling
 from .segment_constants import prepared_rows
 
 if TYPE_CHECKING:
-    from ..codegen.base import CaseRun
+    from ..codegen.runs import CaseRun
     from .segments import SegmentedEngine
 
 __all__ = ["SegmentRounds"]

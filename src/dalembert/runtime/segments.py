@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine, Final, Prepared, PreparedStates
+from ..codegen.base import Engine
+from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.breakpoints import break_times
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
@@ -31,8 +32,9 @@ from .segment_constants import at_time, prepared_rows, segments_of
 from .segment_rounds import SegmentRounds
 
 if TYPE_CHECKING:
-    from ..codegen.base import CaseRun, FunctionEngine, TracedEngine
+    from ..codegen.base import FunctionEngine, TracedEngine
     from ..codegen.host_runs import HostedRuns
+    from ..codegen.runs import CaseRun
     from ..reduction.starting import Start
     from ..scene.model import InputSymbol
 

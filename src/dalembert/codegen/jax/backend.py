@@ -18,8 +18,9 @@ from ...once import computed_once, once_property
 from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
-from ..base import Backend, Capability, Engine, Prepared, RenderedModule
+from ..base import Backend, Capability, Engine, RenderedModule
 from ..host_runs import HostedRuns
+from ..runs import Prepared
 from ..step_blocks import growing_step_blocks
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from ...integrators.problem import IntegrationProblem
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...transforms.taylor import scale_floor
-from ..base import Prepared, PreparedStates
+from ..runs import Prepared, PreparedStates
 
 if TYPE_CHECKING:
     from ...integrators.jax.kernels import Kernels

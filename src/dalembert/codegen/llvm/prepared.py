@@ -18,7 +18,7 @@ from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, Pre
 from ...integrators.problem import IntegrationProblem
 from ...interrupts import check
 from ...methods.status import Status
-from ..base import Prepared
+from ..runs import Prepared
 from .loops import loop_named
 
 __all__ = ["prepared_run"]

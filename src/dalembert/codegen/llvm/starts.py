@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of
-from ..base import StartCode
+from ..runs import StartCode
 
 __all__ = ["start_code"]
 

@@ -28,7 +28,7 @@ from ...integrators.workspace import (
     no_event_workspace,
 )
 from ...interrupts import STOPPED, check
-from ..base import CaseRun, LoopCall
+from ..runs import CaseRun, LoopCall
 from .loops import loop_named
 
 __all__ = ["SweepShape", "case_run"]

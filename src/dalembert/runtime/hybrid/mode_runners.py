@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...codegen.base import LoopCall
+from ...codegen.runs import LoopCall
 from ...hybrid import Mode
 from ...hybrid.modes import allowance_name, direction_names, rest_name, side_name
 from ...integrators.arguments import pack

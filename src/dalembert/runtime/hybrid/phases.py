@@ -12,8 +12,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...codegen.base import CaseRun, LoopCall
 from ...codegen.llvm.loops import loop_named
+from ...codegen.runs import CaseRun, LoopCall
 from ...errors import ValueInputError
 from ...hybrid import Mode
 from ...integrators.arguments import address_of, pack

@@ -8,7 +8,7 @@ from threading import get_ident
 import numpy as np
 
 from ...arrays import FloatArray
-from ...codegen.base import Final, Prepared, PreparedStates
+from ...codegen.runs import Final, Prepared, PreparedStates
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...methods.status import Status

@@ -1,0 +1,115 @@
+"""Runs that an engine has made ready: prepared runs, starts, and cases about to run."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..methods.status import Status
+
+if TYPE_CHECKING:
+    from ..integrators.workspace import LoopProgress
+
+__all__ = ["CaseRun", "Final", "LoopCall", "Prepared", "PreparedStates", "StartCode"]
+
+Final = tuple[FloatArray, Status]
+
+StartCode = Callable[[float, FloatArray, Sequence[float]], tuple[FloatArray, FloatArray]]
+"""Time, parameters (n_p,) and given values (n_given,) -> constants (n_c,) and the outputs of a start kernel (n_out,).
+
+What is returned is overwritten by the next call of the same thread.
+"""
+
+
+class Prepared(Protocol):
+    """A prepared run, which threads may share."""
+
+    def __call__(self, state: FloatArray, p: FloatArray, /) -> FloatArray:
+        """Return the final state (n_y,) from a state (n_y,) and parameters (n_p,)."""
+        ...
+
+    def status(self) -> Status:
+        """Return how the last run of this thread ended."""
+        ...
+
+
+class _Last(threading.local):
+    status = Status.SUCCESS
+
+
+@final
+class PreparedStates:
+    """A prepared run by a function from a state and parameters to the final state and the status."""
+
+    def __init__(self, run: Callable[[FloatArray, FloatArray], Final]) -> None:
+        self._run, self._last = run, _Last()
+
+    def __call__(self, state: FloatArray, p: FloatArray, /) -> FloatArray:
+        """See `Prepared`."""
+        y, self._last.status = self._run(state, p)
+        return y
+
+    def status(self) -> Status:
+        """See `Prepared`."""
+        return self._last.status
+
+
+@final
+@dataclass(frozen=True)
+class CaseRun:
+    """Cases about to run.
+
+    Attributes
+    ----------
+    work : function without arguments
+        Runs cases until none is left; for as many threads as there are to call it.
+    turn : ndarray (1,) of int
+        How many cases have been begun, at most; writing the number of all stops the work when those that have been
+        begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
+    finish : function without arguments
+        To be called when all is done.
+    call : function of an array like `turn`, optional
+        What `work` calls, made anew and with another count, for loops that do so themselves.
+    stop : function without arguments, optional
+        To be called again and again until stopped work ends. Where there is one, `work` does not return to Python
+        before its end, so that Ctrl-C does not reach the thread that calls it.
+    """
+
+    work: Callable[[], None]
+    turn: NDArray[np.int64]
+    finish: Callable[[], None]
+    call: Callable[[NDArray[np.int64]], LoopCall] | None = None
+    stop: Callable[[], None] | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LoopCall:
+    """A call of a loop over lanes.
+
+    Attributes
+    ----------
+    entry : address
+        Of a function of the address of packed arguments.
+    packed_args : ndarray (n,) of int
+        Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
+    progress : LoopProgress
+        Where the loop is, and whether it returns before its end.
+    steps, occurrences : ndarray
+        Records of a case that is alone (`dalembert.integrators.step_records`), with no rows where none are made.
+    held : object
+        What must stay alive.
+    """
+
+    entry: int
+    packed_args: NDArray[np.int64]
+    progress: LoopProgress
+    steps: FloatArray
+    occurrences: FloatArray
+    held: object
