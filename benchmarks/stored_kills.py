@@ -58,19 +58,22 @@ def check(stored: Any, chunks: int) -> None:
 
 def kill_workers(path: Path, chunks: int, kills: int, rng: random.Random) -> float:
     """Return the seconds of one run by two workers, of which a random one is killed again and again."""
+    import dask
     from distributed import Client, LocalCluster
 
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"})  # starting again may take a while
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
 
         def kill() -> None:
             for number in range(1, kills + 1):
                 while done(path) < number * chunks // (kills + 2) or not (pids := workers()):
                     time.sleep(0.02)
-                os.kill(rng.choice(pids), signal.SIGKILL)
-                killed.append(number)
+                killed.append(rng.choice(pids))
+                os.kill(killed[-1], signal.SIGKILL)
 
         def workers() -> list[int]:
-            return [each.pid for each in cluster.workers.values() if each.pid is not None]
+            running = [each for each in cluster.workers.values() if each.worker_address in cluster.scheduler.workers]
+            return [each.pid for each in running if each.pid and each.pid not in killed]
 
         killed: list[int] = []
         killer, begin = threading.Thread(target=kill, daemon=True), time.perf_counter()

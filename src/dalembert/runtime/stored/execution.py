@@ -199,7 +199,16 @@ def _run_remotely(text: bytes, chunk: int, given: Part) -> None:
 
 def _job_of(text: bytes) -> ChunkJob:
     """Return a job that was sent to this process, its model compiled once, whichever threads need it."""
+
+    def make() -> ChunkJob:
+        job: ChunkJob = pickle.loads(text)
+        if job.model.model.backend == "jax":
+            from .jax_device import take_own_device
+
+            take_own_device()
+        return job
+
     with DERIVING:
         if text not in _JOBS and len(_JOBS) >= _MOST_JOBS:
             _JOBS.clear()
-        return derived_once(_JOBS, text, lambda: pickle.loads(text))
+        return derived_once(_JOBS, text, make)

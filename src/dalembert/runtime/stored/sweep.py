@@ -15,6 +15,7 @@ from ...codegen.llvm.target import target
 from ...errors import MissingExtraError, OptionError
 from ...options import StoreOptions, SweepOptions
 from ...version import __version__
+from ..cases import available_threads
 from .chunks import columns_of, results_of
 from .execution import ChunkJob, compute_missing
 from .request import Given, Request, request_of
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 
 __all__ = ["stored_sweep"]
 
-_PILOT = 256
-"""Cases that are run first, for names and kinds of results, and for the time that a case takes."""
-_SECONDS, _BYTES = 4.0, 128 << 20
-"""Most seconds of one thread, and most bytes of results, of a chunk."""
+_PILOT, _LARGEST_PILOT, _PILOT_SECONDS = 256, 1 << 14, 0.02
+"""Cases that are run first, at least and at most, and for how long, to learn the time that a case takes [s]."""
+_SECONDS, _BYTES, _FEWEST_BYTES = 4.0, 128 << 20, 16 << 20
+"""Most seconds of one thread, and most bytes of results, of a chunk; threads of this process share these bytes."""
 _TARGET = "dalembert_target"
 _NO_MATTER = ("grid", "inputs", "threads", "progress")
 """Options on which results do not depend, or that are among the cases."""
@@ -70,7 +71,9 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
     columns, attributes = columns_of(pilot, request), _attributes(model, request, each, pilot)
     if store is None:
         attributes[COORDINATES] = sorted(set(map(str, pilot.coords)) & set(columns))
-        store = Store.create(where.to, _rows(where.chunk, request, columns, seconds), attributes)
+        threads = 1 if where.client is not None else options.threads or available_threads()
+        most = max(_FEWEST_BYTES, _BYTES // threads)
+        store = Store.create(where.to, _rows(where.chunk, request, columns, seconds, most), attributes)
     _refuse_other(store, where, attributes)
     told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
     store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), told))
@@ -98,11 +101,15 @@ def _pilot(
     model: SweptModel, request: Request, leaders: list[int], options: SweepOptions
 ) -> tuple[xarray.Dataset, float]:
     """Return the results of the first cases, and the seconds that one case takes in one thread."""
-    count = min(_PILOT, request.count)
-    results_of(model, request.part(0, 1, leaders), options)  # compiles what is needed
-    begin = time.perf_counter()
-    results = results_of(model, request.part(0, count, leaders), replace(options, threads=1))
-    return results, (time.perf_counter() - begin) / count
+    results = results_of(model, request.part(0, 1, leaders), options)  # compiles what is needed
+    count, seconds = min(_PILOT, request.count), 0.0
+    while True:
+        begin = time.process_time()
+        results = results_of(model, request.part(0, count, leaders), replace(options, threads=1))
+        seconds = time.process_time() - begin
+        if seconds >= _PILOT_SECONDS or count == min(_LARGEST_PILOT, request.count):
+            return results, seconds / count
+        count = min(4 * count, _LARGEST_PILOT, request.count)
 
 
 def _require_distributed(where: StoreOptions) -> None:
@@ -120,11 +127,11 @@ def _coordinates(request: Request, pilot: xarray.Dataset) -> Columns:
     return axes | ({"time": np.asarray(pilot["time"])} if "time" in pilot.coords else {})
 
 
-def _rows(chunk: int | None, request: Request, columns: Columns, seconds: float) -> int:
-    """Return how many rows of the first axis a chunk has."""
+def _rows(chunk: int | None, request: Request, columns: Columns, seconds: float, most: int) -> int:
+    """Return how many rows of the first axis a chunk has, for seconds of a case and most bytes of a chunk."""
     if chunk is None:
         size = sum(values.nbytes for values in columns.values()) / len(next(iter(columns.values())))
-        chunk = max(1, int(min(_SECONDS / max(seconds, 1e-9), _BYTES / size)))
+        chunk = max(1, int(min(_SECONDS / max(seconds, 1e-9), most / size)))
     return int(min(max(1, chunk // request.row), request.shape[0]))
 
 

@@ -1,0 +1,162 @@
+"""What stored sweeps say where packages, memory, space or a common instruction set are missing."""
+
+import builtins
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import MissingExtraError, OptionError, StoredSweepError
+from dalembert.runtime.stored import execution
+from dalembert.runtime.stored import sweep as stored_sweep
+from dalembert.runtime.stored.jax_device import device_of
+
+pytest.importorskip("zarr")
+xarray = pytest.importorskip("xarray")
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+MANY = {"m": 1, "b": np.linspace(0.1, 0.5, 60), "I_C": 0.5}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return da.compile_model(da.scenes.chaplygin_sleigh())
+
+
+@pytest.mark.parametrize("package", ["zarr", "xarray", "distributed"])
+def test_missing_packages_are_named_with_the_line_that_installs_them(model, tmp_path, monkeypatch, package):
+    real = builtins.__import__
+
+    def without(name, *rest, **more):
+        if name.split(".")[0] == package:
+            raise ImportError(f"No module named {package!r}", name=package)
+        return real(name, *rest, **more)
+
+    class Running:
+        status = "running"
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    client = Running() if package == "distributed" else None
+    with pytest.raises(MissingExtraError, match=rf'needs {package}; install it with: pip install "dalembert\[dask\]"'):
+        model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", client=client)
+    assert not (tmp_path / "s.zarr").exists()
+
+
+def test_a_store_of_another_instruction_set_is_refused(model, tmp_path, monkeypatch):
+    model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr")
+
+    class Other:
+        key = "another"
+
+    monkeypatch.setattr(stored_sweep, "target", Other)
+    with pytest.raises(OptionError, match=r"was begun for the instruction set .* runs 'another'.*DALEMBERT_TARGET"):
+        model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr")
+
+
+def test_a_worker_with_another_instruction_set_is_refused(model, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+
+    class Other:
+        key = "another"
+
+    monkeypatch.setattr(execution, "target", Other)
+    with (
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+        pytest.raises(StoredSweepError, match="this worker has the instruction set 'another'"),
+    ):
+        model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
+
+
+def test_a_cluster_that_goes_away_ends_with_a_message(model, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    real, calls = execution.ChunkJob.given, []
+    cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
+    client = distributed.Client(cluster)
+
+    def given(self, store, chunk):
+        calls.append(chunk)
+        if len(calls) == 40:
+            client.cancel(list(client.futures.values()) and [distributed.Future(k, client) for k in client.futures])
+        return real(self, store, chunk)
+
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(execution.ChunkJob, "given", given)
+            with pytest.raises(StoredSweepError, match=r"the cluster cancelled it.*the same call goes on"):
+                model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=1, client=client)
+    finally:
+        client.close()
+        cluster.close()
+    stored = model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=1)
+    np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, MANY).final["x"])
+
+
+LIMITED = """
+import resource, sys
+import numpy as np
+import dalembert as da
+from dalembert.errors import StoredSweepError
+model = da.compile_model(da.scenes.chaplygin_sleigh())
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+span, many = (0, 1), {"m": 1, "b": np.linspace(0.1, 0.5, int(sys.argv[3])), "I_C": 0.5}
+model.sweep(span, start, {**many, "b": many["b"][:300]}, to=sys.argv[1] + "-few", chunk=100, threads=1)
+which = getattr(resource, sys.argv[2])
+if which == resource.RLIMIT_AS:
+    used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+    limit = used + (60 << 20)
+else:
+    import signal
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limit = 20_000
+resource.setrlimit(which, (limit, resource.getrlimit(which)[1]))
+try:
+    model.sweep(span, start, many, to=sys.argv[1], chunk=int(sys.argv[4]), threads=1)
+except StoredSweepError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("limit", "count", "chunk", "reason"),
+    [("RLIMIT_FSIZE", 20_000, 5_000, "OSError"), ("RLIMIT_AS", 3_000_000, 1_500_000, "MemoryError")],
+)
+def test_limits_of_files_and_memory_end_with_a_message(model, tmp_path, limit, count, chunk, reason):
+    """Real ones: files of 20 kB, which arrays of a chunk exceed, and 60 MB of memory for chunks that need more."""
+    path = tmp_path / "s.zarr"
+    command = [sys.executable, "-c", LIMITED, str(path), limit, str(count), str(chunk)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "0 of" in done.stdout and reason in done.stdout and "the same call goes on" in done.stdout, done.stderr
+    if limit == "RLIMIT_FSIZE":
+        many = {**MANY, "b": np.linspace(0.1, 0.5, count)}
+        stored = model.sweep((0, 1), START, many, to=path, chunk=chunk)
+        np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, many).final["x"])
+
+
+DEVICES = """
+from types import SimpleNamespace
+import distributed
+distributed.get_worker = lambda: SimpleNamespace(name=1)
+from dalembert.runtime.stored.jax_device import take_own_device
+take_own_device()
+import jax.numpy as jnp
+print(*(device.id for device in jnp.zeros(3).devices()))
+"""
+
+
+def test_a_worker_takes_the_device_of_its_number():
+    """One that sees two devices: this processor twice."""
+    pytest.importorskip("jax")
+    pytest.importorskip("distributed")
+    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-c", DEVICES]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.stdout.strip() == "1", done.stderr
+
+
+@pytest.mark.parametrize(("worker", "device"), [(0, "a"), (4, "b"), ("cluster-0-2", "c"), ("alone", "a")])
+def test_devices_go_round_by_the_numbers_of_workers(worker, device):
+    assert device_of(worker, "abc") == device
