@@ -1,0 +1,68 @@
+"""Public methods of models: signatures, docstrings and options agree, and both kinds of models share them."""
+
+import inspect
+import re
+from dataclasses import fields
+
+import pytest
+
+from dalembert.options import (
+    PrepareOptions,
+    SensitivityOptions,
+    SimulateOptions,
+    StoreOptions,
+    SweepOptions,
+    TrimOptions,
+)
+from dalembert.runtime.base import Model
+from dalembert.runtime.hybrid import HybridModel
+from dalembert.runtime.interface import derivatives, evaluation, motions, states, traced
+from dalembert.runtime.model import CompiledModel
+
+MODULES = (derivatives, evaluation, motions, states, traced)
+FUNCTIONS = {name: getattr(module, name) for module in MODULES for name in module.__all__ if name != "rows_of"}
+LONG = [name for name, function in FUNCTIONS.items() if "Parameters\n" in inspect.getdoc(function)]
+OPTIONS = {
+    "simulate": (SimulateOptions,),
+    "sweep": (SweepOptions, StoreOptions),
+    "prepare": (PrepareOptions,),
+    "sensitivity": (SensitivityOptions,),
+    "trim": (TrimOptions,),
+}
+
+
+def _keywords(function):
+    return {p.name for p in inspect.signature(function).parameters.values() if p.kind is p.KEYWORD_ONLY}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_docstrings_name_every_parameter_and_no_other(name):
+    text = inspect.getdoc(FUNCTIONS[name])
+    section = text.split("Parameters\n----------\n")[1].split("\n\n")[0]
+    heads = [line.split(" :")[0] for line in section.splitlines() if not line.startswith(" ")]
+    listed = [each for head in heads for each in head.split(", ")]
+    assert sorted(listed) == sorted(set(inspect.signature(FUNCTIONS[name]).parameters) - {"self"})
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_keywords_are_options_with_the_same_defaults(name):
+    known = {field.name: field for options in OPTIONS[name] for field in fields(options)}
+    signature = inspect.signature(FUNCTIONS[name]).parameters
+    assert _keywords(FUNCTIONS[name]) - known.keys() <= {"inputs"}
+    for key in _keywords(FUNCTIONS[name]) & known.keys() - {"wrt", "to"}:
+        assert signature[key].default == known[key].default, key
+
+
+def test_every_function_is_a_method_of_models_and_those_of_both_kinds_are_the_same():
+    bound = [*vars(Model).values(), *vars(CompiledModel).values(), *vars(HybridModel).values()]
+    for name, function in FUNCTIONS.items():
+        assert any(function is method for method in bound), name
+    shared = {name for name in FUNCTIONS if name in vars(Model)}
+    assert {"simulate", "sweep", "prepare", "linearize", "trim", "state", "mass_matrix"} <= shared
+    for name in shared:
+        assert getattr(HybridModel, name) is FUNCTIONS[name]
+
+
+def test_docstrings_of_shared_motions_say_what_contacts_change():
+    for name in ("simulate", "sweep", "prepare", "linearize", "trim"):
+        assert re.search(r"\bcontacts\b", inspect.getdoc(FUNCTIONS[name])), name
