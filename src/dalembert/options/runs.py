@@ -215,6 +215,10 @@ MODES = ("reverse", "forward")
 """Directions of differentiation among which traced runs of implicit methods choose."""
 
 
+ADJOINTS = ("recorded", "recomputed", "continuous")
+"""Kinds of derivatives of traced runs."""
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
@@ -224,6 +228,8 @@ class SolveOptions:
     ----------
     method, mode : str
         Of the run and, for implicit methods, of its derivatives.
+    adjoint : str
+        A name in `ADJOINTS`.
     rtol, atol, max_step : float
         Tolerances, and the largest step [s].
     max_steps : int
@@ -241,6 +247,7 @@ class SolveOptions:
 
     method: str
     mode: str = "reverse"
+    adjoint: str = "recorded"
     rtol: float = DEFAULT_TOLERANCES[0]
     atol: float = DEFAULT_TOLERANCES[1]
     max_step: float = math.inf
@@ -251,6 +258,8 @@ class SolveOptions:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise OptionError(unknown_name("mode", str(self.mode), MODES))
+        if self.adjoint not in ADJOINTS:
+            raise OptionError(unknown_name("adjoint", str(self.adjoint), ADJOINTS))
         if not self.max_step > 0.0:
             raise OptionError(f"max_step must be a positive number of seconds, not {self.max_step!r}")
         numbers = {name: float(getattr(self, name)) for name in ("rtol", "atol", "max_step")}

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
+from ...integrators.jax.continuous import Field
 from ...integrators.jax.derivatives import Steps, jacobians
 from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
@@ -87,6 +88,7 @@ def pieces_with(
         return tuple((correct(go), count) for correct, count in in_blocks)
 
     moved_by = _moved_by(program)
+    field = cache(partial(_field, program, kernels, method))
     if method == "taylor":
         known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
         step = step_kernel(known, order, dense=False)
@@ -95,7 +97,7 @@ def pieces_with(
         series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step), step_growth_limited=known.step_growth_limited)
         steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants)
-        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by)
+        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by, field)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or constants.broken
     limits: tuple[Function | None, ...] = None, None
@@ -110,7 +112,7 @@ def pieces_with(
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
     in_steps, decided = blocked(rhs), _decided(program)
     steps_of_pair = _PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants)
-    return Pieces(one, whole, many, on_rows, steps_of_pair, None if decided is None else rows(decided), moved_by)
+    return Pieces(one, whole, many, on_rows, steps_of_pair, None if decided is None else rows(decided), moved_by, field)
 
 
 def place_of(program: Program) -> int | None:
@@ -142,6 +144,24 @@ def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
+def _field(program: Program, kernels: Kernels, method: str) -> Field:
+    """Return the rates of one case and their cotangents, for continuous adjoints."""
+    kernel, rates = program.kernel("rhs"), _of_one(program, kernels, "rhs")
+    sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
+    generated = None if only_in_branches(kernel) else cotangents_of(kernel, *sizes)
+
+    def pull(t: Any, y: Any, c: Any, ahead: Any) -> tuple[Any, Any]:
+        if generated is None:
+            back, share = jax.vjp(lambda y, c: rates(t, y, c), y, c)[1](ahead)
+            return back, share
+        memory, back = generated(generated.begin(c), t, y, ahead)
+        return back, generated.sums(memory)
+
+    return Field(
+        PAIRS.get(method, PAIRS["dopri8"]), rates, pull, _knots_of_one(program, kernels) if "knots" in program else None
+    )
 
 
 def _knots_of_one(program: Program, kernels: Kernels) -> Function:

@@ -26,6 +26,7 @@ from ...options import SolveOptions
 from ...transforms.nonsmooth import decisions
 from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
 from ..printers import JAX
+from .adjoints import refuse_adjoint
 from .arguments import parameters_of, times, vector
 from .breaks import traced_breaks
 from .elapsed import in_elapsed_time
@@ -115,6 +116,8 @@ class Solve:
                 f"solve_fn by {options.method!r} has no dense output: give solve the times that are wanted, or take"
                 ' method="dopri8", "tsit5" or "taylor"'
             )
+        if options.adjoint != "recorded":
+            refuse_adjoint(program, options, implicit=self._implicit)
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
         self._key = program, start, options, inputs
@@ -308,7 +311,7 @@ class Solve:
             options.max_step,
             options.max_steps,
         )
-        return Motion(self._pieces(constants, feedback), limits)
+        return Motion(self._pieces(constants, feedback), limits, options.adjoint)
 
     def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""

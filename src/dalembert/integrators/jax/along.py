@@ -19,7 +19,7 @@ from .lanes import Rows
 from .linear_maps import LinearMap, apply
 from .row_maps import Given, PushedRows
 
-__all__ = ["Along", "Course", "Differentiable"]
+__all__ = ["Along", "Course", "Differentiable", "PulledStep", "PushedStep", "Step"]
 
 
 class Differentiable(Linear, Protocol):
@@ -59,12 +59,13 @@ class Course(NamedTuple):
 
 @final
 @dataclass(frozen=True)
-class _Step:
+class Step:
     """Ends of steps (k, n_y) from states (k, n_y) and constants (n_c,); where nothing moves, states as they are."""
 
     linear: Differentiable
 
     def __call__(self, sizes: Any, y: Any, c: Any, end: Any) -> Any:
+        """Return the ends; `sizes` are starts (k,), sizes (k,), and the number of attempts (k,)."""
         t, h, go = sizes
         moves = (h != 0.0)[:, None]
         safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
@@ -75,24 +76,26 @@ class _Step:
 
 @final
 @dataclass(frozen=True)
-class _Pushed:
+class PushedStep:
     """The change of the end of a step with its start and the constants, as a function of rows."""
 
-    step: _Step
+    step: Step
 
     def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
+        """Return the changes of the ends, of changes of states among `rows`, and of constants."""
         (y, dy), (c, dc, end) = rows, shared
         return jax.jvp(lambda y, c: self.step(sizes, y, c, end), (y, c), (dy, dc))[1], ()
 
 
 @final
 @dataclass(frozen=True)
-class _Pulled:
+class PulledStep:
     """The cotangents of the start of a step, and of the constants, as a function of rows."""
 
-    step: _Step
+    step: Step
 
     def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
+        """Return the cotangents, of those of the ends among `rows`."""
         (y, ahead), (c, end) = rows, shared
         return jax.vjp(lambda y, c: self.step(sizes, y, c, end), y, c)[1](ahead)
 
@@ -135,7 +138,7 @@ class Along:
         if timed:
             sizes, states = _times(held)
             starts = jnp.where(held.count > 0.0, rows[held.at.astype(int)], dy)
-            at_times, _ = _Pushed(_Step(self.linear))(sizes, (states, starts), (held.c, dc, held.end))
+            at_times, _ = PushedStep(Step(self.linear))(sizes, (states, starts), (held.c, dc, held.end))
         if sources:
             at_times = at_times + sources[1]
         return (end, at_times, rows) if self.kept else (end, at_times)
@@ -154,16 +157,16 @@ class Along:
         """See `LinearMap`."""
         dy, dc = moving[:2]
         rows = value[2] if self.kept else apply(Along(self.linear, True, self.sources), held, moving)[2]
-        step = _Step(self.linear)
+        step = Step(self.linear)
         given = _steps(held, rows, (held.c, dc, held.end))
         none = jnp.zeros_like
         moved = (dheld.taken[:, 2:], none(rows)), (dheld.c, none(dc), none(held.end))
-        new, _ = apply(PushedRows(_Pushed(step), CHUNK), given, moved)
+        new, _ = apply(PushedRows(PushedStep(step), CHUNK), given, moved)
         sizes, states = _times(held)
         at = held.at.astype(int)
 
         def over(y: Any, c: Any) -> Any:
-            return _Pushed(step)(sizes, (y, rows[at]), (c, dc, held.end))[0]
+            return PushedStep(step)(sizes, (y, rows[at]), (c, dc, held.end))[0]
 
         later = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1] if len(at) else none(value[1])
         return apply(Along(self.linear, self.kept, True), held, (none(dy), none(dc), new, later))
@@ -207,7 +210,7 @@ class _Against:
         at_times, starts, share = moving[1], (), jnp.zeros_like(held.c)
         if len(held.at):
             sizes, states = _times(held)
-            starts, share = _Pulled(_Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
+            starts, share = PulledStep(Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
         return self._with_starts(held, moving, starts, share)
 
     def _with_starts(self, held: Course, moving: Any, starts: Any, share: Any) -> Any:
@@ -238,15 +241,15 @@ class _Against:
     def change(self, held: Course, dheld: Course, moving: Any, value: Any, still: Any) -> Any:
         end, at_times = moving[:2]
         ahead = value[2] if self.sources else apply(_Against(self.linear, self.kept, True), held, moving)[2]
-        step, none = _Step(self.linear), jnp.zeros_like
+        step, none = Step(self.linear), jnp.zeros_like
         given = _steps(held, ahead, (held.c, held.end))
         moved = (dheld.taken[:, 2:], none(ahead)), (dheld.c, none(held.end))
-        rows, added = apply(PushedRows(_Pulled(step), CHUNK), given, moved)
+        rows, added = apply(PushedRows(PulledStep(step), CHUNK), given, moved)
         sizes, states = _times(held)
         at = held.at.astype(int)
 
         def over(y: Any, c: Any) -> Any:
-            return _Pulled(step)(sizes, (y, at_times), (c, held.end))
+            return PulledStep(step)(sizes, (y, at_times), (c, held.end))
 
         if len(at):
             starts, more = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1]

@@ -18,10 +18,12 @@ from jax.custom_derivatives import SymbolicZero
 from ...methods.status import Status
 from ...once import once_property
 from .along import Along, Course, Differentiable
+from .continuous import Continuous, Field, Passed
 from .derivatives import CHUNK, Over, Record, Steps, instantiate
 from .jumping import moved_until, sure_until
 from .lanes import Attempts, Batch, Function, Projections, Rows
 from .linear_maps import apply
+from .recomputed import Blocks, Recomputed, with_blocks
 from .recording import course_of
 from .timed import At, Timed
 from .unknown import Known, OrNan
@@ -56,6 +58,8 @@ class Pieces:
         (t, y, c) -> the values in the rates that jump with the state, on rows; None where nothing does.
     moved_by
         Numbers of the constants on which the times of breaks depend.
+    field
+        What makes the rates and their cotangents for continuous adjoints.
     """
 
     one: Attempts
@@ -65,6 +69,7 @@ class Pieces:
     steps: Stepping
     decided: Function | None = None
     moved_by: tuple[int, ...] = ()
+    field: Callable[[], Field] | None = None
 
 
 @final
@@ -161,10 +166,12 @@ class Motion:
         The method.
     limits : Limits
         How the steps are chosen.
+    adjoint : str
+        A name in `dalembert.options.ADJOINTS`.
     """
 
-    def __init__(self, pieces: Pieces, limits: Limits) -> None:
-        self._pieces, self._limits = pieces, limits
+    def __init__(self, pieces: Pieces, limits: Limits, adjoint: str = "recorded") -> None:
+        self._pieces, self._limits, self._adjoint = pieces, limits, adjoint
         self._room = -(-limits.max_steps // CHUNK) * CHUNK
 
     def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> Reached:
@@ -174,7 +181,8 @@ class Motion:
         `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
         """
         given = t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float)
-        y, *numbers = self._passing(*given)
+        passing = self._passing if self._adjoint == "recorded" else self._unrecorded
+        y, *numbers = passing(*given)
         return Reached(y, *(number.astype(int) for number in numbers))
 
     def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
@@ -281,6 +289,60 @@ class Motion:
         passing = jax.custom_jvp(plain)
         passing.defjvp(push, symbolic_zeros=True)
         return passing
+
+    @once_property
+    def _unrecorded(self) -> Callable[..., Reached]:
+        """What `_passing` is, with derivatives for which no record of the whole run is kept; first ones alone."""
+
+        def plain(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
+            return self._run(t, y0, c, breaks, 0)[0]
+
+        def push(values: Any, tangents: Any) -> Any:
+            (t, y0, c, breaks, _), (dt, dy, dc) = values, tangents[:3]
+            dy, dc, times = instantiate(dy), instantiate(dc), instantiate(dt)
+            reached, known, changes = (self._along_field if self._adjoint == "continuous" else self._along_blocks)(
+                t, y0, c, breaks, (dy, dc)
+            )
+            if not isinstance(dt, SymbolicZero):
+                changes = changes + times[:, None] * self._rates(t, reached.y, c, breaks)
+            held = Known(known.astype(float), jnp.zeros(len(t)), c)
+            dy = apply(OrNan(()), held, (changes, (times, dy, dc)))
+            return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
+
+        unrecorded = jax.custom_jvp(plain)
+        unrecorded.defjvp(push, symbolic_zeros=True)
+        return unrecorded
+
+    def _along_field(self, t: Any, y0: Any, c: Any, breaks: Any, moving: Any) -> tuple[Reached, Any, Any]:
+        """Return how a run went, which times it reached, and the changes of the states there, by `Continuous`."""
+        still = jax.lax.stop_gradient
+        reached, _, known, _ = self._run(still(t), still(y0), still(c), still(breaks), 0)
+        forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        times = forward * jax.lax.cummax(jnp.where(known, forward * t, 0.0))
+        held = Passed(times, jnp.where(known[:, None], reached.y, y0).at[0].set(y0), c)
+        limits, make = self._limits, self._pieces.field
+        assert make is not None
+        settings = limits.rtol, limits.atol, limits.max_step, limits.max_steps
+        return reached, known, apply(Continuous(make(), settings), held, moving)
+
+    def _along_blocks(self, t: Any, y0: Any, c: Any, breaks: Any, moving: Any) -> tuple[Reached, Any, Any]:
+        """Return what `_along_field` does, by `Recomputed`."""
+        limits, pieces, still = self._limits, self._pieces, jax.lax.stop_gradient
+        settings = limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps
+        blocks = Blocks(pieces.one, pieces.one_projections, settings)
+        times, ordered = in_order(still(t))
+        end, kept = with_blocks(blocks, times, still(y0), still(c))
+        kept = kept._replace(states=kept.states._replace(y=(kept.states.y[0].at[0].set(y0),)), c=c)
+        forward = jnp.where(times[-1] >= times[0], 1.0, -1.0)
+        known = ordered & (forward * (times - end.t) <= 0.0)
+        last, changes = apply(Recomputed(pieces.steps, blocks), kept, moving)
+        if len(t) <= 2:
+            changes, y = jnp.stack([moving[0], last])[: len(t)], jnp.stack([y0, end.y[0]])[: len(t)]
+        else:
+            steps = Steps(kept.begins, kept.sizes, tuple(kept.states_there.T), tuple(still(c)), kept.count > 0.0)
+            y = jnp.stack(pieces.steps(steps), axis=1)
+        status = jnp.where(ordered, end.status.astype(float), float(Status.TIMES_IN_NO_ORDER))
+        return Reached(jnp.where(known[:, None], y, jnp.nan), status, end.steps, end.attempts), known, changes
 
     @once_property
     def _full(self) -> Callable[..., _Full]:

@@ -27,6 +27,7 @@ def solve_fn(
     *,
     method: str = "auto",
     mode: str = "reverse",
+    adjoint: str = "recorded",
     rtol: float = 1e-8,
     atol: float = 1e-10,
     max_step: float = np.inf,
@@ -48,6 +49,10 @@ def solve_fn(
     mode : str
         For "kvaerno5", "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and
         ``jax.jacfwd``; the other methods serve both, nested too.
+    adjoint : str
+        How derivatives are taken: along a record of all steps ("recorded"), along steps that are taken once more, of
+        which a square root is in memory at a time ("recomputed"), or by the variational and adjoint equations
+        ("continuous"). The last two have first derivatives, and not every scene has them.
     max_step : float
         Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
         motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.
@@ -93,6 +98,7 @@ def solve_fn(
     options = SolveOptions(
         method=self.choose_method(method, rtol, atol),
         mode=mode,
+        adjoint=adjoint,
         rtol=rtol,
         atol=atol,
         max_step=max_step,

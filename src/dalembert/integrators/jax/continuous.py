@@ -1,0 +1,169 @@
+"""Continuous adjoints: variational equations forward, and adjoint equations backward beside the motion itself.
+
+Nothing is kept of the run but its states at wanted times. From one of them to the next the motion is integrated once
+more, with its changes or, backward, with the cotangents of its states and constants: to the tolerances of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ...errors import OptionError
+from ...methods.status import Status
+from ...methods.tableau import Tableau
+from .lanes import RUNNING, Batch, Rows, advanced, begun
+from .linear_maps import LinearMap
+from .pairs import PairAttempts
+
+__all__ = ["NO_SECOND", "Continuous", "Field", "Passed"]
+
+NO_SECOND = (
+    'second derivatives are those of recorded runs: take solve_fn(adjoint="recorded"), or differences of gradients'
+)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Field:
+    """The rates of one case, and their cotangents.
+
+    Attributes
+    ----------
+    tableau
+        The pair by which they are integrated.
+    rates
+        (t, y, c) -> rates (n_y,).
+    pull
+        (t, y, c, cotangents of rates) -> cotangents of y (n_y,) and of c (n_c,).
+    knots
+        As for `PairAttempts`, of one row; None where there are none.
+    """
+
+    tableau: Tableau
+    rates: Callable[[Any, Any, Any], Any]
+    pull: Callable[[Any, Any, Any, Any], tuple[Any, Any]]
+    knots: Callable[..., Rows] | None
+
+
+@final
+class Passed(NamedTuple):
+    """Times (n_t,) that a run reached, none before the one ahead of it, the states there (n_t, n_y), and constants."""
+
+    t: Any
+    y: Any
+    c: Any
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Continuous:
+    """Changes of states at times (n_t, n_y), from `Passed` and changes of the first state and of the constants.
+
+    `settings` are rtol, atol, the largest step, and how many steps may be attempted from one time to the next.
+    """
+
+    field: Field
+    settings: tuple[float, float, float, int]
+
+    def __call__(self, held: Passed, moving: Any) -> Any:
+        """See `LinearMap`."""
+        dy, dc = moving
+        n = len(dy)
+
+        def rates(t: Any, z: Any, c: Any) -> Any:
+            return jnp.concatenate(jax.jvp(lambda y, c: self.field.rates(t, y, c), (z[:n], c), (z[n:], dc)))
+
+        def segment(change: Any, ends: Any) -> tuple[Any, Any]:
+            t0, t1, y = ends
+            after = self._integrated(rates, n, t0, t1, jnp.concatenate([y, change]), held.c)[n:]
+            return after, after
+
+        _, rows = lax.scan(segment, dy, (held.t[:-1], held.t[1:], held.y[:-1]))
+        return jnp.concatenate([dy[None], rows])
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Backward(self)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        """See `LinearMap`."""
+        return self
+
+    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+        """See `LinearMap`.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(NO_SECOND)
+
+    def pulled(self, held: Passed, given: Any) -> tuple[Any, Any]:
+        """Return the cotangents of the first state and of the constants, from those of the states at times."""
+        n = held.y.shape[1]
+        size = jnp.max(jnp.abs(given))
+        size = jnp.where(size > 0.0, size, 1.0)  # so that the absolute tolerance is one of cotangents of size 1
+
+        def rates(t: Any, z: Any, c: Any) -> Any:
+            back, share = self.field.pull(t, z[:n], c, z[n : 2 * n])
+            return jnp.concatenate([self.field.rates(t, z[:n], c), -back, -share])
+
+        def segment(carry: Any, ends: Any) -> tuple[Any, None]:
+            t0, t1, y, cotangent = ends
+            ahead = carry.at[:n].add(cotangent / size)
+            z = self._integrated(rates, n, t1, t0, jnp.concatenate([y, ahead]), held.c)
+            return z[n:], None
+
+        begin = jnp.zeros(n + len(held.c))
+        ends = held.t[:-1], held.t[1:], held.y[1:], given[1:]
+        total, _ = lax.scan(segment, begin, ends, reverse=True)
+        return given[0] + size * total[:n], size * total[n:]
+
+    def _integrated(self, rates: Any, n: int, t0: Any, t1: Any, z: Any, c: Any) -> Any:
+        """Return what follows of z at t1, the first `n` of which are the state; NaN where the integration fails."""
+        knots, limits = self.field.knots, None
+        if knots is not None:
+
+            def limits(t: Any, z: Rows, c: Rows) -> Rows:
+                return knots(t, (z[0][:n],), c)
+
+        attempts = PairAttempts(lambda t, z, c: (rates(t, z[0], c[0]),), self.field.tableau, moved=False, knots=limits)
+        rtol, atol, max_step, max_steps = self.settings
+        batch = Batch((z,), (c,), t0, t1, (), 0.0, rtol, atol, max_step, max_steps)
+        end = lax.while_loop(
+            lambda state: state.status == RUNNING,
+            lambda state: advanced(attempts, (), batch, t1, state)[0],
+            begun(attempts, batch),
+        )
+        return jnp.where(end.status == int(Status.SUCCESS), end.y[0], jnp.nan)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Backward:
+    """The transpose of `Continuous`."""
+
+    forward: Continuous
+
+    def __call__(self, held: Passed, moving: Any) -> Any:
+        return self.forward.pulled(held, moving)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return self.forward
+
+    @property
+    def in_batches(self) -> LinearMap:
+        return self
+
+    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+        raise OptionError(NO_SECOND)
