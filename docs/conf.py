@@ -8,6 +8,7 @@ from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
+sys.path.insert(0, str(Path(__file__).parent))
 
 import dalembert
 
@@ -42,6 +43,8 @@ napoleon_use_ivar = True
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "generated/gallery",
+    "image_scrapers": ("matplotlib", "gallery_frames.save_frame"),
+    "thumbnail_size": (400, 280),
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"conf\.py$",
     "download_all_examples": False,

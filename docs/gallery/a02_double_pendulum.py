@@ -21,6 +21,7 @@ Q = P.locatenew("Q", l * sin(b) * N.x - l * cos(b) * N.y)
 scene = da.Scene("double_pendulum", frame=N, origin=O, coordinates=[a, b])
 scene.add_bodies(Particle("upper", P, m), Particle("lower", Q, m))
 scene.apply_uniform_gravity(-g * N.y)
+scene.add_shapes({"rods": [da.Rod(O, P), da.Rod(P, Q)], "track": da.Path(Q)})
 model = da.compile_model(scene)
 
 # %%
@@ -41,3 +42,10 @@ left.plot(times, sweep["b"][::40].T, lw=0.8)
 left.set(xlabel="t [s]", ylabel="angle of the lower rod [rad]")
 right.semilogy(times, spread)
 right.set(xlabel="t [s]", ylabel="standard deviation of that angle [rad]")
+
+# %%
+# One of them.
+
+# sphinx_gallery_thumbnail_number = -1
+run = model.simulate((0, 8), {a: 2.0, b: 2.5, a.diff(): 0, b.diff(): 0}, {m: 1, l: 1, g: 9.81})
+run.animate(fps=20)

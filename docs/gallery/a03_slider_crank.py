@@ -54,3 +54,9 @@ left.plot(run.t, run["alpha_dot"])
 left.set(xlabel="t [s]", ylabel="crank speed [rad/s]")
 right.plot(fine["P_x"], fine["P_y"])
 right.set(xlabel="P_x [N]", ylabel="P_y [N]", title="force on the rod at the piston")
+
+# %%
+# The motion, with the force on the rod as an arrow.
+
+# sphinx_gallery_thumbnail_number = -1
+model.simulate((0, 2), {**start, alpha.diff(): 5.0}, values).animate(fps=30, speed=0.5, reactions=True)

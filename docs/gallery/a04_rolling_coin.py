@@ -27,6 +27,7 @@ scene.add_bodies(RigidBody("coin", G, D, m, (inertia(D, m * r**2 / 4, m * r**2 /
 scene.apply_uniform_gravity(-g * N.z)
 touching = G.pos_from(O).dt(N) + D.ang_vel_in(N).cross(-r * L.z)  # velocity of the coin's material point at P
 scene.add_nonholonomic_constraints(touching.dot(N.x), touching.dot(N.y))
+scene.add_shapes({"coin": da.Disk(radius=r, axis=D.y), "floor": da.Ground(normal=N.z), "track": da.Path(P)})
 model = da.compile_model(scene)
 
 # %%
@@ -44,3 +45,9 @@ left.plot(fine["x"], fine["y"], lw=1)
 left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 right.plot(fine.t, np.degrees(fine["lean"]))
 right.set(xlabel="t [s]", ylabel="lean [degrees]")
+
+# %%
+# The motion, to play and to turn.
+
+# sphinx_gallery_thumbnail_number = -1
+model.simulate((0, 6), start, {m: 0.1, r: 0.2, g: 9.81}).animate(fps=20)

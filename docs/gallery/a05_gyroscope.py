@@ -23,6 +23,8 @@ G = O.locatenew("G", h * N2.z)
 scene = da.Scene("top", frame=N, origin=O, coordinates=[psi, theta, phi])
 scene.add_bodies(RigidBody("top", G, T, m, (inertia(T, A - m * h**2, A - m * h**2, C), G)))
 scene.apply_uniform_gravity(-g * N.z)
+scene.add_shapes({"top": da.Disk(radius=h / 2, axis=T.z), "axis": da.Rod(O, G), "floor": da.Ground(normal=N.z)})
+scene.add_shapes({"track": da.Path(G)})
 model = da.compile_model(scene)
 
 # %%
@@ -44,3 +46,9 @@ for panel, (label, run) in zip(panels, runs.items(), strict=True):
     fine = run(np.linspace(0, 4, 2000))
     panel.plot(np.sin(fine["theta"]) * np.sin(fine["psi"]), -np.sin(fine["theta"]) * np.cos(fine["psi"]), lw=1)
     panel.set(title=label, aspect="equal", xlim=(-0.8, 0.8), ylim=(-0.8, 0.8))
+
+# %%
+# The top that is released at rest, at half its speed.
+
+# sphinx_gallery_thumbnail_number = -1
+runs["released at rest"](np.linspace(0, 2, 200)).animate(fps=25, speed=0.5)

@@ -29,6 +29,14 @@ scene.add_bodies(
     RigidBody("board", G, F, m, (inertia(F, 0, 0, J), G)), RigidBody("rotor", G, R, 0, (inertia(R, 0, 0, J_r), G))
 )
 scene.add_nonholonomic_constraints(P.pos_from(O).dt(N).dot(front.y), Q.pos_from(O).dt(N).dot(rear.y))
+board = [
+    da.Rod(P, Q),
+    *(
+        da.Rod(C.locatenew("a", L / 3 * axle.y), C.locatenew("b", -L / 3 * axle.y))
+        for C, axle in ((P, front), (Q, rear))
+    ),
+]
+scene.add_shapes({"board and axles": board, "rotor": da.Box(x=L / 4, y=L, z=L / 10), "track": da.Path(G)})
 model = da.compile_model(scene)
 
 # %%
@@ -46,3 +54,9 @@ left.plot(fine["x"], fine["y"])
 left.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 right.plot(fine.t, np.hypot(fine["x_dot"], fine["y_dot"]))
 right.set(xlabel="t [s]", ylabel="speed [m/s]")
+
+# %%
+# The first four seconds.
+
+# sphinx_gallery_thumbnail_number = -1
+model.simulate((0, 4), {**start, **at_rest}, values).animate(fps=20)

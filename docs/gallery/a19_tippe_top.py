@@ -28,6 +28,10 @@ R, F_x, F_y = da.unknowns("R F_x F_y")
 scene.add_joints(da.Joint("table", body="top", at=P, force=F_x * N.x + F_y * N.y + R * N.z))
 scene.add_holonomic_constraints(z - r)
 scene.add_friction(da.CoulombFriction(R, (F_x, F_y), mu=mu, regularization=eps, name="table"))
+scene.add_shapes(
+    {"top": [da.Sphere(radius=r, at=centre), da.Cylinder(radius=r / 4, length=3 * r, axis=T.z, at=centre)]}
+)
+scene.add_shapes({"table": da.Ground(normal=N.z)})
 model = da.compile_model(scene, outputs=[G, T.z.dot(N.z)])
 
 # %%
@@ -46,3 +50,9 @@ left.plot(run.t, tilt)
 left.set(xlabel="t [s]", ylabel="tilt of the axis [degrees]")
 right.plot(run.t, 1e3 * run["G_z"])
 right.set(xlabel="t [s]", ylabel="height of the mass centre [mm]")
+
+# %%
+# The top turns over, at half its speed.
+
+# sphinx_gallery_thumbnail_number = -1
+model.simulate((0, 4), start, values, rtol=1e-6).animate(fps=20, speed=0.5)

@@ -26,6 +26,9 @@ traced = crank_pin.locatenew("traced", p * B.x + q * B.y)
 scene = da.Scene("four_bar", frame=N, origin=O, coordinates=[beta, gamma])
 scene.add_bodies(Particle("traced", traced, m), Particle("rocker", rocker_pin, m))
 scene.add_holonomic_constraints(loop.dot(N.x), loop.dot(N.y))
+fixed_pin = O.locatenew("fixed_pin", d * N.x)
+bars = [da.Rod(O, crank_pin), da.Rod(crank_pin, rocker_pin), da.Rod(rocker_pin, fixed_pin), da.Rod(crank_pin, traced)]
+scene.add_shapes({"bars": bars, "curve": da.Path(traced)})
 model = da.compile_model(scene, outputs=[traced])
 
 # %%
@@ -38,3 +41,9 @@ for offset in (0.2, 0.6, 1.0):
     print(f"q = {offset}: the curve closes within {abs(run['traced_x'][-1] - run['traced_x'][0]):.1e} m")
 panel.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 panel.legend()
+
+# %%
+# The linkage with the last of the points.
+
+# sphinx_gallery_thumbnail_number = -1
+model.simulate((0, 2), start, values).animate(fps=20, speed=0.5)

@@ -83,6 +83,15 @@ def test_a_film_without_ffmpeg_is_refused_by_name(sleigh, tmp_path, monkeypatch)
     assert not (tmp_path / "sleigh.mp4").exists()
 
 
+def test_a_picture_of_one_instant(sleigh):
+    moving = sleigh.animate(fps=10)
+    early, late = (np.asarray(moving.picture(t).axes[0].lines[0].get_xydata()).copy() for t in (0.0, 0.9))
+    assert moving.picture(0.9).axes[0].get_title() == "t = 0.90 s"
+    assert np.all(np.isfinite(early)) and not np.allclose(early, late)
+    with pytest.raises(OptionError, match="t must be a number"):
+        moving.picture("end")
+
+
 def test_a_motion_in_space():
     scene = da.scenes.rolling_sphere()
     start = {"x": 0, "y": 0, "psi": 0, "theta": 1.0, "phi": 0, "psi_dot": 0.3, "theta_dot": 0.2, "phi_dot": 1.0}

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from ..errors import MissingExtraError, OptionError
 from ..integrators.segments import Constants, constants_at
 from ..mechanics.skeleton import skeleton
-from ..values import listed
+from ..values import listed, option
 from .drawing import Drawing, Line, Surface, drawing_of, shape_points
 
 if TYPE_CHECKING:
@@ -43,6 +43,18 @@ class Animation(FuncAnimation):
     def __init__(self, figure: Figure, update: _Update, drawing: Drawing, fps: float) -> None:
         self.drawing, self._figure, self._update, self._fps = drawing, figure, update, fps
         super().__init__(figure, update, frames=len(drawing.t), interval=1e3 / fps, blit=False)
+        self._draw_was_started = True  # or matplotlib tells who does not show it to call plt.show, which cannot show it
+
+    def picture(self, t: float) -> Figure:
+        """Return the figure of matplotlib as it is at a time, to save it: ``picture(1.5).savefig("pose.pdf")``.
+
+        Parameters
+        ----------
+        t : float
+            Time [s]; the nearest one of the animation is taken.
+        """
+        self._update(int(np.abs(self.drawing.t - option("t", t)).argmin()))
+        return self._figure
 
     def save(self, filename: Any, writer: Any = None, *settings: Any, **options: Any) -> None:
         """Write the animation to a file: a page ``.html``, ``.gif``, or ``.mp4`` with ffmpeg.
@@ -62,7 +74,6 @@ class Animation(FuncAnimation):
         MissingExtraError
             When the package or program that writes the file is not installed.
         """
-        self._draw_was_started = True  # otherwise matplotlib warns of an animation that is written by other means
         ending = Path(str(filename)).suffix.lower()
         if writer is None and ending not in _WRITERS:
             raise OptionError(
@@ -120,7 +131,6 @@ class Animation(FuncAnimation):
         except MissingExtraError:
             html: str = self.to_jshtml()
             return html
-        self._draw_was_started = True
         return page(self.drawing, self._fps, whole=False)
 
 
