@@ -88,8 +88,8 @@ panel.set(
 )
 
 # %%
-# The full nonholonomic model in the stable range: pushed, the bicycle turns aside, weaves and comes upright again. Shown is
-# the first second and a half.
+# The full nonholonomic model in the stable range: pushed, the bicycle turns aside, weaves and comes upright again. The
+# picture shows the first second and a half.
 
 # sphinx_gallery_thumbnail_number = -1
 start = dict.fromkeys(names, 0.0) | {"z": 0.3, "lean_dot": 0.5, "steer_dot": 0.0, "rear_dot": 4.6 / 0.3}
