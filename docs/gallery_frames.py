@@ -20,5 +20,5 @@ def save_frame(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, A
         panel.set_title("")
         if panel.get_legend():
             panel.get_legend().remove()
-        figure.savefig(next(block_vars["image_path_iterator"]), dpi=100)
+        figure.savefig(next(block_vars["image_path_iterator"]), dpi=100, bbox_inches="tight")
     return ""

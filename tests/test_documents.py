@@ -19,6 +19,8 @@ ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = re.compile(r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<output>.*?)^```$)?", re.MULTILINE | re.DOTALL)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+LINKED = [*PAGES, *sorted((ROOT / "docs" / "examples").glob("*.md"))]
+INDENTED = re.compile(r"^( +)```python\n(.*?)^ +```$", re.MULTILINE | re.DOTALL)
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 
 
@@ -52,6 +54,15 @@ def test_code_runs_as_written(page):
     assert all(np.all(run.success) for run in names.values() if isinstance(run, Motion | CaseResults))
 
 
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if INDENTED.search(page.read_text())], ids=lambda page: page.name
+)
+def test_code_in_lists_is_python(page):
+    """Such fragments take names from the sentences around them."""
+    for indent, code in INDENTED.findall(page.read_text()):
+        compile(re.sub(f"^{indent}", "", code, flags=re.MULTILINE), page.name, "exec")
+
+
 def test_tutorial_shows_what_each_stage_prints():
     """Every stage of the pipeline is called, and every block that prints has its output below it."""
     shown = list(SHOWN.finditer((ROOT / "docs" / "tutorial.md").read_text()))
@@ -62,7 +73,7 @@ def test_tutorial_shows_what_each_stage_prints():
         assert f"{stage}(" in code, stage
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([\w-]+))?\)", page.read_text()):
         other = page.parent / target if target else page
@@ -79,7 +90,9 @@ def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-D", "plot_gallery=0"]
     done = subprocess.run([*command, ROOT / "docs", tmp_path / "site"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "compile_model" in (tmp_path / "site" / "reference.html").read_text()
+    site = tmp_path / "site"
+    assert "compile_model" in (site / "reference.html").read_text()
+    assert "site.css" in (site / "index.html").read_text()
 
 
 def _sources():
