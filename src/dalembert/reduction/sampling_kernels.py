@@ -11,6 +11,7 @@ from ..ir.kernel import Kernel
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
+from .input_weights import seeds_of, with_weights
 
 __all__ = ["Action", "SamplingKernels", "sampling_kernels"]
 
@@ -80,7 +81,7 @@ def sampling_kernels(system: ReducedSystem, wrt: Sequence[str] = ()) -> Sampling
     varied = [[graph.input(f"d {name} d {w}") for name in system.state] for w in wrt]
     places = {node: i for node, i in zip(graph.adopt(list(system.places)), system.places.values(), strict=True)}
     constants: dict[Node, tuple[str, int | None]] = {
-        graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)
+        graph.input(name): ("c", i) for i, name in enumerate(with_weights(wrt, symbols))
     }
     inputs = {graph.input(symbols.time): ("t", None), **constants, **{node: ("y", i) for node, i in places.items()}}
     inputs |= {node: ("y", size * (1 + k) + i) for k, row in enumerate(varied) for i, node in enumerate(row)}
@@ -93,9 +94,7 @@ def sampling_kernels(system: ReducedSystem, wrt: Sequence[str] = ()) -> Sampling
         columns = list(nodes)
         for k, w in enumerate(wrt):
             seeds = {node: varied[k][i] for node, i in places.items()}
-            if w in symbols.parameters:
-                seeds[graph.input(w)] = graph.one
-            columns += tangents(graph, nodes, seeds, GUARDED)
+            columns += tangents(graph, nodes, seeds | seeds_of(graph, w, symbols), GUARDED)
         whole = (*own, *(size * (1 + k) + i for k in range(len(wrt)) for i in own))
         kernel = lower_kernel(graph, "sampling", columns, inputs, arguments=_ARGUMENTS) if names else None
         actions.append(Action(item.name, whole, kernel, item.function, item.states, item.inputs))

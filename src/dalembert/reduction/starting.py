@@ -25,6 +25,7 @@ from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
+from .input_weights import seeds_of, with_weights
 from .reactions import independent_columns
 
 __all__ = ["REPRODUCED", "TOLERANCE", "Start", "start_tangents", "starting"]
@@ -182,13 +183,16 @@ class _Starting:
         velocity = [v + d for v, d in zip(matvec(self.graph, jacobian, self.qdot), drift, strict=True)]
         self._solve_velocities(velocity, jacobian)
         state = self._state()
-        columns = [tangents(self.graph, state, {self.graph.input(w): self.graph.one}, GUARDED) for w in wrt]
-        flat = [entry for column in columns for entry in column]
-        return lower_kernel(self.graph, "start_tangents", flat, self._inputs(), arguments=("t", "y", "c"))
+        flat = []
+        for w in wrt:
+            seeds = {self.graph.input(w): self.graph.one} if w in self.given else seeds_of(self.graph, w, self.symbols)
+            flat += tangents(self.graph, state, seeds, GUARDED)
+        inputs = self._inputs(wrt)
+        return lower_kernel(self.graph, "start_tangents", flat, inputs, arguments=("t", "y", "c"))
 
-    def _inputs(self) -> dict[Node, tuple[str, int | None]]:
+    def _inputs(self, wrt: Sequence[str] = ()) -> dict[Node, tuple[str, int | None]]:
         inputs: dict[Node, tuple[str, int | None]] = {self.graph.input(self.symbols.time): ("t", None)}
-        inputs |= {self.graph.input(name): ("c", i) for i, name in enumerate(self.symbols.parameters)}
+        inputs |= {self.graph.input(name): ("c", i) for i, name in enumerate(with_weights(wrt, self.symbols))}
         inputs |= {self.graph.input(name): ("y", i) for i, name in enumerate(self.given)}
         return inputs
 

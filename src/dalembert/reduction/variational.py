@@ -17,6 +17,7 @@ from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES
 from .base import ReducedSystem
+from .input_weights import seeds_of, weights_of, with_weights
 from .time_conditions import decided
 
 __all__ = ["variational"]
@@ -32,7 +33,8 @@ def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) ->
     of : sequence of str
         Names of coordinates, rates, components of the state and requested outputs.
     wrt : sequence of str
-        Names of parameters, and any others for initial values, on which the equations do not depend.
+        Names of parameters, and any others for initial values, on which the equations do not depend; "u" or "u[3]" is
+        a value of the input u, whose weight is another input of the program (`dalembert.reduction.input_weights`).
 
     Returns
     -------
@@ -58,9 +60,7 @@ class _Variational:
     def _seeds(self, place: int) -> dict[Node, Node]:
         n = len(self.inputs)
         seeds = {node: self.varied[place * n + i] for node, i in self.places.items()}
-        if self.wrt[place] in self.symbols.parameters:
-            seeds[self.graph.input(self.wrt[place])] = self.graph.one
-        return seeds
+        return seeds | seeds_of(self.graph, self.wrt[place], self.symbols)
 
     def _with_derivatives(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes of the system in this graph, then their derivatives with respect to each of `wrt`."""
@@ -91,7 +91,7 @@ class _Variational:
         layout = Layout(
             coordinates=(),
             rates=(),
-            parameters=self.symbols.parameters,
+            parameters=with_weights(self.wrt, self.symbols),
             unknowns=(),
             undetermined=(),
             state=(*system.state, *self.names),
@@ -100,7 +100,7 @@ class _Variational:
             holonomic=0,
             constants=0,
             aliases={},
-            inputs=self.symbols.input_names,
+            inputs=(*self.symbols.input_names, *weights_of(self.wrt, self.symbols)),
         )
         equations = system.equations
         name = f"{equations.name}, varied"
@@ -112,6 +112,6 @@ class _Variational:
     def _arrays(self) -> Mapping[Node, tuple[str, int | None]]:
         graph = self.graph
         arrays: dict[Node, tuple[str, int | None]] = {graph.input(self.symbols.time): ("t", None)}
-        arrays |= {graph.input(name): ("p", i) for i, name in enumerate(self.symbols.parameters)}
+        arrays |= {graph.input(name): ("p", i) for i, name in enumerate(with_weights(self.wrt, self.symbols))}
         arrays |= {node: ("y", i) for node, i in self.places.items()}
         return arrays | {node: ("y", len(self.inputs) + i) for i, node in enumerate(self.varied)}

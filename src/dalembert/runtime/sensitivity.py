@@ -14,9 +14,11 @@ from ..integrators.problem import IntegrationProblem
 from ..options import SensitivityOptions
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
+from ..values import listed
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
+from .input_derivatives import value_names, with_weights_of
 from .inputs import span_of
 from .segment_constants import starting_constants
 from .variation import chosen_names, through_offsets
@@ -37,7 +39,7 @@ def differentiate_run(
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
-        options = replace(options, wrt=_inputs_of(model, options))
+        options = replace(options, wrt=_wanted(model, options))
     other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
     if other is None:
         return _in_own_time(model, (t0, t1), initial, parameters, options)
@@ -59,23 +61,13 @@ def differentiate_run(
     return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
 
 
-def _inputs_of(model: CompiledModel, options: SensitivityOptions) -> list[Any]:
-    """Return what is differentiated by, without inputs.
-
-    Raises
-    ------
-    OptionError
-        For inputs.
-    """
-    wanted = [options.wrt] if isinstance(options.wrt, str) else list(options.wrt)
-    names = [model.layout.aliases.get(str(w), str(w)) for w in wanted]
-    inputs = [name for name in names if name in model.layout.inputs]
-    if inputs:
-        raise OptionError(
-            f"derivatives by the input {inputs[0]!r} are not computed: an input is a function of time, not a number."
-            " Write it as a parameter, or as a parameter times the input, and differentiate by that"
-        )
-    return wanted
+def _wanted(model: CompiledModel, options: SensitivityOptions) -> Any:
+    """Return what is differentiated by, with the values of inputs one by one."""
+    assert options.inputs is not None
+    layout = model.layout
+    given = listed("wrt", options.wrt, "names or symbols")
+    names = [key if str(key) in layout.given else layout.aliases.get(str(key), str(key)) for key in given]
+    return value_names(options.inputs, model.stages.equations.symbols, [str(name) for name in names])
 
 
 def _offsets(model: CompiledModel, other: CompiledModel, wanted: list[Any]) -> list[Offset]:
@@ -97,7 +89,8 @@ def _in_own_time(
     if able is not model:
         return _in_own_time(able, t_span, initial, parameters, options)
     start = model.derived.start(values)
-    of, wrt = chosen_names(program, start.given, options.of, options.wrt)
+    symbols = model.stages.equations.symbols
+    of, wrt = chosen_names(program, start.given, options.of, options.wrt, symbols)
     c = starting_constants(program, inputs.constants(program, p), t0, t1)
     problem = IntegrationProblem(
         t0=t0,
@@ -119,4 +112,5 @@ def _in_own_time(
     else:
         method = model.choose_method(options.method, options.rtol, options.atol)
     given = np.array([values[name] for name in start.given])
-    return replace(variation.run(problem, given, p, method), aliases=model.layout.aliases)
+    weighed = None if options.inputs is None else with_weights_of(options.inputs, symbols, wrt)
+    return replace(variation.run(problem, given, p, method, weighed), aliases=model.layout.aliases)

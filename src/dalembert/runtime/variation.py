@@ -18,15 +18,18 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..once import deriving
+from ..reduction.input_weights import input_of
 from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
+from ..scene.model import SymbolTable
 from ..transforms.nonsmooth import decisions
 from ..values import listed
 from . import inputs
 from .engines import segmented
+from .input_values import GivenInputs
 from .jumps import moved_breaks, refuse_jumps_at, refuse_jumps_between
 from .sampling import Sampling
 from .segment_constants import starting_constants
@@ -78,8 +81,23 @@ class Variation:
             refuse_jumps_between(self.program, jumping, solution, course, size, self.wrt)
         return solution
 
-    def run(self, problem: IntegrationProblem, given: FloatArray, p: FloatArray, method: str) -> Sensitivity:
-        """Return values and derivatives along the run of a problem whose y0 (n_y,) starts at `given` (n_given,)."""
+    def run(
+        self,
+        problem: IntegrationProblem,
+        given: FloatArray,
+        p: FloatArray,
+        method: str,
+        weighed: GivenInputs | None = None,
+    ) -> Sensitivity:
+        """Return values and derivatives along the run of a problem whose y0 (n_y,) starts at `given` (n_given,).
+
+        `weighed` are the inputs, with the weights of those of their values that are differentiated by.
+        """
+        if weighed is not None:
+            layout = self.program.layout
+            known = weighed.parameters({}, problem.t0, after=problem.t1 >= problem.t0)
+            p = np.concatenate([p, [known[name] for name in layout.parameters[len(p) :]]])
+            problem = replace(problem, inputs=weighed.records(layout))
         c = starting_constants(self.program, inputs.constants(self.program, p), problem.t0, problem.t1)
         p = c[: len(p)]
         first = interpret_rows(self.start, np.array([problem.t0]), given.reshape(1, -1), p)[0]
@@ -143,7 +161,7 @@ def _refuse_moved(kernels: SamplingKernels, wrt: Sequence[str]) -> None:
 
 
 def chosen_names(
-    program: Program, given: Iterable[str], of: Iterable[Any] | None, wrt: Iterable[Any]
+    program: Program, given: Iterable[str], of: Iterable[Any] | None, wrt: Iterable[Any], symbols: SymbolTable
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of values and of what they are differentiated with respect to, checked.
 
@@ -156,7 +174,8 @@ def chosen_names(
     """
     layout = program.layout
     known_of = (*layout.variables, *layout.state_rates, *layout.state, *layout.outputs)
-    known_wrt = (*layout.given, *given)
+    values_of_inputs = [name for name in wrt if input_of(str(name), symbols)] if symbols.inputs else []
+    known_wrt = (*layout.given, *given, *map(str, values_of_inputs))
 
     def resolved(kind: str, names: Iterable[Any], known: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
         found, wrong = [], []

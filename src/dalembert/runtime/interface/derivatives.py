@@ -48,6 +48,8 @@ def sensitivity(
         As for `simulate`.
     wrt : iterable of symbols or names
         Parameters, and values given in `initial`. What the constraints fix varies with them where it is left out.
+        An input is the number that it is given, or the values of its samples, which are called "u[0]", "u[1]", ...;
+        one of them alone may be named too.
     of : iterable of symbols or names, optional
         Coordinates, rates, states and their rates, components of the state and outputs; by default all
         coordinates, rates and states.
