@@ -230,8 +230,10 @@ class SolveOptions:
         Of the run and, for implicit methods, of its derivatives.
     adjoint : str
         A name in `ADJOINTS`.
-    rtol, atol, max_step : float
-        Tolerances, and the largest step [s].
+    rtol, atol : float or None
+        Tolerances; None for those that suit the precision of the process.
+    max_step : float
+        The largest step [s].
     max_steps : int
         Attempted steps after which a run ends with a status.
     dense : bool
@@ -248,8 +250,8 @@ class SolveOptions:
     method: str
     mode: str = "reverse"
     adjoint: str = "recorded"
-    rtol: float = DEFAULT_TOLERANCES[0]
-    atol: float = DEFAULT_TOLERANCES[1]
+    rtol: float | None = None
+    atol: float | None = None
     max_step: float = math.inf
     max_steps: int = 4096
     dense: bool = False
@@ -262,9 +264,18 @@ class SolveOptions:
             raise OptionError(unknown_name("adjoint", str(self.adjoint), ADJOINTS))
         if not self.max_step > 0.0:
             raise OptionError(f"max_step must be a positive number of seconds, not {self.max_step!r}")
-        numbers = {name: float(getattr(self, name)) for name in ("rtol", "atol", "max_step")}
+        rtol, atol = self.tolerances
+        kept: dict[str, Any] = {} if self.rtol is None else {"rtol": rtol}
+        kept |= {} if self.atol is None else {"atol": atol}
         flags = {name: flag(name, getattr(self, name)) for name in ("dense", "throw")}
-        set_checked(self, max_steps=int(self.max_steps), **numbers, **flags)
+        kept |= {"max_step": float(self.max_step), "max_steps": int(self.max_steps)}
+        set_checked(self, **kept, **flags)
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """Tolerances, those of double precision unless others were asked for."""
+        asked = zip((self.rtol, self.atol), DEFAULT_TOLERANCES, strict=True)
+        return tolerances(*(default if value is None else value for value, default in asked))
 
 
 @lru_cache(maxsize=256, typed=True)

@@ -253,8 +253,8 @@ def _options(method: str, options: SolveOptions) -> dict[str, Any]:
     """Return the options of sweeps."""
     return {
         "method": METHODS[method],
-        "rtol": options.rtol,
-        "atol": options.atol,
+        "rtol": options.tolerances[0],
+        "atol": options.tolerances[1],
         "max_step": options.max_step,
         "max_steps": options.max_steps,
     }

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.jax.precision import SINGLE, process_precision
 
 __all__ = ["on_host"]
 
@@ -25,23 +26,34 @@ def on_host(
     and so has what it returns.
     """
     ranks = [jnp.ndim(value) for value in given]
+    single = process_precision() is SINGLE
 
-    def call(*halves: Any) -> tuple[Any, ...]:
-        arrays = [np.ascontiguousarray(value, dtype=np.uint32).view(np.float64)[..., 0] for value in halves]
+    def call(*values: Any) -> tuple[Any, ...]:
+        if single:
+            arrays = [np.asarray(value, dtype=np.float64) for value in values]
+        else:
+            arrays = [np.ascontiguousarray(value, dtype=np.uint32).view(np.float64)[..., 0] for value in values]
         batch = arrays[0].shape[: arrays[0].ndim - ranks[0]]
         rows = [array.reshape(-1, *array.shape[len(batch) :]) for array in arrays]
         found = function(*rows)
+        if single:
+            pairs = zip(found, shapes, strict=True)
+            return tuple(np.asarray(value, dtype=np.float32).reshape(*batch, *shape) for value, shape in pairs)
         return tuple(
             np.ascontiguousarray(value, dtype=np.float64).reshape(*batch, *shape, 1).view(np.uint32)
             for value, shape in zip(found, shapes, strict=True)
         )
 
+    given = tuple(jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in given)
+    if single:
+        shown = tuple(_Struct(shape, jnp.float32) for shape in shapes)
+        return tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all"))
     wanted = tuple(_Struct((*shape, 2), jnp.uint32) for shape in shapes)
-    halves = (_halves(jax.lax.stop_gradient(value)) for value in given)
+    halves = (_halves(value) for value in given)
     found = jax.pure_callback(call, wanted, *halves, vmap_method="broadcast_all")
     return tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found)
 
 
 def _halves(value: Any) -> Any:
     """Return numbers as two integers each: a thread of a callback may not know of 64 bits."""
-    return jax.lax.bitcast_convert_type(jnp.asarray(value, dtype=float), jnp.uint32)
+    return jax.lax.bitcast_convert_type(value, jnp.uint32)

@@ -7,14 +7,12 @@ from typing import Any, final
 import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
+from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
 from .arguments import parameters_of
 from .modules import kernels_of
 
 __all__ = ["StateFunctions", "VectorField"]
-
-_SETTLED = 1e-10
-"""Size of the last correction of a projection up to which it counts as converged."""
 
 
 def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
@@ -125,7 +123,7 @@ class StateFunctions(_OfProgram):
         Where the constraints hold by construction, it is y.
         """
         _, y, c = self._point(t, y, p)
-        return self._kernels.project(t, y, c, _SETTLED)
+        return self._kernels.project(t, y, c, precision_of(y).atol)
 
     def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
         """Return what a kernel of coordinates, rates and first-order states gives, zeros where there is none."""

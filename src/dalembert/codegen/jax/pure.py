@@ -15,12 +15,12 @@ from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.motion import Limits, Motion, Path, Pieces, Reached, middles
+from ...integrators.jax.precision import process_precision
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
 from ...ir.program import Program, representative
 from ...methods.status import Status
-from ...methods.step_constants import SMALLEST_SCALE
 from ...once import once
 from ...options import SolveOptions
 from ...transforms.nonsmooth import decisions
@@ -37,6 +37,7 @@ from .modules import kernels_of
 from .pieces import PAIRS, SERVED, pieces_of, pieces_with, place_of
 from .records import register_samples
 from .run_inputs import Given, failed, feedback_kernels, inputs_of, run_inputs
+from .single import require_double_for_inputs, require_single, warn_below_single, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
@@ -82,8 +83,9 @@ class Solve:
     where they are known, all states are NaN, and the status says so; so it is with knots in no order and with records
     that are too short.
 
-    The function is traced in double precision only: set ``jax.config.update("jax_enable_x64", True)``, or call inside
-    ``with jax.enable_x64(True):``.
+    The function has the precision of the process: double where ``jax_enable_x64`` is on, else single, in all of it.
+    In single precision tolerances are 1e-5 and 1e-7 unless others are asked for, at least 1e-6 and 1e-8 (with a
+    warning); what it does not serve is refused.
 
     Parameters
     ----------
@@ -135,12 +137,12 @@ class Solve:
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
         if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            raise OptionError(
-                "solve works in double precision, which is off in this process: set"
-                ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
-            )
+            require_single(self._program, self._options.method)
+            warn_below_single(self._options)
         t, layout = times(t), self._program.layout
         numbers, given = inputs_of(layout, self._inputs, inputs, t)
+        if given:
+            require_double_for_inputs()
         self._refuse(given)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
@@ -265,7 +267,7 @@ class Solve:
 
     def _integrate(self, t: Any, y0: Any, course: _Course) -> tuple[Reached, Path | None]:
         """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
-        options, c = self._options, course.run
+        options, c = self._effective, course.run
         start = t[0]
         if course.constants is not None:
             y0, start = self._started(t, y0, course), jax.lax.stop_gradient(start)
@@ -301,22 +303,23 @@ class Solve:
         middle = middles(still - still[0], course.breaks)[0] if len(course.breaks) else 0.0
         return started(rates, y0, t[0] - still[0], jnp.append(course.run, middle))
 
+    @property
+    def _effective(self) -> SolveOptions:
+        """The options with the tolerances that a run takes in this process."""
+        return with_tolerances(self._options, process_precision())
+
     def _traced_motion(self, constants: RunConstants | None, feedback: FeedbackKernels | None = None) -> Motion:
         """Return runs by the method and its limits; explicit methods have them."""
-        options = self._options
-        limits = Limits(
-            options.rtol,
-            max(options.atol, SMALLEST_SCALE),
-            scale_floor(options.rtol, options.atol),
-            options.max_step,
-            options.max_steps,
-        )
+        options = self._effective
+        rtol, atol = options.tolerances
+        least = max(atol, process_precision().smallest_scale)
+        limits = Limits(rtol, least, scale_floor(rtol, atol), options.max_step, options.max_steps)
         return Motion(self._pieces(constants, feedback), limits, options.adjoint)
 
     def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""
-        options = self._options
-        order = order_for(clipped_tolerance(options.rtol, options.atol)) if options.method == "taylor" else 0
+        options = self._effective
+        order = order_for(clipped_tolerance(*options.tolerances)) if options.method == "taylor" else 0
         given = self._elapsed.program, self._elapsed, options.method, order, constants
         return pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
 

@@ -9,7 +9,7 @@ import diffrax
 import jax.numpy as jnp
 from jax import lax
 
-from ...methods.step_constants import SMALLEST_SCALE
+from .precision import precision_of
 from .step_limits import smallest_step
 
 __all__ = ["Control", "Controller"]
@@ -77,7 +77,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
     def __init__(self, rtol: Any, atol: Any, max_step: Any, span: Any, limit: Callable[..., Any] | None = None) -> None:
         self.limit = limit
         self.rtol = rtol
-        self.atol = jnp.maximum(atol, SMALLEST_SCALE)
+        self.atol = jnp.maximum(atol, precision_of(atol).smallest_scale)
         self.max_step = max_step
         self.span = span
         self.inner = diffrax.PIDController(

@@ -56,7 +56,7 @@ def _(values: Any, tangents: Any) -> tuple[Any, Any]:
 
 def implicit_motion(kernels: Kernels, t: Any, y0: Any, c: Any, options: SolveOptions) -> Reached:
     """Return the states (n_t, n_y) at the times t, and how the run went; see `dalembert.integrators.jax.motion`."""
-    rtol, atol, mode = options.rtol, options.atol, options.mode
+    (rtol, atol), mode = options.tolerances, options.mode
     given, (t, ordered) = t, in_order(jax.lax.stop_gradient(t))
     direction = jnp.where(t[-1] >= t[0], 1.0, -1.0)
     settings = Settings(direction, direction * t[0], direction * t[-1], c, rtol, atol, 0.0, options.max_step)

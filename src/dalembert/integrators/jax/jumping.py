@@ -14,13 +14,14 @@ from jax import lax
 
 from .derivatives import CHUNK, Record
 from .lanes import Rows
+from .precision import precision_of
 from .run_constants import RunConstants
 
 __all__ = ["moved_until", "sure_until"]
 
-_JUMP = 1e-7
-"""Share of the rates that counts as a jump."""
 _HALVINGS = 52
+_AT_ONCE = 1e-12
+"""Share of a step up to which a change is at its start."""
 _ROUNDS = 2
 """Largest number of changes examined between two points."""
 
@@ -74,7 +75,7 @@ def moved_until(
 def _apart(one: Any, other: Any) -> Any:
     """Return where rates (k, n_y) on two sides differ by more than rounding."""
     size = jnp.maximum(jnp.max(jnp.abs(one), axis=1), jnp.max(jnp.abs(other), axis=1))
-    return ~jnp.all(jnp.abs(one - other) <= _JUMP * size[:, None], axis=1)
+    return ~jnp.all(jnp.abs(one - other) <= precision_of(size).jump * size[:, None], axis=1)
 
 
 def _points(rates: OnRows, constants: RunConstants, record: Record, first: Any, c: Any) -> tuple[Any, Any]:
@@ -126,7 +127,7 @@ def _jumps(decided: OnRows, rates: OnRows, t: Any, y: Any, c: Rows, begins: Any)
     for _ in range(_ROUNDS):
         open_, below, low = search(low)
         one, other = (_table(rates, *at(share), c) for share in (below, low))
-        at_start = begins & (jnp.arange(len(low)) == 0) & (low < 1e-12)
+        at_start = begins & (jnp.arange(len(low)) == 0) & (low < _AT_ONCE)
         found |= open_ & _apart(one, other) & ~at_start
     return found
 

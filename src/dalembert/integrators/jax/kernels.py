@@ -12,6 +12,7 @@ from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...methods.step_constants import BRANCH, SLOW
+from .precision import precision_of
 
 __all__ = ["CORRECTIONS", "Function", "Kernels", "OnArrays", "stacked"]
 
@@ -36,9 +37,6 @@ def stacked(kernel: Function) -> OnArrays:
 
 CORRECTIONS = {"project_position": 3, "project_velocity": 2}
 """Number of times that each correction is applied after a step."""
-
-
-_QUADRATIC = 1e-8
 
 
 @final
@@ -97,7 +95,9 @@ class Kernels:
                     kept = jnp.max(jnp.abs(correction)) <= BRANCH * (SLOW + changed)
                     y = jnp.where(kept, y, jnp.nan)
                 y = y + correction
-            limit = jnp.maximum(_QUADRATIC * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol)
+            limit = jnp.maximum(
+                precision_of(y).quadratic_change * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol
+            )
             y = jnp.where(jnp.max(jnp.abs(correction)) <= limit, y, jnp.nan)
         return y
 

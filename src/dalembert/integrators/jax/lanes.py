@@ -16,8 +16,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...methods.status import RUNNING, Status
-from ...methods.step_constants import BRANCH, LINEAR_CORRECTIONS, QUADRATIC_CHANGE, SLOW
+from ...methods.step_constants import BRANCH, LINEAR_CORRECTIONS, SLOW
 from .compiling import compiled
+from .precision import precision_of
 from .step_limits import smallest_step
 
 __all__ = [
@@ -170,7 +171,7 @@ def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, A
         for value, correction in zip(y, corrections, strict=True):
             share = jnp.abs(correction) / (SLOW + jnp.abs(value))
             change = jnp.maximum(change, share if share.ndim <= change.ndim else jnp.max(share))
-        held &= change <= QUADRATIC_CHANGE
+        held &= change <= precision_of(change).quadratic_change
     return y, held
 
 

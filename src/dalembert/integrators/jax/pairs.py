@@ -19,6 +19,7 @@ from jax import lax
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Rows
+from .precision import precision_of
 from .step_limits import limit_at_knots
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]
@@ -96,7 +97,9 @@ class PairAttempts:
         h = jnp.minimum(h, jnp.minimum(batch.max_step, jnp.abs(batch.t1 - t)))
         moved = tuple(a + direction * h * rate for a, rate in zip(y, first, strict=True))
         second = slopes_of(self._rhs, t + direction * h, moved, batch.c)
-        change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(h, gains.SMALLEST_NORMAL)
+        change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(
+            h, precision_of(h).smallest_normal
+        )
         largest = jnp.maximum(jnp.maximum(slope, change), gains.FIRST_SLOPE)
         exponent = 1.0 / (self._tableau.error_order + 1)
         improved = jnp.minimum(gains.FIRST_GROWTH * h, (gains.FIRST_SHARE / largest) ** exponent)
@@ -107,11 +110,11 @@ class PairAttempts:
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Attempt a step of at most `largest`."""
         proposal, previous, first = memory
-        proposed = jnp.maximum(proposal, gains.SMALLEST_OF_TIME * jnp.abs(t))
+        proposed = jnp.maximum(proposal, precision_of(t).smallest_of_time * jnp.abs(t))
         if self._knots is not None:
             limit = limit_at_knots(self._knots(t, y, batch.c), t, direction)
             largest = jnp.minimum(largest, limit)
-        size = jnp.where(largest <= proposed * gains.STRETCH, largest, proposed)
+        size = jnp.where(largest <= proposed * precision_of(t).stretch, largest, proposed)
         h = direction * size
         slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
         weights = jnp.asarray(self._tableau.b[: self._stages])
@@ -146,4 +149,4 @@ class PairAttempts:
         if len(squares) == 1:
             return size * jnp.sqrt(squares[0])
         below = squares[0] + gains.SECOND_ERROR_WEIGHT * squares[1]
-        return size * squares[0] / jnp.sqrt(jnp.maximum(below, gains.SMALLEST_NORMAL))
+        return size * squares[0] / jnp.sqrt(jnp.maximum(below, precision_of(below).smallest_normal))

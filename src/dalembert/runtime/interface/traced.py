@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -28,8 +29,8 @@ def solve_fn(
     method: str = "auto",
     mode: str = "reverse",
     adjoint: str = "recorded",
-    rtol: float = 1e-8,
-    atol: float = 1e-10,
+    rtol: float | None = None,
+    atol: float | None = None,
     max_step: float = np.inf,
     max_steps: int = 4096,
     dense: bool = False,
@@ -44,8 +45,10 @@ def solve_fn(
     given : iterable of str, optional
         Names of the coordinates and rates that `initial` holds; the others follow from the constraints, as in
         `simulate`. Without it, `initial` is the state y (n_y,).
-    method, rtol, atol
+    method : str
         As for `simulate`.
+    rtol, atol : float, optional
+        As for `simulate`; by default 1e-8 and 1e-10, in a process of single precision 1e-5 and 1e-7.
     mode : str
         For "kvaerno5", "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and
         ``jax.jacfwd``; the other methods serve both, nested too.
@@ -96,7 +99,7 @@ def solve_fn(
         start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
         given = start.given
     options = SolveOptions(
-        method=self.choose_method(method, rtol, atol),
+        method=method,
         mode=mode,
         adjoint=adjoint,
         rtol=rtol,
@@ -106,6 +109,7 @@ def solve_fn(
         dense=dense,
         throw=throw,
     )
+    options = replace(options, method=self.choose_method(method, *options.tolerances))
     engine = cast("TracedEngine", self.engine)
     hosted = hosted_runs(self, given, method, options, events, reduce) if watching else None
     return (

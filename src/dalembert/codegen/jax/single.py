@@ -1,0 +1,92 @@
+"""Single precision: which programs and methods a traced run serves in it, and at which tolerances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import jax
+
+from ...errors import OptionError, PrecisionWarning, list_names, warn_caller
+from ...integrators.jax.precision import SINGLE, Precision
+from ...ir.kernel import Kernel
+from ...ir.program import Program
+from ...options import SolveOptions
+from ...transforms.recurrences import recurrences
+
+__all__ = ["require_double_for_inputs", "require_single", "warn_below_single", "with_tolerances"]
+
+_SMALLEST, _LARGEST = 1e-12, 1e30
+"""Sizes of numbers in equations that single precision serves: thresholds of ranks and of tables lie beyond."""
+
+_REMEDY = 'set jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
+_UNUSED = ("energy", "knots")
+
+
+def with_tolerances(options: SolveOptions, precision: Precision) -> SolveOptions:
+    """Return options whose tolerances are those that were asked for, at least what the precision gives."""
+    rtol = precision.rtol if options.rtol is None else max(options.rtol, precision.least_rtol)
+    atol = precision.atol if options.atol is None else max(options.atol, precision.least_atol)
+    return replace(options, rtol=rtol, atol=atol)
+
+
+def warn_below_single(options: SolveOptions) -> None:
+    """Warn of tolerances below what single precision gives."""
+    asked = {"rtol": (options.rtol, SINGLE.least_rtol), "atol": (options.atol, SINGLE.least_atol)}
+    below = {name: pair for name, pair in asked.items() if pair[0] is not None and pair[0] < pair[1]}
+    if below:
+        wanted = " and ".join(f"{name} = {value:g}" for name, (value, _) in below.items())
+        taken = " and ".join(f"{name} = {least:g}" for name, (_, least) in below.items())
+        warn_caller(
+            f"{wanted} asks for less than single precision gives, in which this process computes; the run takes"
+            f" {taken}. For more digits {_REMEDY}",
+            PrecisionWarning,
+        )
+
+
+def require_double_for_inputs() -> None:
+    """Refuse inputs that are functions of time in single precision.
+
+    Raises
+    ------
+    OptionError
+        In a process of single precision.
+    """
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise OptionError(f"steps to the knots of samples and functions of time need double precision: {_REMEDY}")
+
+
+def require_single(program: Program, method: str) -> None:
+    """Refuse what single precision does not serve.
+
+    Raises
+    ------
+    OptionError
+        For equations with numbers that vanish beside rounding or overflow, and for Taylor steps that need more than
+        the last terms of the series of the state.
+    """
+    kernels = [kernel for kernel in program if kernel.name not in _UNUSED]
+    found = {value: kernel.name for kernel in kernels for value in _beyond(kernel)}
+    if "knots" in program:
+        raise OptionError(f"runs of scenes with tables take steps to knots, which need double precision: {_REMEDY}")
+    if found:
+        places = list_names(f"{value!r} in {name}" for value, name in sorted(found.items()))
+        raise OptionError(
+            f"the equations of this scene ({program.formulation!r}) hold numbers that single precision does not"
+            f" resolve beside others ({places}): where they decide which constraints depend on each other, the run"
+            f' would be wrong. Take another formulation, such as "minimal", other units, or double precision: {_REMEDY}'
+        )
+    if method == "taylor":
+        known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
+        if known.controlled or known.poles or known.step_growth_limited or known.nonsmooth:
+            raise OptionError(
+                "steps of 'taylor' are controlled by more than the series of the state in this scene (powers, kinks or"
+                f' jumps), which needs double precision: take method="dopri8" or "tsit5", or {_REMEDY}'
+            )
+
+
+def _beyond(kernel: Kernel) -> list[float]:
+    """Return the numbers in a kernel whose size single precision does not serve."""
+    numbers = (arg for line in kernel.body for arg in line.args if not isinstance(arg, str))
+    kept = (float(number) for number in numbers if number != 0.0 and math.isfinite(number))
+    return [number for number in kept if not _SMALLEST <= abs(number) <= _LARGEST]
