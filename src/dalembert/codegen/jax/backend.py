@@ -235,7 +235,9 @@ class JaxEngine(Engine):
         else:
             rhs = self._program.kernel("rhs")
             knots = compile_kernel(self._program.kernel("knots")) if "knots" in self._program else None
-            attempts = PairAttempts(compile_kernel(rhs), PAIRS[method], moved=bool(projections), knots=knots)
+            attempts = PairAttempts(
+                compile_kernel(rhs), PAIRS[method], moved=bool(projections), knots=knots, operations=len(rhs.body)
+            )
             operations = LARGEST_FUSED + 1
         return run_batch(attempts, projections, operations + self._projecting)
 

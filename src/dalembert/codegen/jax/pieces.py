@@ -18,6 +18,7 @@ from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts, project
 from ...integrators.jax.motion import Pieces
 from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
+from ...integrators.jax.products import contracted, product
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.solvers import METHODS
 from ...ir.kernel import Kernel
@@ -103,8 +104,9 @@ def pieces_with(
     limits: tuple[Function | None, ...] = None, None
     if "knots" in program:
         limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
-    one = PairAttempts(one_row(_on_one_row(_of_one(program, kernels, "rhs"))), tableau, moved=moved, knots=limits[0])
-    many = PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1])
+    rates, length = one_row(_on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
+    one = PairAttempts(rates, tableau, moved=moved, knots=limits[0], operations=length)
+    many = PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1], operations=length)
     in_turn: InTurn | None = None
     if not moved and not constants.extended and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
@@ -264,13 +266,13 @@ class _PairSteps:
         """Return the slopes (stages, k) and the ends of steps before they are projected."""
         t, h, y, c, go = steps
         slopes = weighted(self._rhs(go), self._tableau, self._count, (t, y), h, c, ())
-        return slopes, tuple(a + h * jnp.tensordot(self._weights, k, 1) for a, k in zip(y, slopes, strict=True))
+        return slopes, tuple(a + h * contracted(self._weights, k) for a, k in zip(y, slopes, strict=True))
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """See `Linear`: h, derivatives (stages, n_y, n_y) of the slopes, and (n_y, n_y) of the projection."""
         t, h, y, c, go = steps
         slopes, ends = self._stages(steps)
-        points = tuple(a + h * jnp.tensordot(self._matrix, k, 1) for a, k in zip(y, slopes, strict=True))
+        points = tuple(a + h * contracted(self._matrix, k) for a, k in zip(y, slopes, strict=True))
         times = t + self._tableau.c[: self._count, np.newaxis] * h
         matrices = jnp.moveaxis(jacobians(lambda at: slopes_of(self._rhs(go), times, at, c), points), 1, 0)
         if not self._projections(go):
@@ -295,21 +297,21 @@ class _PairSteps:
         slopes: list[Any] = []
         for i, row in enumerate(self._matrix):
             point = sum((h * a * k for a, k in zip(row, slopes, strict=False) if a), start=dy)
-            slopes.append(matrices[i] @ point + shift[0][i])
+            slopes.append(product(matrices[i], point) + shift[0][i])
         end = sum((h * b * k for b, k in zip(self._weights, slopes, strict=True) if b), start=dy)
-        return held[0] @ end + shift[1] if held else end
+        return product(held[0], end) + shift[1] if held else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
         """See `Linear`: cotangents (stages, n_y) of the slopes, and (n_y,) of the end."""
         h, matrices, *held = along
-        end = ahead @ held[0] if held else ahead
+        end = product(ahead, held[0]) if held else ahead
         before = end
         points: list[Any] = [None] * self._count
         slopes: list[Any] = [None] * self._count
         for i in reversed(range(self._count)):
             later = (h * self._matrix[j, i] * points[j] for j in range(i + 1, self._count) if self._matrix[j, i])
             slopes[i] = sum(later, start=h * self._weights[i] * end)
-            points[i] = slopes[i] @ matrices[i]
+            points[i] = product(slopes[i], matrices[i])
             before = before + points[i]
         return before, (jnp.stack(slopes), ahead)
 
@@ -396,13 +398,13 @@ class _SeriesSteps:
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
         """See `Linear`."""
-        end = along[0] @ dy + shift[0]
-        return along[1] @ end + shift[1] if along[1:] else end
+        end = product(along[0], dy) + shift[0]
+        return product(along[1], end) + shift[1] if along[1:] else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
         """See `Linear`: the cotangents of the end, before it is projected and after."""
-        end = ahead @ along[1] if along[1:] else ahead
-        return end @ along[0], (end, ahead)
+        end = product(ahead, along[1]) if along[1:] else ahead
+        return product(end, along[0]), (end, ahead)
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
         """See `Linear`."""

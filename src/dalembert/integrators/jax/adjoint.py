@@ -16,6 +16,7 @@ from jax import lax
 
 from ...methods.tableau import Tableau
 from .derivatives import Over, Record
+from .products import product
 
 __all__ = ["InTurn", "Pull"]
 
@@ -131,7 +132,7 @@ class InTurn:
             h, y = over.sizes[step], states[step]
             slopes, _ = self._stage(slopes, stage, (over.begins[step], h, y), c)
             # Only after the last stage, which is the last to be written, are all slopes those of this step.
-            return slopes, lax.dynamic_update_index_in_dim(ends, y + h * (weights @ slopes), step, 0)
+            return slopes, lax.dynamic_update_index_in_dim(ends, y + h * product(weights, slopes), step, 0)
 
         first = jnp.zeros((stages, states.shape[1])), jnp.zeros(states.shape)
         ends: Any = lax.fori_loop(0, len(states) * stages, one, first)[1]
@@ -183,7 +184,7 @@ class InTurn:
         t, h, y = step
         count = self.tableau.end
         matrix, nodes = jnp.asarray(self.tableau.A[:count, :count]), jnp.asarray(self.tableau.c[:count])
-        point = y + h * (matrix[stage] @ slopes)
+        point = y + h * product(matrix[stage], slopes)
         rates = self.rates(t + nodes[stage] * h, point, c)
         return lax.dynamic_update_index_in_dim(slopes, rates, stage, 0), point
 
@@ -214,7 +215,7 @@ class InTurn:
             t, h, _ = rows.attempt(attempt)
             end, start = rows.entered(attempt, stage == stages - 1, end, start)
             # What earlier stages had in the attempt before has no weight.
-            rates = h * (weights[stage] * end + matrix[stage] @ within)
+            rates = h * (weights[stage] * end + product(matrix[stage], within))
             memory, back = pull(memory, t + nodes[stage] * h, points[number], rates)
             start = start + back
             within = lax.dynamic_update_index_in_dim(within, back, stage, 0)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -20,9 +21,14 @@ from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Rows
 from .precision import precision_of
+from .products import contracted
 from .step_limits import limit_at_knots
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]
+
+_LARGEST_UNROLLED = 3000
+"""Operations of all stages of a step up to which an accelerator takes them without a loop: it then keeps the slopes of
+a case in registers, and starts few functions, each of which takes as long as a step of thousands of cases."""
 
 
 def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
@@ -41,12 +47,25 @@ def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any,
         begin = tuple(slopes.at[0].set(rate) for slopes, rate in zip(begin, first, strict=True))
 
     def stage(i: Any, slopes: Rows) -> Rows:
-        point = tuple(a + h * jnp.tensordot(matrix[i], k, 1) for a, k in zip(y, slopes, strict=True))
+        point = tuple(a + h * contracted(matrix[i], k) for a, k in zip(y, slopes, strict=True))
         rates = slopes_of(rhs, t + nodes[i] * h, point, c)
         return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
 
     slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, begin)
     return slopes
+
+
+def _one_by_one(
+    rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows
+) -> tuple[Rows, ...]:
+    """Return what `weighted` does, each row a tuple of `count` slopes, without a loop."""
+    (t, y), slopes = start, [first] if first else []
+    for i in range(len(slopes), count):
+        weights = tableau.A[i, :i]
+        sums = (contracted(weights, tuple(k)) for k in zip(*slopes, strict=True)) if i else (0.0 for _ in y)
+        point = tuple(a + h * total for a, total in zip(y, sums, strict=True))
+        slopes.append(slopes_of(rhs, t + float(tableau.c[i]) * h, point, c))
+    return tuple(zip(*slopes, strict=True))
 
 
 def _mean(values: Rows, t: Any) -> Any:
@@ -70,13 +89,23 @@ class PairAttempts:
         Whether states are moved between steps, so that the slope at the end of one is not that of the next.
     knots : callable, optional
         (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
+    operations : int
+        Length of the right-hand side.
     """
 
     def __init__(
-        self, rhs: Callable[..., Rows], tableau: Tableau, *, moved: bool, knots: Callable[..., Rows] | None = None
+        self,
+        rhs: Callable[..., Rows],
+        tableau: Tableau,
+        *,
+        moved: bool,
+        knots: Callable[..., Rows] | None = None,
+        operations: int,
     ) -> None:
         self._rhs, self._tableau, self._knots = rhs, tableau, knots
         self._stages = tableau.end + (1 if tableau.fsal else 0)
+        looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
+        self._slopes: Callable[..., Any] = weighted if looped else _one_by_one
         self._goes_on = tableau.fsal and not moved
 
     def start(self, batch: Batch, direction: Any) -> Any:
@@ -116,9 +145,9 @@ class PairAttempts:
             largest = jnp.minimum(largest, limit)
         size = jnp.where(largest <= proposed * precision_of(t).stretch, largest, proposed)
         h = direction * size
-        slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
-        weights = jnp.asarray(self._tableau.b[: self._stages])
-        new = tuple(a + h * jnp.tensordot(weights, k, 1) for a, k in zip(y, slopes, strict=True))
+        slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
+        weights = self._tableau.b[: self._stages]
+        new = tuple(a + h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
         error = self._error(batch, y, new, slopes, size)
         finite, accepted = jnp.isfinite(error), error <= 1.0
         exponent = 1.0 / (self._tableau.error_order + 1)
@@ -141,8 +170,8 @@ class PairAttempts:
         ]
 
         def norm(row: Any) -> Any:
-            part = jnp.asarray(np.ascontiguousarray(row[: self._stages]))
-            estimates = (jnp.tensordot(part, k, 1) * scale for k, scale in zip(slopes, scales, strict=True))
+            part = np.ascontiguousarray(row[: self._stages])
+            estimates = (contracted(part, k) * scale for k, scale in zip(slopes, scales, strict=True))
             return _mean(tuple(estimate**2 for estimate in estimates), size)
 
         squares = [norm(row) for row in self._tableau.error]
