@@ -73,8 +73,8 @@ def pieces(
         For functions that are zero where the first step begins their rates there, over the step; NaN for others (n,).
         They need not be monotone where they leave zero.
     sides
-        Signs with which functions leave zero there, where that is known by construction; 0 for others (n,). What
-        rounding makes of their slopes and bends is nothing.
+        Signs with which functions leave zero there, where that is known by construction; 0 for others (n,). A slope
+        to the other side is nothing as long as it takes them next to nowhere there.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -126,22 +126,33 @@ def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray, sides: FloatArray) -> bool:
     """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut.
 
-    `sides` as for `pieces`.
+    `sides` as for `pieces`. Where a side is known, a slope may be such as takes the function no further to the other
+    side than its noise, or the share `BENT` of its values: by slope^2 / (4 a) from a t^2, by less than
+    slope^(3/2) / a^(1/2) from a t^3. Bends are those of the polynomials of the step, whose errors may have any sign.
     """
     with np.errstate(all="ignore"):
-        once, twice, thrice = (_one_sign(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
+        once, twice, thrice = (_least_sizes(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
         largest = np.abs(values).max(axis=0)
-        flat = np.abs(slopes) <= FLAT * largest
-        unbent = flat & (np.abs(BEND @ values) <= BENT * largest)
-        leaves = (~np.isnan(slopes) & once) | (flat & twice) | (unbent & thrice)
-        leaves |= (sides * values[-1] > 0.0) & (twice | thrice)
+        sizes, bends = np.abs(slopes), np.abs(BEND @ values)
+        flat = sizes <= FLAT * largest
+        leaves = (~np.isnan(slopes) & (once > 0.0)) | (flat & (twice > 0.0))
+        leaves |= flat & (bends <= BENT * largest) & (thrice > 0.0)
+        nothing = np.maximum(noise, BENT * largest)
+        slight = (twice > 0.0) & (sizes**2 <= 4.0 * twice * nothing)
+        slight |= (thrice > 0.0) & (sizes * np.sqrt(sizes / thrice) <= nothing)
+        leaves |= (sides * values[-1] > 0.0) & slight
     return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
 
 
 def _one_sign(series: FloatArray) -> NDArray[np.bool_]:
     """Return which functions keep their sign, from the sizes of their coefficients (k, 8, n)."""
+    return np.asarray(_least_sizes(series) > 0.0)
+
+
+def _least_sizes(series: FloatArray) -> FloatArray:
+    """Return the least sizes of functions that keep their signs, from the sizes of their coefficients (k, 8, n)."""
     tail = series[:, -2:].sum(axis=1)
-    return np.asarray(series[:, 0] > series[:, 1:].sum(axis=1) + TAIL * tail)
+    return np.asarray(series[:, 0] - (series[:, 1:].sum(axis=1) + TAIL * tail))
 
 
 @final

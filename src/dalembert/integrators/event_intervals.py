@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..methods.event_constants import BENT, FLAT
-from .compiled_subset import call_code, compiled_subset, fma, row
+from .compiled_subset import call_code, compiled_subset, fma, row, sqrt, square
 from .workspace import EventWorkspace
 
 __all__ = ["SERIES", "SLOPE_SERIES", "output_at", "push_halves", "sample", "simple_piece", "transformed"]
@@ -82,11 +82,17 @@ def transformed(matrix: FloatArray, space: EventWorkspace, e: int, to: int) -> N
 
 
 @compiled_subset
-def _one_sign(work: FloatArray, i: int) -> bool:
+def _least_size(work: FloatArray, i: int) -> float:
+    """Return the least size that a series can have on a piece on which it keeps its sign; up to 0 it may not."""
     rest = 0.0
     for k in range(1, 8):
         rest += abs(work[i, k])
-    return abs(work[i, 0]) > rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7]))
+    return abs(work[i, 0]) - (rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7])))
+
+
+@compiled_subset
+def _one_sign(work: FloatArray, i: int) -> bool:
+    return _least_size(work, i) > 0.0
 
 
 @compiled_subset
@@ -104,8 +110,10 @@ def simple_piece(
     """Return whether a piece need not be cut for any expression, and whether all values are finite.
 
     ``fresh`` says that expressions which are zero at the start of the lane are so where the piece, up to the fraction
-    ``high`` of the step, begins; ``zero`` then holds their slopes over the step. What rounding makes of the slope and
-    the bend of one that is known to leave zero against its direction is nothing (see `dalembert.runtime.events`).
+    ``high`` of the step, begins; ``zero`` then holds their slopes over the step. One that is known to leave zero
+    against its direction (see `dalembert.runtime.events`) may begin with a slope that rounding makes: it takes it no
+    further to the other side than its noise, or the share `BENT` of its values. Its bend is that of the polynomials of
+    the step, whose errors may have any sign.
     """
     simple = finite = True
     for e in range(directions.size):
@@ -129,16 +137,22 @@ def simple_piece(
             transformed(_ONCE, space, e, 1)
             if _one_sign(space.work, 1):
                 continue
+            slope, nothing = space.zero[lane, e] * high, max(space.noise[0, e], BENT * largest)
+            flat = slope <= FLAT * largest
             known = abs(directions[e]) > 1 and space.values[e, 7] * space.signs[lane, e] > 0.0
-            if known or space.zero[lane, e] * high <= FLAT * largest:
+            if known or flat:
                 transformed(_TWICE, space, e, 1)
-                if _one_sign(space.work, 1):
+                least = _least_size(space.work, 1)
+                if least > 0.0 and (flat or square(slope) <= 4.0 * least * nothing):
                     continue
                 bend = 0.0
                 for j in range(1, 8):
                     bend = fma(_BEND[j], space.values[e, j], bend)
                 transformed(_THRICE, space, e, 1)
-                if (known or abs(bend) <= BENT * largest) and _one_sign(space.work, 1):
+                least = _least_size(space.work, 1)
+                if least > 0.0 and flat and abs(bend) <= BENT * largest:
+                    continue
+                if known and least > 0.0 and slope * sqrt(slope / least) <= nothing:
                     continue
         transformed(SLOPE_SERIES, space, e, 1)
         if not _monotone(space.work):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from dalembert.methods.status import Status
 from fuzz.contacts.compare import examine
@@ -48,6 +49,18 @@ def test_a_force_that_grows_from_zero_presses():
     motion = run("particle", MASS_ON_FLOOR | {"B": -3.0}, AT_REST, 2.0)
     assert motion.success and words(motion)[-1] == ("stick",)
     assert motion["y"][-1] == 0.0 and motion["R"][-1] == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_a_short_lift_before_the_first_sample_of_a_step(method):
+    """N = -eps t + t^3 - ... is negative for 3 % of the span; y = (eps/6 - 1) t^3 - 6 sin t + 6 t until it lands."""
+    eps = 1e-3
+    loads = MASS_ON_FLOOR | {"B": eps - 6.0, "C": 6.0}
+    end = brentq(lambda t: (eps / 6.0 - 1.0) * t**3 - 6.0 * math.sin(t) + 6.0 * t, 0.03, 0.09)
+    motion = run("particle", loads, AT_REST, 1.0, method=method)
+    assert words(motion) == [("open",), ("stick",)]
+    assert motion.phases[0].t1 == pytest.approx(end, rel=1e-6)
+    assert np.min(motion["R"]) >= 0.0
 
 
 @pytest.mark.parametrize("k, c", [(3.0, 4.0), (4.0, 3.0)])
