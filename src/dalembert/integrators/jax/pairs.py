@@ -90,7 +90,7 @@ class PairAttempts:
     knots : callable, optional
         (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
     operations : int
-        Length of the right-hand side.
+        Length of the right-hand side; by default, its stages are a loop everywhere.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class PairAttempts:
         *,
         moved: bool,
         knots: Callable[..., Rows] | None = None,
-        operations: int,
+        operations: int = _LARGEST_UNROLLED,
     ) -> None:
         self._rhs, self._tableau, self._knots = rhs, tableau, knots
         self._stages = tableau.end + (1 if tableau.fsal else 0)
