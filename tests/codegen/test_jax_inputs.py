@@ -15,6 +15,7 @@ from runtime.test_input_values import driven, forced
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
+records = pytest.importorskip("dalembert.codegen.jax.records")
 
 KNOTS = np.array([0.0, 0.31, 0.5, 0.93, 1.4, 2.05, 2.6, 3.0])
 VALUES = np.array([0.4, -1.1, 0.7, 1.6, -0.2, -0.9, 1.3, 0.1])
@@ -55,18 +56,27 @@ def everything(run):
 @pytest.mark.parametrize("kind", METHODS)
 def test_samples_are_those_of_the_compiled_backend(kind):
     record, solve = da.samples(KNOTS, VALUES, kind), solve_fn(METHODS[kind])
+    found = jax.jit(lambda t: solve(t, START, PARAMETERS, inputs={"u": record}), compiler_options=QUICK)
     for times in (T, T[::-1]):
-        run = solve(times, START, PARAMETERS, inputs={"u": record})
+        run = found(times)
         assert run.status == 0
         np.testing.assert_allclose(everything(run), expected(times, {"u": record}), rtol=1e-10, atol=1e-10)
 
 
 def test_extrapolation_and_knots_between_the_ends_alone():
-    solve, times = solve_fn("tsit5"), np.array([-0.5, 1.0, 3.5, 4.0])
-    for kind, extrapolate in (("linear", "hold"), ("cubic", "linear")):
-        record = da.samples(KNOTS, VALUES, kind, extrapolate)
-        run = solve(times, START, PARAMETERS, inputs={"u": record})
-        np.testing.assert_allclose(everything(run), expected(times, {"u": record}), rtol=1e-10, atol=1e-10)
+    times, record = np.array([-0.5, 1.0, 3.5, 4.0]), da.samples(KNOTS, VALUES, "cubic", "linear")
+    run = jax.jit(lambda: solve_fn("tsit5")(times, START, PARAMETERS, inputs={"u": record}), compiler_options=QUICK)()
+    np.testing.assert_allclose(everything(run), expected(times, {"u": record}), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("extrapolate", ["error", "hold", "linear"])
+@pytest.mark.parametrize("kind", METHODS)
+def test_polynomials_are_those_of_the_record(kind, extrapolate):
+    for count in (2, 3, 5):
+        record = da.samples(KNOTS[:count], VALUES[:count], kind, extrapolate)
+        rows = record.coefficients(np.clip(np.arange(-1, count), record.first, record.last))
+        found = records.polynomials(jax.numpy.asarray(record.t), record)
+        np.testing.assert_allclose(found, rows[:, slice(*records.COLUMNS[kind])], rtol=1e-12, atol=1e-13)
 
 
 def test_inputs_with_other_knots_in_positions_and_in_loads():
@@ -79,7 +89,8 @@ def test_inputs_with_other_knots_in_positions_and_in_loads():
     with pytest.raises(ValueInputError, match="'u' go on beyond their knots"):
         solve_fn("dopri8", driven, tuple(start))(times, start, p, inputs=inputs)
     inputs["u"] = da.samples(KNOTS, VALUES / 4.0, "cubic")
-    run = solve_fn("dopri8", driven, tuple(start))(times, start, p, inputs=inputs)
+    solve = solve_fn("dopri8", driven, tuple(start))
+    run = jax.jit(lambda: solve(times, start, p, inputs=inputs), compiler_options=QUICK)()
     np.testing.assert_allclose(everything(run), expected(times, inputs, driven, start, p), rtol=1e-9, atol=1e-9)
 
 
@@ -117,11 +128,14 @@ def test_derivatives_by_knots_and_times_where_they_are_those_of_the_motion():
         return everything(solve(times, START, PARAMETERS, inputs={"u": da.samples(knots, VALUES, kind)}))
 
     times = np.array([0.1, 0.7, 1.9])
-    by_knots, by_times = jax.jit(jax.jacrev(motion, (0, 1)), compiler_options=QUICK)(KNOTS, times)
-    want = differences(lambda knots: expected(times, {"u": da.samples(knots, VALUES)}), KNOTS)
-    np.testing.assert_allclose(by_knots, want, rtol=1e-6, atol=1e-7)
-    want = differences(lambda times: expected(times, {"u": da.samples(KNOTS, VALUES)}), times)
-    np.testing.assert_allclose(by_times, want, rtol=1e-6, atol=1e-7)
+    along = 0.3 * np.cos(np.arange(len(KNOTS))), np.array([0.4, -1.0, 0.7])
+    pushed = jax.jit(lambda *at: jax.jvp(motion, at, along)[1], compiler_options=QUICK)(KNOTS, times)
+
+    def moved(size):
+        knots, t = KNOTS + size * along[0], times + size * along[1]
+        return expected(t, {"u": da.samples(knots, VALUES)})
+
+    np.testing.assert_allclose(pushed, (moved(1e-5) - moved(-1e-5)) / 2e-5, rtol=1e-6, atol=1e-7)
     with pytest.raises(OptionError, match="by the knots of input 'u', samples of kind 'hold'"):
         jax.jacfwd(lambda knots: motion(knots, times, "hold"))(KNOTS)
     with pytest.raises(OptionError, match="second derivatives by the knots of input 'u'"):
@@ -129,7 +143,7 @@ def test_derivatives_by_knots_and_times_where_they_are_those_of_the_motion():
 
 
 def test_second_derivatives_by_values_and_parameters():
-    solve = solve_fn("tsit5", max_steps=512)
+    solve = solve_fn("tsit5", max_steps=256)
 
     def cost(given):
         run = solve(T[:2], START, {"m": given[0], "k": 2.0}, inputs={"u": da.samples(KNOTS[:4], given[1:])})
@@ -143,23 +157,24 @@ def test_second_derivatives_by_values_and_parameters():
 
 
 def test_cases_have_their_own_records_and_their_own_failures():
-    solve, records = solve_fn("tsit5"), np.stack([VALUES, 2.0 * VALUES[::-1], VALUES**2])
+    solve, tables = solve_fn("tsit5"), np.stack([VALUES, 2.0 * VALUES[::-1], VALUES**2])
     times = np.array([0.1, 0.7, 2.0])
 
     def end(record):
         return solve(times, START, PARAMETERS, inputs={"u": record})
 
-    single = da.samples(KNOTS, records)
+    single = da.samples(KNOTS, tables)
     with pytest.raises(ValueInputError, match=r"values of shape \(3, 8\) and this is one run.*jax\.vmap"):
         end(single)
-    runs = jax.vmap(lambda values: end(da.samples(KNOTS, values)))(records)
-    want = [expected(times, {"u": da.samples(KNOTS, values)}) for values in records]
+    quick = {"compiler_options": QUICK}
+    runs = jax.jit(jax.vmap(lambda values: end(da.samples(KNOTS, values))), **quick)(tables)
+    want = [expected(times, {"u": da.samples(KNOTS, values)}) for values in tables]
     np.testing.assert_allclose(jax.vmap(everything)(runs), want, rtol=1e-10, atol=1e-10)
     # Records are pytrees; a record of NaN, one whose knots are in no order, and a short one fail alone.
     knots = np.stack([KNOTS, KNOTS[::-1], KNOTS - 1.5])
-    batch = jax.tree.map(lambda *rows: np.stack(rows), *(da.samples(KNOTS, values) for values in records))
-    batch = jax.tree.unflatten(jax.tree.structure(batch), [knots, records])
-    found = jax.vmap(end)(batch)
+    batch = jax.tree.map(lambda *rows: np.stack(rows), *(da.samples(KNOTS, values) for values in tables))
+    batch = jax.tree.unflatten(jax.tree.structure(batch), [knots, tables])
+    found = jax.jit(jax.vmap(end), **quick)(batch)
     np.testing.assert_array_equal(found.status, [0, int(Status.TIMES_IN_NO_ORDER), int(Status.OUTSIDE_TABLE)])
     np.testing.assert_allclose(found.y[0], runs.y[0], rtol=1e-12, atol=0.0)
     assert np.all(np.isnan(found.y[1:]))

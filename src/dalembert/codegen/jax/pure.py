@@ -163,6 +163,12 @@ class Solve:
                 f"solve_fn by {method!r} does not end steps at the knots of samples: take"
                 ' method="dopri8", "tsit5" or "taylor", or inputs that are constant in time'
             )
+        adjoint = getattr(self._options, "adjoint", "recorded")
+        if given and adjoint != "recorded":
+            raise OptionError(
+                f"adjoint={adjoint!r} does not serve inputs that are samples or functions, and {next(iter(given))!r} is"
+                ' one: take adjoint="recorded", the default'
+            )
         if functions and self._options.dense:
             raise OptionError(
                 f"dense output does not know the function of input {functions[0]!r}: leave out dense=True, and give"
