@@ -156,6 +156,31 @@ def unequal_sphere(sequence):
     return scene
 
 
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+def test_angular_velocity_on_the_body_as_an_output(formulation):
+    """The name that a start accepts; the formulation may have other components in its state."""
+    names = ("omega_S_x", "omega_S_y", "omega_S_z")
+    spin = dict(zip(names, (0.8, -1.1, 0.3), strict=True))
+    start = {"x": 0, "y": 0, "psi": 0.3, "theta": 0.4, "phi": 0.2, **spin}
+    sphere = da.scenes.rolling_sphere()
+    model = da.compile_model(sphere, orientation="quaternion", formulation=formulation, outputs=names, backend="numpy")
+    assert set(names).isdisjoint(model.layout.state)
+    run = model.simulate((0, 1), start, {"m": 1, "r": 0.5, "g": 9.81}, rtol=1e-11)
+    assert [run[name][0] for name in names] == pytest.approx(list(spin.values()), abs=1e-13)
+    psi, theta, rates = run["psi"], run["theta"], [run[name] for name in ("psi_dot", "theta_dot", "phi_dot")]
+    phi = run["phi"]
+    found = [  # ZXZ: psi about N.z, theta about the line of nodes, phi about S.z
+        rates[0] * np.sin(theta) * np.sin(phi) + rates[1] * np.cos(phi),
+        rates[0] * np.sin(theta) * np.cos(phi) - rates[1] * np.sin(phi),
+        rates[0] * np.cos(theta) + rates[2],
+    ]
+    assert len(psi) > 3
+    for name, value in zip(names, found, strict=True):
+        np.testing.assert_allclose(run[name], value, atol=1e-11)
+    named = da.compile_model(sphere, orientation="quaternion", outputs={"spin": "omega_S_z"}, backend="numpy")
+    assert named.simulate((0, 1), start, {"m": 1, "r": 0.5, "g": 9.81})["spin"][0] == pytest.approx(0.3)
+
+
 def test_unequal_sphere_through_theta_0():
     """From before to beyond theta = 0 at t = 0; from there on, angles that are regular there say the same."""
     p = {"m": 1.0, "r": 0.5, **INERTIA}

@@ -12,7 +12,13 @@ from ..transforms.quaternions import spin_matrix
 from .model import Entry
 from .orientation import FreeOrientation
 
-__all__ = ["entries_of"]
+__all__ = ["angular_velocity", "entries_of"]
+
+
+def angular_velocity(orientation: FreeOrientation) -> tuple[str, str, str]:
+    """Return the names of the angular velocity of a free orientation, components on its own frame."""
+    name = orientation.frame.name
+    return f"omega_{name}_x", f"omega_{name}_y", f"omega_{name}_z"
 
 
 def entries_of(graph: Graph, orientations: Sequence[FreeOrientation]) -> tuple[Entry, ...]:
@@ -30,8 +36,8 @@ def entries_of(graph: Graph, orientations: Sequence[FreeOrientation]) -> tuple[E
             moving = {a: graph.input(rate_name(name)) for a, name in zip(angles, names, strict=True)}
             positions.append(Entry(names, (), coordinates, tuple(values)))
             rates.append(Entry(tuple(map(rate_name, names)), names, slopes, tuple(tangents(graph, values, moving))))
-        omega = [f"omega_{orientation.frame.name}_{axis}" for axis in "xyz"]
+        omega = angular_velocity(orientation)
         turning = spin_matrix([graph.input(name) for name in coordinates], body=True)
         spun: list[Node] = [graph.node(0.5) * x for x in matvec(graph, turning, [graph.input(w) for w in omega])]
-        rates.append(Entry(tuple(omega), (), slopes, tuple(spun)))
+        rates.append(Entry(omega, (), slopes, tuple(spun)))
     return (*positions, *rates)

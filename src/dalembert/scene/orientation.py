@@ -78,7 +78,7 @@ def free_orientation(
     tuple of dynamicsymbols
         The quaternion (e0, e1, e2, e3), scalar first, from components on `frame` to components on `parent`. Initial
         values may give the angular velocity, components on `frame`, in place of the rates: omega_S_x, omega_S_y
-        and omega_S_z.
+        and omega_S_z. ``outputs=["omega_S_x", ...]`` records it, whatever the speeds of the formulation are.
 
     Raises
     ------

@@ -15,9 +15,11 @@ from ..ir.input_parameters import DEGREE, hidden_parameters
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
+from ..transforms.linear import matvec, transpose
+from ..transforms.quaternions import spin_matrix
 from .controllers import controlled_inputs
 from .elapsed import ElapsedTime
-from .entries import entries_of
+from .entries import angular_velocity, entries_of
 from .expressions import ExpressionReader
 from .model import InputSymbol, SymbolTable
 from .scene import Scene
@@ -122,12 +124,17 @@ class SymbolReader:
         return flow
 
     def _named_values(self) -> dict[str, Node]:
-        """Return angles that quaternions stand for, their rates, speeds and inputs, by name."""
+        """Return angles that quaternions stand for, their rates, angular velocities, speeds and inputs, by name."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
         found: dict[str, Node] = {u.func.__name__: leaves[u] for u in (*self.scene.speeds, *self.inputs)}
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}
+        for item in self.scene.orientations:
+            e = [leaves[q] for q in item.quaternion]
+            rates = [leaves[sp.Derivative(q, time)] for q in item.quaternion]
+            omega = matvec(self.graph, transpose(spin_matrix(e, body=True)), rates)
+            found |= {name: 2 * x for name, x in zip(angular_velocity(item), omega, strict=True)}
         return found
 
     def _leaves(self) -> dict[Any, Node]:
