@@ -68,7 +68,7 @@ def compilation_meter(wanted: bool) -> Iterator[None]:
 
         with _stages_shown(show):
             yield
-        bar.total = bar.n
+        bar.total = bar.n  # scenes whose contacts change are compiled mode by mode, in runs
         bar.set_description_str("compiled")
 
 

@@ -108,6 +108,8 @@ def test_plots_belong_to_pyplot_and_take_axes(run):
     assert [panel.get_ylabel() for panel in two] == ["x", "y"]
     with pytest.raises(OptionError, match="one for each of the 3 names, not 2"):
         run.plot("x", "y", dynamicsymbols("theta"), ax=two)
+    with pytest.raises(OptionError, match="ax must be Axes of matplotlib, not 3"):
+        run.plot("x", ax=3)
     before = plt.get_fignums()
     with pytest.raises(UnknownNameError):
         run.plot("thetta")

@@ -233,7 +233,13 @@ def test_force_that_is_no_vector(stage):
 
 def test_gravity_that_is_no_vector(stage):
     stage.scene.apply_uniform_gravity(g)
-    assert_fault(stage.scene, "gravity", "not a vector")
+    assert_fault(stage.scene, "gravity", "not a vector; write it on a frame")
+
+
+def test_a_comparison_in_place_of_a_constraint(stage):
+    (q, *_) = stage.scene.coordinates
+    stage.scene.add_nonholonomic_constraints(q.diff() == 3)
+    assert_fault(stage.scene, "nonholonomic constraint", "a comparison with ==; write an expression")
 
 
 # -- constraints --------------------------------------------------------------------------

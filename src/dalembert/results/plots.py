@@ -37,6 +37,8 @@ def plot(trajectory: Motion, names: Sequence[str], ax: Any = None) -> Figure:
     shared = ax is not None and len(panels) == 1
     if shared:
         panels = panels * len(names)
+    if not all(hasattr(panel, "plot") for panel in panels):
+        raise OptionError(f"ax must be Axes of matplotlib, not {ax!r}")
     if len(panels) != len(names):
         raise OptionError(f"ax must be one Axes, or one for each of the {len(names)} names, not {len(panels)}")
     for panel, name, (between, recorded) in zip(panels, names, columns, strict=True):

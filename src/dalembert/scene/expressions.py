@@ -312,6 +312,11 @@ class ExpressionReader:
             return g.call("select", above, g.one, g.call("select", below, g.zero, there))
         if kind is sp.Piecewise:
             return self._piecewise(e)
+        if e in (sp.true, sp.false):
+            return self.fault(
+                f"{e} is what Python makes of a comparison with ==; write an expression, such as left side minus right"
+                " side that vanishes"
+            )
         if isinstance(e, sp.core.relational.Relational):
             return self.fault(
                 f"{e} is a relation; write an expression, such as left side minus right side that vanishes"

@@ -135,7 +135,7 @@ class GeometryReader(SymbolReader):
         if isinstance(vector, int | float | sp.Expr | Vector) and vector == 0:
             return ()
         if not isinstance(vector, Vector):
-            self.faults.append(f"{place}: {vector!r} is not a vector")
+            self.faults.append(f"{place}: {vector!r} is not a vector; write it on a frame, such as -g * N.z")
             return ()
         if not all(getattr(matrix, "shape", None) == (3, 1) for matrix, _ in vector.args):
             self.faults.append(f"{place}: the vector has components that are not numbers")
