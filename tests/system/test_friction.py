@@ -365,7 +365,7 @@ def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypa
     with monkeypatch.context() as patched:
         patched.setattr(hybrid_sweep, "compiled_phases", lambda modes: False)
         expected, sampled = swept(), swept(**many)
-    monkeypatch.setattr(hybrid_sweep._Sweep, "_round", None)
+    monkeypatch.setattr(hybrid_sweep.CaseRounds, "run", None)
     found = [swept(threads=threads) for threads in (1, 2)]
     monkeypatch.setattr(phases, "_MOST_TOGETHER", 3)
     for run in (*found, swept(threads=2), swept(progress=True)):
