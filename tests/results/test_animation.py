@@ -2,6 +2,7 @@
 
 import builtins
 import gc
+import shutil
 import sys
 import warnings
 
@@ -81,6 +82,12 @@ def test_a_film_without_ffmpeg_is_refused_by_name(sleigh, tmp_path, monkeypatch)
         del moving
         gc.collect()
     assert not (tmp_path / "sleigh.mp4").exists()
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
+def test_a_film(sleigh, tmp_path):
+    sleigh.animate(fps=5).save(tmp_path / "sleigh.mp4")
+    assert b"ftyp" in (tmp_path / "sleigh.mp4").read_bytes()[:16]
 
 
 def test_a_picture_of_one_instant(sleigh):
