@@ -158,8 +158,10 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
                 raise SceneError(
                     scene.name,
                     [
-                        "sampled controllers do not act in scenes whose contacts change: regularize friction, or close"
-                        " the loop by model.prepare and run(state, parameters, inputs) over one period"
+                        "sampled controllers do not act in scenes whose contacts change: regularize friction, or"
+                        " compile the scene without them, a copy() of it before add_controllers, and close the loop"
+                        " yourself: run = model.prepare((0, period)), then state = run(state, parameters, inputs)"
+                        " once a period"
                     ],
                 )
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
