@@ -27,6 +27,8 @@ HALVES = 100
 """How often pieces of a phase are halved, at most."""
 TOLERANCE = 1e-5
 """Of states, velocities and forces, over their sizes in the run."""
+SLIP_ERROR = 0.05
+"""Error of a slip velocity, as a share of the tolerance, that the direction of friction may follow."""
 
 
 @final
@@ -113,16 +115,22 @@ class _Checks:
     def allowed(self, phase: Any, low: float, high: float) -> float:
         """Return the error allowed of a piece: more where slip in a plane begins or turns at next to no speed.
 
-        There the direction of friction is that of errors of the slip velocity, for a time that goes with their root.
+        The direction of friction follows slip velocities up to their own errors: at a speed u it may be wrong by
+        error / u, and by 2 at most.
         """
         if SYSTEMS[self.setting.system].directions < 2 or "slip" not in phase.modes.values():
             return self.tolerance
-        motion = self.run(np.append(np.linspace(low, high, 50), low + 1e-3 * (high - low)))
-        least = min(
-            float(np.hypot(*rows_at(self.setting.system, t, q, v, self.p).speeds(v)[0, 1:]))
-            for t, q, v in zip(motion.t, motion.q, motion.qdot, strict=True)
-        )
-        return self.tolerance if least > 1e-2 * self.size_v else 0.2 * float(np.sqrt(self.tolerance))
+        near = np.geomspace(1e-6, 1e-2, 40)
+        shares = np.concatenate([[0.0], near, np.linspace(1e-2, 1.0 - 1e-2, 200)[1:-1], 1.0 - near[::-1], [1.0]])
+        motion = self.run(low + (high - low) * shares)
+        wrong, pull = np.zeros(len(shares)), 0.0
+        for i, (t, q, v) in enumerate(zip(motion.t, motion.q, motion.qdot, strict=True)):
+            rows = rows_at(self.setting.system, t, q, v, self.p)
+            speed = float(np.hypot(*rows.speeds(v)[0, 1:]))
+            wrong[i] = min(2.0, SLIP_ERROR * self.tolerance * self.size_v / max(speed, 1e-300))
+            normal = float(motion[self.setting.contacts[0].normal][i])
+            pull = max(pull, rows.law[0, 0] * abs(normal) / float(np.min(np.diag(rows.M))))
+        return self.tolerance + pull * float(np.trapezoid(wrong, motion.t)) / self.size_v
 
     def unexplained(self, phase: Any, low: float, high: float, texts: list[str]) -> float:
         """Return the change of velocity in a piece of a phase that its forces do not explain.
