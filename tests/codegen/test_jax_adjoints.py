@@ -95,6 +95,17 @@ def test_gradients_of_ends_and_of_failed_runs(model, adjoint):
     assert np.all(np.isnan(np.concatenate([np.ravel(part) for part in jax.tree.leaves(own(p, 500.0))])))
 
 
+def test_a_motion_that_cannot_be_integrated_backward_has_no_continuous_gradient():
+    """Strongly damped, it forgets where it began; from one of many times to the next it does not."""
+    model, ends = pendulum(-20 * dynamicsymbols("angle", 1)), {}
+    for adjoint, times in (("recorded", [0.0, 4.0]), ("continuous", [0.0, 4.0]), ("continuous", np.linspace(0, 4, 17))):
+        solve = model.solve_fn(adjoint=adjoint, method="tsit5", rtol=1e-9, atol=1e-11)
+        last = jax.jit(jax.grad(lambda p, f=solve, t=times: f(t, [0.4, 0.9], p).y[-1, 0]), compiler_options=QUICK)
+        ends[adjoint, len(times)] = last(np.array([9.81, 1.2]))
+    assert np.all(np.isnan(ends["continuous", 2]))
+    np.testing.assert_allclose(ends["continuous", 17], ends["recorded", 2], rtol=1e-5)
+
+
 def test_recomputed_gradients_take_the_memory_of_a_square_root(model):
     sizes = {}
     for adjoint in ("recorded", "recomputed", "continuous"):

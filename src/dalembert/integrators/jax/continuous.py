@@ -28,6 +28,10 @@ NO_SECOND = (
 )
 
 
+_RETURN = 1e4
+"""Multiple of the tolerances to which a motion that is integrated backward must return to where it began."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Field:
@@ -118,15 +122,20 @@ class Continuous:
             return jnp.concatenate([self.field.rates(t, z[:n], c), -back, -share])
 
         def segment(carry: Any, ends: Any) -> tuple[Any, None]:
-            t0, t1, y, cotangent = ends
+            t0, t1, begin, y, cotangent = ends
             ahead = carry.at[:n].add(cotangent / size)
             z = self._integrated(rates, n, t1, t0, jnp.concatenate([y, ahead]), held.c)
-            return z[n:], None
+            return jnp.where(self._returned(z[:n], begin), z[n:], jnp.nan), None
 
         begin = jnp.zeros(n + len(held.c))
-        ends = held.t[:-1], held.t[1:], held.y[1:], given[1:]
+        ends = held.t[:-1], held.t[1:], held.y[:-1], held.y[1:], given[1:]
         total, _ = lax.scan(segment, begin, ends, reverse=True)
         return given[0] + size * total[:n], size * total[n:]
+
+    def _returned(self, y: Any, begin: Any) -> Any:
+        """Return whether a motion that was integrated backward came to where it began: what is damped may not."""
+        rtol, atol, *_ = self.settings
+        return jnp.all(jnp.abs(y - begin) <= _RETURN * (atol + rtol * jnp.max(jnp.abs(begin), initial=0.0)))
 
     def _integrated(self, rates: Any, n: int, t0: Any, t1: Any, z: Any, c: Any) -> Any:
         """Return what follows of z at t1, the first `n` of which are the state; NaN where the integration fails."""
