@@ -227,7 +227,7 @@ class Solve:
             elapsed = middles(span, dense.breaks)[1:-1]
             rows = self._decided(dense.p, start + elapsed)
         if dense.constants is not None:
-            rows = dense.constants.kernel_rows(rows, dense.c, t)
+            rows = dense.constants.kernel_rows(rows, dense.c, t - start)
         y = self._traced_motion(dense.constants).states(dense.path, t - start, dense.c)
         return States(t, y, *self._expanded(t, y, rows))
 

@@ -13,9 +13,9 @@ from jax.lax.linalg import tridiagonal_solve
 
 from ...errors import OptionError
 from ...integrators.jax.derivatives import instantiate
+from ...integrators.jax.precision import precision_of
 from ...integrators.samples import Samples
 from ...ir.input_parameters import WIDTH
-from ...methods.step_constants import SMALLEST_OF_TIME
 from ...once import once
 from ...scene.model import InputSymbol
 
@@ -140,7 +140,7 @@ def out_of_reach(symbol: InputSymbol, record: Samples, t: Any) -> tuple[Any, Any
     if record.extrapolate != "error" and record.smoothness_everywhere >= symbol.smoothness:
         return lost, jnp.asarray(False)
     low, high = jnp.minimum(t[0], t[-1]), jnp.maximum(t[0], t[-1])
-    near = SMALLEST_OF_TIME * jnp.maximum(jnp.abs(low), jnp.abs(high))
+    near = precision_of(knots).smallest_of_time * jnp.maximum(jnp.abs(low), jnp.abs(high))
     return lost, (low < knots[0] - near) | (high > knots[-1] + near)
 
 
@@ -153,7 +153,7 @@ def with_knots(records: Sequence[Samples], t: Any, breaks: Any, moved: Any) -> t
     start, end = still(t[0]), still(t[-1])
     direction = jnp.where(end >= start, 1.0, -1.0)
     knots = jnp.concatenate([still(jnp.asarray(record.t, dtype=float)) for record in records])
-    close = SMALLEST_OF_TIME * jnp.abs(knots)
+    close = precision_of(knots).smallest_of_time * jnp.abs(knots)
     inside = (direction * (knots - start) > close) & (direction * (end - knots) > close)
     times = jnp.where(inside, direction * (knots - start), jnp.inf)
     flags = jnp.zeros(len(times))
@@ -162,7 +162,7 @@ def with_knots(records: Sequence[Samples], t: Any, breaks: Any, moved: Any) -> t
         flags = jnp.concatenate([moved, flags])
     times, flags = _sorted(times, flags)
     # One break for those that rounding does not tell apart; it moves where one of them does.
-    close = SMALLEST_OF_TIME * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    close = precision_of(knots).smallest_of_time * jnp.maximum(jnp.abs(start), jnp.abs(end))
     again = jnp.append(False, jnp.diff(times) <= close)
     flags = jnp.maximum(flags, jnp.append(jnp.where(again, flags, 0.0)[1:], 0.0))
     times, flags = _sorted(jnp.where(again, jnp.inf, times), jnp.where(again, 0.0, flags))

@@ -162,7 +162,7 @@ def run_inputs(
         at = rows[_ahead(table, knots, t)]
         pieces.append((table, at))
         tables.append(table)
-        parts += [jax.lax.stop_gradient(knots), rows.ravel()]
+        parts += [jax.lax.stop_gradient(knots - t[0]), rows.ravel()]
         end = table.end
         wrong = out_of_reach(known[name], record, t)
         order, beyond = order | wrong[0], beyond | wrong[1]

@@ -26,6 +26,8 @@ Reading = Callable[[Rows, Any, Any], Rows]
 class InputTable:
     """The record of an input among the constants of a run: knots (n,), then polynomials (n + 1, width).
 
+    Knots are times since the start of the run, as its breaks are; the knots that polynomials count from are true times.
+
     Attributes
     ----------
     first : int
@@ -52,11 +54,11 @@ class InputTable:
         return self.polynomials + (self.knots + 1) * self.width
 
     def piece(self, knots: Any, t: Any) -> Any:
-        """Return the number of the polynomial at times t in true time: at a knot, that which follows in time."""
+        """Return the number of the polynomial at times t: at a knot, that which follows in time."""
         return jnp.searchsorted(lax.stop_gradient(knots), lax.stop_gradient(t), side="right")
 
     def at(self, c: Any, t: Any) -> Any:
-        """Return the numbers of the constants (*t, width) that hold the polynomials at times t, in true time."""
+        """Return the numbers of the constants (*t, width) that hold the polynomials at times t since the start."""
         found = self.piece(c[self.first : self.polynomials], t)
         return self.polynomials + found[..., jnp.newaxis] * self.width + jnp.arange(self.width)
 
@@ -101,13 +103,12 @@ class RunConstants:
             rows = tuple(c)
             return rows if self.place is None else (*rows[: self.place], rows[-1] + t, *rows[self.place + 1 :])
         given = list(c[: self.count])
-        time = given[-1] + t
         if self.place is not None:
-            given[self.place] = time
-        return self._filled(given, c, c, time)
+            given[self.place] = given[-1] + t
+        return self._filled(given, c, c, t)
 
     def kernel_rows(self, rows: Any, c: Any, t: Any) -> Any:
-        """Return constants of kernels (n_t, n) or (n,) with those of the inputs in c (n_c,) at times t (n_t,)."""
+        """Return constants of kernels (n_t, n) or (n,) with those of inputs, at times t (n_t,) since the start."""
         rows = jnp.broadcast_to(rows, (len(t), rows.shape[-1]))
         for table in self.tables:
             rows = rows.at[:, table.place : table.place + table.width].set(c[table.at(c, t)])
@@ -115,7 +116,7 @@ class RunConstants:
 
     def changes(self, dc: Any, c: Any, t: Any, like: Rows) -> Rows:
         """Return changes (n_c,) of constants c as those of `rows`, shaped `like` these."""
-        rows = self._filled(list(dc[: self.count]), dc, c, c[self.count - 1] + t) if self.extended else dc
+        rows = self._filled(list(dc[: self.count]), dc, c, t) if self.extended else dc
         return tuple(jnp.broadcast_to(change, jnp.shape(row)) for change, row in zip(rows, like, strict=True))
 
     def summed(self, total: Any, share: Rows, c: Any, t: Any) -> Any:
@@ -125,7 +126,7 @@ class RunConstants:
         rows = list(share[: self.count])
         for table in self.tables:
             columns = range(table.place, table.place + table.width)
-            numbers = table.at(c, c[self.count - 1] + t)
+            numbers = table.at(c, t)
             total = total.at[numbers].add(jnp.stack([rows[i] for i in columns], axis=-1))
             for i in columns:
                 rows[i] = jnp.zeros(())
@@ -158,19 +159,18 @@ class RunConstants:
             return (c,) if self.tables else (c[: self.count], c[self.count :])
         return (*c[:, : self.count].T, c[:, self.count :])
 
-    def _filled(self, given: list[Any], values: Any, c: Any, time: Any) -> Rows:
+    def _filled(self, given: list[Any], values: Any, c: Any, t: Any) -> Rows:
         """Return constants of kernels with those that the records among `values` (n_c,) have at times; weights last."""
         for table in self.tables:
-            found = values[table.at(c, time)]
+            found = values[table.at(c, t)]
             given[table.place : table.place + table.width] = [found[..., i] for i in range(table.width)]
         return (*given, values[len(values) - self.weights :]) if self.weighted else tuple(given)
 
     def _pieces(self, table: InputTable, c: Any, middles: Any, *, many: bool) -> Any:
         """Return the number of the polynomial between any two breaks (n + 1,) or (n + 1, k)."""
         if not many:
-            return table.piece(c[table.first : table.polynomials], c[self.count - 1] + middles)
-        times = c[:, self.count - 1] + middles
-        return _searched(c[:, table.first : table.polynomials], times.T).T
+            return table.piece(c[table.first : table.polynomials], middles)
+        return _searched(c[:, table.first : table.polynomials], middles.T).T
 
     def _one(self, pieces: list[Any]) -> Reading:
         def read(c: Rows, middle: Any, passed: Any) -> Rows:
