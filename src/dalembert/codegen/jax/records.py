@@ -153,6 +153,8 @@ def with_knots(records: Sequence[Samples], t: Any, breaks: Any, moved: Any) -> t
     start, end = still(t[0]), still(t[-1])
     direction = jnp.where(end >= start, 1.0, -1.0)
     knots = jnp.concatenate([still(jnp.asarray(record.t, dtype=float)) for record in records])
+    # XLA would take seconds to sort many constants while it compiles.
+    knots = jax.lax.optimization_barrier(knots)  # type: ignore[no-untyped-call]
     close = precision_of(knots).smallest_of_time * jnp.abs(knots)
     inside = (direction * (knots - start) > close) & (direction * (end - knots) > close)
     times = jnp.where(inside, direction * (knots - start), jnp.inf)
