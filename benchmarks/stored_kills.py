@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         path, chunks, address = options.client
         sweep(Path(path), int(chunks), Client(address) if address else None)
         return 0
-    workers, clients, chunks, cuts = (3, 2, 60, 2) if options.quick else (20, 10, 600, 5)
+    workers, clients, chunks, cuts = (3, 2, 60, 2) if options.quick else (20, 10, 300, 5)
     folder, rng = Path(tempfile.mkdtemp(prefix="kills-")), random.Random(1)
     try:
         first = kill_workers(folder / "workers.zarr", chunks, workers, rng)

@@ -46,6 +46,7 @@ def test_results_do_not_depend_on_chunks(model, tmp_path, chunk):
     assert_same(stored, model.sweep((0, 5), START, few))
     np.testing.assert_array_equal(stored["b"], few["b"])
     assert "b" in stored.coords and stored.attrs["rtol"] == 1e-8 and stored.attrs["method"] == "taylor"
+    assert len(stored.attrs["scene_digest"]) == 32 and stored.attrs["numpy_version"] == np.__version__
 
 
 def test_results_are_opened_lazily(model, tmp_path):
@@ -357,6 +358,11 @@ def test_a_cluster_gives_the_same_bits(model, tmp_path, client):
     np.testing.assert_array_equal(
         model.sweep(*given, grid=grid, to=tmp_path / "g.zarr", chunk=4, client=client)["x"].to_numpy().ravel(),
         model.sweep(*given, grid=grid).final["x"],
+    )
+    cases = da.sobol_cases(90, 3, b=da.uniform(0.1, 0.5), m=da.normal(1.0, 0.01))
+    np.testing.assert_array_equal(
+        model.sweep(*given, grid=cases, to=tmp_path / "r.zarr", chunk=7, client=client)["x"],
+        model.sweep(*given, grid=cases).final["x"],
     )
 
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, final
 
 from ...codegen.llvm.target import target
@@ -45,6 +46,22 @@ class ChunkJob:
     leaders: Sequence[int]
     where: Any
     target: str
+
+    @cached_property
+    def store(self) -> Store:
+        """The store as a process of a cluster sees it.
+
+        Raises
+        ------
+        StoredSweepError
+            Where there is none.
+        """
+        store = Store.open(self.where)
+        if store is None:
+            raise StoredSweepError(
+                f"this worker does not see the store {str(self.where)!r}; all machines must share it"
+            )
+        return store
 
     def cases(self, store: Store, chunk: int) -> tuple[int, int]:
         """Return the number of the first case of a chunk, and of the one behind its last."""
@@ -191,10 +208,7 @@ def _run_remotely(text: bytes, chunk: int, given: Part) -> None:
             f"this worker has the instruction set {target().key!r}, and the sweep was begun for {job.target!r}; set"
             " DALEMBERT_TARGET to a common one on all machines"
         )
-    store = Store.open(job.where)
-    if store is None:
-        raise StoredSweepError(f"this worker does not see the store {str(job.where)!r}; all machines must share it")
-    job.run(store, chunk, given, threads=1)
+    job.run(job.store, chunk, given, threads=1)
 
 
 def _job_of(text: bytes) -> ChunkJob:

@@ -73,6 +73,13 @@ class Store:
 
     def __init__(self, where: Any, group: Any, rows: int) -> None:
         self.where, self.group, self.rows = where, group, rows
+        self._arrays: dict[str, Any] = {}
+
+    def _array(self, name: str) -> Any:
+        """Return an array whose description is read once; others do not change it while chunks are written."""
+        if name not in self._arrays:
+            self._arrays[name] = self.group[name]
+        return self._arrays[name]
 
     @classmethod
     def create(cls, where: Any, rows: int, attributes: Mapping[str, Any]) -> Store:
@@ -172,8 +179,8 @@ class Store:
         some = slice(chunk * self.rows, min((chunk + 1) * self.rows, request.shape[0]))
         for name, values in columns.items():
             shape = (some.stop - some.start, *request.shape[1:], *values.shape[1:])
-            self.group[name][some] = values.reshape(shape)
-        self.group[_DONE][chunk : chunk + 1] = np.array([checksum(columns)], dtype=np.uint64)
+            self._array(name)[some] = values.reshape(shape)
+        self._array(_DONE)[chunk : chunk + 1] = np.array([checksum(columns)], dtype=np.uint64)
 
     def missing(self, request: Request) -> list[int]:
         """Return the chunks that are not there, whole and unchanged."""

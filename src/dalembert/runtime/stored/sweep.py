@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import time
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -146,7 +147,9 @@ def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilo
     whole_digest = blake2b(json.dumps([*parts.values(), __version__]).encode(), digest_size=16).hexdigest()
     known = {name: pilot.attrs[name] for name in ("scene", "formulation", "method", "parameters", "dalembert_version")}
     tolerances = {"rtol": options.rtol, "atol": options.atol}
-    return {**known, **tolerances, DIGEST: whole_digest, "dalembert_parts": parts, _TARGET: target().key}
+    versions = {"python_version": platform.python_version(), "numpy_version": np.__version__}
+    told = {**known, **tolerances, **versions, "scene_digest": parts["scene"]}
+    return {**told, DIGEST: whole_digest, "dalembert_parts": parts, _TARGET: target().key}
 
 
 def _plain(value: Any) -> str:
