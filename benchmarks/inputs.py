@@ -1,5 +1,7 @@
 """Inputs with knots: speed against SciPy stopped at every knot, against diffrax, and against the same sweep without.
 
+Traced runs (``solve_fn``) and their gradients by all values stand beside them.
+
 ``python benchmarks/inputs.py [--knots N] [--cases N]`` prints two tables in Markdown: one run through many knots, with
 the time a knot and the error at the end; and a sweep in which every case has its own record, with the time a step.
 """
@@ -99,6 +101,30 @@ def diffrax_run(knots: Any, values: Any) -> Callable[[], Any] | None:
     return lambda: np.asarray(run())
 
 
+def traced_rows(knots: Any, values: Any, exact: Any) -> list[tuple[str, float, str, str]]:
+    """Return rows of traced runs of the same motion, and of their gradients by all values; none without JAX."""
+    try:
+        import jax
+    except ImportError:
+        return []
+    jax.config.update("jax_enable_x64", True)
+    model, rows = da.compile_model(scene(driven=True), backend="jax"), []
+    times, p = [knots[0], knots[-1]], {"m": 1.3, "k": 2.0}
+    for method in ("tsit5", "dopri8", "taylor"):
+        solve = model.solve_fn(method=method, rtol=RTOL, atol=ATOL, max_steps=16 * len(knots))
+
+        def end(values: Any, solve: Any = solve) -> Any:
+            return solve(times, [0.2, 0.1], p, inputs={u: da.samples(knots, values, "hold")}).y[-1]
+
+        run, slope = jax.jit(end), jax.jit(jax.grad(lambda values, end=end: end(values)[0]))
+        seconds, found = quickest(lambda run=run: jax.block_until_ready(run(values)))
+        gradient, _ = quickest(lambda slope=slope: jax.block_until_ready(slope(values)), 2)
+        note = f"gradient by all values {gradient / (len(knots) - 1) * 1e6:.1f}"
+        error = f"{np.max(np.abs(np.asarray(found) - exact)):.1e}"
+        rows.append((f"dalembert, traced, {method}, hold", seconds / (len(knots) - 1), error, note))
+    return rows
+
+
 def one_run(count: int) -> None:
     """Print a table of one run through many knots of a held force."""
     model = da.compile_model(scene(driven=True))
@@ -125,6 +151,7 @@ def one_run(count: int) -> None:
             rows.append(
                 (f"dalembert, {method}, {kind}", single / count, error, f"prepared {seconds / count * 1e6:.2f}")
             )
+    rows += traced_rows(few, some, exact)
     seconds, found = quickest(lambda: stopped(few, some, RTOL, ATOL), 1)
     rows.append(("SciPy DOP853, stopped at knots", seconds / FEW, f"{np.max(np.abs(found - exact)):.1e}", ""))
     peer = diffrax_run(few, some)

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
-from ...integrators.feedback import Feedback
 from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
@@ -34,9 +33,9 @@ from .feedback_functions import register_feedback
 from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
 from .modules import kernels_of
-from .pieces import PAIRS, SERVED, pieces_of, pieces_with, place_of
+from .pieces import SERVED, pieces_of, pieces_with, place_of
 from .records import register_samples
-from .run_inputs import Given, failed, feedback_kernels, inputs_of, run_inputs
+from .run_inputs import Given, failed, feedback_kernels, inputs_of, refuse_given, run_inputs
 from .single import require_double_for_inputs, require_single, warn_below_single, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
 
@@ -143,37 +142,13 @@ class Solve:
         numbers, given = inputs_of(layout, self._inputs, inputs, t)
         if given:
             require_double_for_inputs()
-        self._refuse(given)
+        if given:
+            refuse_given(given, self._options)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
         if self._options.throw:
             raise_failure(solved.status, self._program.formulation, self._options.method)
         return solved
-
-    def _refuse(self, given: Given) -> None:
-        """Refuse inputs that the method does not serve."""
-        method, functions = self._options.method, [name for name in given if isinstance(given[name], Feedback)]
-        if functions and self._options.method not in PAIRS:
-            raise OptionError(
-                f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take"
-                f" one of {list_names(map(repr, PAIRS))}, or give samples"
-            )
-        if given and self._implicit:
-            raise OptionError(
-                f"solve_fn by {method!r} does not end steps at the knots of samples: take"
-                ' method="dopri8", "tsit5" or "taylor", or inputs that are constant in time'
-            )
-        adjoint = getattr(self._options, "adjoint", "recorded")
-        if given and adjoint != "recorded":
-            raise OptionError(
-                f"adjoint={adjoint!r} does not serve inputs that are samples or functions, and {next(iter(given))!r} is"
-                ' one: take adjoint="recorded", the default'
-            )
-        if functions and self._options.dense:
-            raise OptionError(
-                f"dense output does not know the function of input {functions[0]!r}: leave out dense=True, and give"
-                " solve the times that are wanted"
-            )
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Solve) and self._key == other._key)

@@ -9,25 +9,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...errors import UnknownNameError, ValueInputError
+from ...errors import OptionError, UnknownNameError, ValueInputError, list_names
 from ...integrators.feedback import Feedback
 from ...integrators.input_checks import refuse_kind, refuse_samples, unknown_input
 from ...integrators.jax.kernels import stacked
 from ...integrators.jax.run_constants import InputTable, RunConstants
+from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.traced import is_traced
 from ...integrators.samples import Samples, checked_samples
 from ...ir.input_parameters import coefficient_places
 from ...ir.program import Layout, Program
 from ...methods.status import Status
+from ...options import SolveOptions
 from ...scene.model import InputSymbol
 from ..printers import JAX
 from .elapsed import expansion_in_elapsed_time
 from .feedback_functions import checked_feedback, function_of_weights, weights_of
 from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
+from .pieces import PAIRS
 from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 
-__all__ = ["Given", "RunInputs", "failed", "feedback_kernels", "inputs_of", "run_inputs"]
+__all__ = ["Given", "RunInputs", "failed", "feedback_kernels", "inputs_of", "refuse_given", "run_inputs"]
 
 Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""
@@ -72,6 +75,31 @@ def inputs_of(
     if wrong:
         raise UnknownNameError("\n".join(wrong))
     return numbers, given
+
+
+def refuse_given(given: Given, options: SolveOptions) -> None:
+    """Refuse inputs that are functions of time where the method, or dense output, does not serve them.
+
+    Raises
+    ------
+    OptionError
+    """
+    method, functions = options.method, [name for name in given if isinstance(given[name], Feedback)]
+    if functions and method not in PAIRS:
+        raise OptionError(
+            f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take one of"
+            f" {list_names(map(repr, PAIRS))}, or give samples"
+        )
+    if METHODS.get(method, METHODS["tsit5"]).ends:
+        raise OptionError(
+            f'solve_fn by {method!r} does not end steps at the knots of samples: take method="dopri8", "tsit5" or'
+            ' "taylor", or inputs that are constant in time'
+        )
+    if functions and options.dense:
+        raise OptionError(
+            f"dense output does not know the function of input {functions[0]!r}: leave out dense=True, and give solve"
+            " the times that are wanted"
+        )
 
 
 def _checked(symbol: InputSymbol, record: Samples, t: Any) -> Samples:
