@@ -114,3 +114,13 @@ def test_play_runs(browser):
     while browser.execute_script(TITLE) == first:
         assert time.monotonic() < deadline, "the animation does not play"
         time.sleep(0.2)
+
+
+def test_the_picture_follows_the_width_of_its_place(browser):
+    """Sites and notebooks may settle it after the picture was drawn."""
+    width = "return document.querySelector('.main-svg').getBoundingClientRect().width"
+    browser.execute_script("document.querySelector('.plotly-graph-div').style.width = '420px'")
+    deadline = time.monotonic() + 30
+    while abs(browser.execute_script(width) - 420) > 1:
+        assert time.monotonic() < deadline, "the picture keeps its width"
+        time.sleep(0.2)

@@ -17,6 +17,12 @@ except ImportError:
 __all__ = ["figure", "page"]
 
 
+_FOLLOW_WIDTH = (
+    "const div = document.getElementById('{plot_id}'); new ResizeObserver(() => Plotly.Plots.resize(div)).observe(div);"
+)
+"""Pages around a picture may find its width after it was drawn."""
+
+
 def page(drawing: Drawing, fps: float, *, whole: bool = True) -> str:
     """Return a page of HTML that needs no network, or only what a notebook puts on its own page.
 
@@ -34,6 +40,7 @@ def page(drawing: Drawing, fps: float, *, whole: bool = True) -> str:
         auto_play=False,
         default_height="96vh" if whole else "600px",
         config={"displaylogo": False},
+        post_script=_FOLLOW_WIDTH,
     )
     return text
 
