@@ -9,8 +9,10 @@ import jax.numpy as jnp
 from ...errors import OptionError, list_names
 from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
+from ...once import once
 from .arguments import parameters_of
 from .modules import kernels_of
+from .stepping import Stepper, control_by_name
 
 __all__ = ["StateFunctions", "VectorField"]
 
@@ -71,6 +73,12 @@ class VectorField(_OfProgram):
         return self._kernels["rhs"](t, y, self._constants(t, p))
 
 
+@once
+def _stepper(program: Program, method: str) -> Stepper:
+    """Return the steps of a method, made once."""
+    return Stepper.of(program, kernels_of(program).constants, method)
+
+
 @final
 class StateFunctions(_OfProgram):
     """Functions of a time t, a state y (n_y,) and parameters p, which JAX traces, vectorises and differentiates.
@@ -124,6 +132,43 @@ class StateFunctions(_OfProgram):
         """
         _, y, c = self._point(t, y, p)
         return self._kernels.project(t, y, c, precision_of(y).atol)
+
+    def step(
+        self, y: Any, control: Any, dt: Any, p: Any, *, t: Any = 0.0, method: str = "rk4", substeps: int = 1
+    ) -> Any:
+        """Return the state (n_y,) a time dt after y, under inputs that are constant meanwhile.
+
+        The step is not controlled: its error is that of `substeps` equal steps of the method. States end on the
+        constraints where the formulation projects, and are NaN where that does not converge.
+
+        Parameters
+        ----------
+        y : array (n_y,)
+            The state, as of ``model.state``.
+        control : array (n_inputs,) or mapping
+            The inputs, in the order of ``layout.inputs`` or by name; ``()`` where there are none.
+        dt : scalar
+            Length of the step [s], all substeps together.
+        p : array (n_p,) or mapping
+            Parameters, without inputs where they are given by name.
+        t : scalar
+            Time where the step begins; conditions on time are decided in the middle of each substep.
+        method : str
+            "rk4", "euler", "tsit5" or "dopri8".
+        substeps : int
+            How many steps are taken.
+
+        Raises
+        ------
+        OptionError, UnknownNameError
+            For methods, numbers of substeps, controls and parameters that do not exist or have another length.
+        """
+        program, layout = self._program, self._program.layout
+        if substeps != int(substeps) or substeps < 1:
+            raise OptionError(f"substeps must be a whole number from 1 on, not {substeps!r}")
+        y = _checked("the state", y, layout.state)
+        p = jnp.asarray(parameters_of(layout, p, control_by_name(layout, control)), dtype=y.dtype)
+        return _stepper(program, method)(t, y, p, dt, int(substeps))
 
     def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
         """Return what a kernel of coordinates, rates and first-order states gives, zeros where there is none."""
