@@ -108,11 +108,13 @@ def add_constraint(draw, draft):
         q, k, direction = draft.rotations.pop(draw(st.integers(0, len(draft.rotations) - 1)))
         scene.add_holonomic_constraints(q - draft.symbol("w") * sp.sin(TIME))
         scene.add_joints(da.Joint(f"motor{X}", draft.names[k], draft.points[k], torque=X * direction))
-        if draft.parents[k] >= 0:
+        if draft.parents[k] >= 0 and isinstance(scene.bodies[draft.parents[k]], RigidBody):
             other = draft.parents[k]
             scene.add_joints(da.Joint(f"motor back{X}", draft.names[other], draft.points[other], torque=-X * direction))
         return
-    P = draft.points[k].locatenew(f"C{X}", small_vector(draw, draft.frames[k]))
+    P, apart = draft.points[k], small_vector(draw, draft.frames[k])
+    if isinstance(scene.bodies[k], RigidBody):  # a particle has no other point
+        P = P.locatenew(f"C{X}", apart)
     normal = axis(draw, draft.frames[k] if kind == "blade" else N)
     geometry = Geometry(scene)
     if kind == "blade":
