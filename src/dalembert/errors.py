@@ -31,6 +31,8 @@ __all__ = [
     "RunFailedError",
     "SceneError",
     "SingularMassMatrixError",
+    "StoredSweepError",
+    "StoredSweepWarning",
     "UnknownNameError",
     "ValueInputError",
     "list_names",
@@ -149,6 +151,10 @@ class EnergyWarning(UserWarning):
 
 class PrecisionWarning(UserWarning):
     """A tolerance is below what double precision gives; the message names the floor."""
+
+
+class StoredSweepWarning(UserWarning):
+    """A sweep into a store waits for a cluster that has no worker."""
 
 
 def nesting_named(function: Callable[P, T]) -> Callable[P, T]:

@@ -10,6 +10,7 @@ import sympy as sp
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
+from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 from dalembert.runtime.hybrid import motion_recorder
 from dalembert.runtime.hybrid import sweep as hybrid_sweep
@@ -383,3 +384,17 @@ def test_the_state_after_a_jump_is_recorded():
     np.testing.assert_array_equal(run.constraint_violation, 0.0)
     with_gap = ball().simulate((0, 3), DROPPED, {**BALL, "e": 0.5}, events=[turn], method="radau")
     np.testing.assert_allclose(with_gap.events["turn"].after["y_dot"], [fall / 2, fall / 4], rtol=1e-6)
+
+
+def test_gains_of_a_sweep_are_given_or_refused_by_name():
+    start, given = {"x": 0.0, "y": 1.0, "x_dot": 0.5, "y_dot": 0.0}, {**BALL, "e": np.array([0.3, 0.6])}
+    open_gains = da.compile_model(da.scenes.bouncing_ball(), formulation="baumgarte")
+    with pytest.raises(OptionError, match=r"need the gains of 'baumgarte'.*gains=\(alpha, beta\)"):
+        open_gains.sweep((0.0, 3.0), start, given)
+    with pytest.raises(OptionError, match="need the gains of 'baumgarte'"):
+        open_gains.prepare((0.0, 3.0))
+    model = da.compile_model(da.scenes.bouncing_ball(), formulation="baumgarte", gains=(20.0, 20.0))
+    run = model.sweep((0.0, 3.0), start, given)
+    assert (run.status == Status.SUCCESS).all()
+    np.testing.assert_allclose(run.final["x"], 1.5, rtol=1e-12)
+    np.testing.assert_allclose(run.final["y"], 0.0, atol=1e-9)  # both rest on the floor by then

@@ -1,15 +1,16 @@
-"""What stored sweeps say where packages, memory, space or a common instruction set are missing."""
+"""Messages of stored sweeps where packages, memory, space, workers or a common instruction set are missing."""
 
 import builtins
 import os
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.errors import MissingExtraError, OptionError, StoredSweepError
+from dalembert.errors import MissingExtraError, OptionError, StoredSweepError, StoredSweepWarning
 from dalembert.runtime.stored import execution
 from dalembert.runtime.stored import sweep as stored_sweep
 from dalembert.runtime.stored.jax_device import device_of
@@ -69,6 +70,22 @@ def test_a_worker_with_another_instruction_set_is_refused(model, tmp_path, monke
         pytest.raises(StoredSweepError, match="this worker has the instruction set 'another'"),
     ):
         model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
+
+
+def test_a_cluster_without_workers_is_named_and_waited_for(model, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    watch = execution._watch
+    monkeypatch.setattr(execution, "_LOOK", 0.1)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        later = threading.Timer(1.0, cluster.scale, (1,))
+        monkeypatch.setattr(execution, "_watch", lambda client: (later.start(), watch(client))[1])
+        with pytest.warns(StoredSweepWarning, match=r"has no worker, and the sweep waits for one.*kept"):
+            stored = model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
+        later.join()
+    np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, MANY).final["x"])
 
 
 def test_a_cluster_that_goes_away_ends_with_a_message(model, tmp_path):

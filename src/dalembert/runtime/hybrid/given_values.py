@@ -16,6 +16,7 @@ from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
 from ...progress import run_meter
+from ...reduction.baumgarte import GAINS, Baumgarte
 from ...results.estimate import TIGHTER
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -30,7 +31,7 @@ from .request import MotionRequest, SweepRequest
 from .simulate import simulate
 from .sweep import sweep
 
-__all__ = ["plain_mode", "run_cases", "run_motion", "start_state"]
+__all__ = ["plain_mode", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
 
 _O = TypeVar("_O", SimulateOptions, SweepOptions)
 
@@ -47,6 +48,21 @@ def plain_mode(modes: ModeModels, unilateral: str) -> Mode:
         else SLIP
         for c in modes.equations.contacts
     )
+
+
+def refuse_open_gains(modes: ModeModels) -> None:
+    """Raise `OptionError` where modes have gains of the formulation "baumgarte" that nobody gave.
+
+    A single run finds them from its steps, of each phase anew; all cases of a sweep must have the same.
+    """
+    program = modes.model(plain_mode(modes, OPEN)).stages.program
+    if program.formulation != Baumgarte.name:
+        return
+    if set(modes.model(plain_mode(modes, CLOSED)).layout.defaults) & set(GAINS):
+        raise OptionError(
+            "sweeps and prepared runs of a scene with contacts need the gains of 'baumgarte': give gains=(alpha, beta)"
+            " [1/s] to compile_model, or take another formulation"
+        )
 
 
 def start_state(
@@ -106,6 +122,7 @@ def run_cases(
 ) -> HybridSweep:
     """Return the results of many cases; see `HybridModel.sweep`."""
     inputs.warn_below_floor(options.rtol, options.atol)
+    refuse_open_gains(modes)
     table = reduction_table(options.reduce, layout.aliases)
     if (events or table) and options.error_estimate:
         raise OptionError(NO_ESTIMATE)

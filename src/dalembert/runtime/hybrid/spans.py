@@ -22,7 +22,7 @@ from ..elapsed import asked, begins_elsewhere, elapsed_times, extension, noted_f
 from ..event_parameters import event_parameters
 from ..prepared import PreparedRun
 from ..reductions import reduction_table
-from .given_values import plain_mode, run_cases, run_motion
+from .given_values import plain_mode, refuse_open_gains, run_cases, run_motion
 from .prepare import prepared, with_extension
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ def prepare(model: HybridModel, t_span: tuple[float, float], options: PrepareOpt
     given = options.inputs
     if given is not None:
         given.refuse_span(t0, t1)
+    refuse_open_gains(model.modes)
     opened = model.modes.model(plain_mode(model.modes, OPEN))
     chosen = opened.choose_method(options.method, options.rtol, options.atol, many=True)
     inputs.warn_below_floor(options.rtol, options.atol)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import errno
 import pickle
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cached_property
+from threading import Event, Thread
 from typing import Any, final
 
 from ...codegen.llvm.target import target
-from ...errors import StoredSweepError
+from ...errors import StoredSweepError, StoredSweepWarning
 from ...once import DERIVING, derived_once
 from ...options import StoreOptions, SweepOptions
 from ...progress import meter
@@ -28,6 +30,8 @@ _WAITING = 3
 """Chunks that a thread of a cluster has before it."""
 _MOST_DEATHS = 8
 """Times that a cluster may give up a chunk because its workers died, before it counts as failed."""
+_LOOK = 20.0
+"""Seconds after which it is looked again whether a cluster has any worker."""
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS}
 """Errors of a store that takes no further chunk."""
 _JOBS: dict[bytes, ChunkJob] = {}
@@ -177,6 +181,7 @@ def _by_cluster(job: ChunkJob, store: Store, missing: Sequence[int], client: Any
         chunks[task] = chunk
         waiting.add(task)
 
+    watch = _watch(client)
     try:
         for _, chunk in zip(range(_WAITING * max(1, sum(client.nthreads().values()))), rest, strict=False):
             submit(chunk)
@@ -196,8 +201,30 @@ def _by_cluster(job: ChunkJob, store: Store, missing: Sequence[int], client: Any
                 break
             yield chunk, error
     finally:
+        watch.set()
         if chunks and client.status == "running":
             client.cancel(list(chunks))
+
+
+def _watch(client: Any) -> Event:
+    """Warn from now on, until the event is set, each time that a cluster comes to have no worker."""
+    ended = Event()
+
+    def look() -> None:
+        absent = False
+        while not ended.wait(_LOOK) and client.status == "running":
+            without = not client.nthreads()
+            if without and not absent:
+                warnings.warn(
+                    "the cluster of this sweep has no worker, and the sweep waits for one: start workers, or end it"
+                    " (Ctrl-C) and call it again later; chunks that are done are kept",
+                    StoredSweepWarning,
+                    stacklevel=2,
+                )
+            absent = without
+
+    Thread(target=look, daemon=True).start()
+    return ended
 
 
 def _run_remotely(text: bytes, chunk: int, given: Part) -> None:
