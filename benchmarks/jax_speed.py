@@ -120,11 +120,29 @@ def _gradient(
     firsts = {key: _timed(task)[0] for key, task in tasks.items()}
     timings = interleaved(tasks, rounds=15, seconds_each=1.0)
     ratio = timings["gradient"].median / timings["run"].median
+    compiling = {count: _spent(partial(_compile_gradient, solve, count, y, p)) for count in (2, 5)}
     say(
         f"  {name}, gradient by {len(p)} parameters: {ratio:.1f} times the run of "
-        f"{1e3 * timings['run'].median:.2f} ms (first calls {firsts['run']:.1f} s and {firsts['gradient']:.1f} s)"
+        f"{1e3 * timings['run'].median:.2f} ms (first calls {firsts['run']:.1f} s and {firsts['gradient']:.1f} s);"
+        f" compiled in {compiling[2]:.1f} s of CPU, with five times in {compiling[5]:.1f}"
     )
-    return {"name": name, "parameters": len(p), "run": timings["run"].median, "ratio": ratio, "first": firsts}
+    return {
+        "compiling": compiling,
+        "name": name,
+        "parameters": len(p),
+        "run": timings["run"].median,
+        "ratio": ratio,
+        "first": firsts,
+    }
+
+
+def _compile_gradient(solve: Any, count: int, y: Any, p: Any) -> None:
+    """Compile the gradient by parameters and start of a run with so many times."""
+    import jax
+
+    times = np.linspace(0.0, 1.0, count)
+    gradient = jax.grad(lambda p, y: (solve(times, y, p).q ** 2).sum(), argnums=(0, 1))
+    jax.jit(gradient).lower(p, y).compile()
 
 
 def _spent(task: Callable[[], Any]) -> float:

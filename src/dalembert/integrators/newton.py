@@ -46,6 +46,8 @@ SLOPE, ERROR, SCALE, Z, F, W, P = 4, 5, 6, 7, 10, 13, 16
 ROWS = 19
 
 MAX_ITERATIONS = 7
+_NEGLIGIBLE = 0.1
+"""Corrections of a short step, in tolerances, that need not become smaller."""
 CONVERGED, DIVERGED, BROKEN = 0, 1, 2
 
 _A, _B = COMPLEX.real, -COMPLEX.imag
@@ -210,12 +212,18 @@ def newton(
             quotient = size / before if before > 0.0 else 0.0
             rate = quotient if iteration == 1 else sqrt(quotient * rate)
             if rate >= 0.99:
-                return DIVERGED, iteration + 1, rate
+                return _undecided(size, differential == n), iteration + 1, rate
             factor_ = rate / (1.0 - rate)
             hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
             if hopeless and (iteration > 1 or differential == n):
-                return DIVERGED, iteration + 1, rate
+                return _undecided(size, differential == n), iteration + 1, rate
         before = max(size, SMALLEST_NORMAL)
         if factor_ * size <= tolerance:
             return CONVERGED, iteration + 1, rate
-    return DIVERGED, most, rate
+    return _undecided(before, differential == n), most, rate
+
+
+@compiled_subset
+def _undecided(size: float, plain: bool) -> int:
+    """Return how an iteration ends that does not become smaller: beside a jump, stages go from side to side."""
+    return CONVERGED if plain and size <= _NEGLIGIBLE else DIVERGED

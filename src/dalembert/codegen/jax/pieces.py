@@ -295,22 +295,22 @@ class _PairSteps:
         """See `Linear`."""
         h, matrices, *held = along
         slopes: list[Any] = []
-        for i, row in enumerate(self._matrix):
+        for i, row in enumerate(self._matrix.tolist()):  # numbers of no precision of their own
             point = sum((h * a * k for a, k in zip(row, slopes, strict=False) if a), start=dy)
             slopes.append(product(matrices[i], point) + shift[0][i])
-        end = sum((h * b * k for b, k in zip(self._weights, slopes, strict=True) if b), start=dy)
+        end = sum((h * b * k for b, k in zip(self._weights.tolist(), slopes, strict=True) if b), start=dy)
         return product(held[0], end) + shift[1] if held else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
         """See `Linear`: cotangents (stages, n_y) of the slopes, and (n_y,) of the end."""
         h, matrices, *held = along
         end = product(ahead, held[0]) if held else ahead
-        before = end
+        before, matrix, weights = end, self._matrix.tolist(), self._weights.tolist()
         points: list[Any] = [None] * self._count
         slopes: list[Any] = [None] * self._count
         for i in reversed(range(self._count)):
-            later = (h * self._matrix[j, i] * points[j] for j in range(i + 1, self._count) if self._matrix[j, i])
-            slopes[i] = sum(later, start=h * self._weights[i] * end)
+            later = (h * matrix[j][i] * points[j] for j in range(i + 1, self._count) if matrix[j][i])
+            slopes[i] = sum(later, start=h * weights[i] * end)
             points[i] = product(slopes[i], matrices[i])
             before = before + points[i]
         return before, (jnp.stack(slopes), ahead)
