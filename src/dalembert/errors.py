@@ -47,7 +47,7 @@ T = TypeVar("T")
 RELEASE = (
     "scene = scene.release(coordinate, point or frame, direction). This returns a new scene; the old one stays as it is"
 )
-"""How the coordinate is released that a hidden reaction acts along."""
+"""The call that releases the coordinate along which a hidden reaction acts."""
 
 TOO_DEEP = (
     "an expression is nested more deeply than Python can read, about 150 functions in one another: write it flatter, or"

@@ -15,7 +15,7 @@ __all__ = ["HostRun", "HostRunner", "HostedRuns"]
 
 @final
 class HostRun(NamedTuple):
-    """How cases went that traced functions left to the host.
+    """The results of cases that traced functions left to the host.
 
     Attributes
     ----------
@@ -61,14 +61,14 @@ class HostRunner(Protocol):
         ...
 
     def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray) -> HostRun:
-        """Return how the cases went."""
+        """Return the results of the cases."""
         ...
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class HostedRuns:
-    """What traced functions need besides, whose runs are left to the host.
+    """The host's runs behind a traced function, with names, events and refusals.
 
     Attributes
     ----------

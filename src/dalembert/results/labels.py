@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["attributes", "with_units"]
 
 _OTHER_NAMES = ("", "_value", "_given", "_reduced", "_first", "_last")
-"""What may follow a name in a data set: beside an axis, a result or another reduction of the same name; of an event."""
+"""Endings that tell a name of a data set from that of an axis, a result or another reduction; or those of an event."""
 
 
 def attributes(

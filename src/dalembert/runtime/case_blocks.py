@@ -47,7 +47,7 @@ def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
 
 
 Waiting = Callable[..., BlockResult]
-"""What waits for results; with the argument True, only for cases that have been begun: the others are INTERRUPTED."""
+"""A function that waits for results; with True, only for cases that were begun: the others are INTERRUPTED."""
 
 
 def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:

@@ -45,9 +45,9 @@ _FUNCTIONS: dict[Any, str] = {
     sp.floor: "floor",
 }
 _SUDDEN = ("exp", "tanh", "atan", "sinh", "cosh")
-"""What is smooth, and may change within a short time."""
+"""Smooth operations that may change within a short time."""
 _DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
-"""What has kinks or jumps."""
+"""Operations with kinks or jumps."""
 _FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
 _SUPPORTED = tuple(sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER))
 """Names of the functions that can be compiled."""

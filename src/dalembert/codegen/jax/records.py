@@ -22,7 +22,7 @@ from ...scene.model import InputSymbol
 __all__ = ["COLUMNS", "knots_of", "out_of_reach", "polynomials", "register_samples", "with_knots"]
 
 COLUMNS = {"hold": (1, 2), "linear": (0, 3), "cubic": (0, 5)}
-"""Which of the hidden parameters of an input polynomials of each kind set; the others are zero."""
+"""Begin and stop of the hidden parameters of an input that polynomials of a kind set; the others are zero."""
 
 
 @once

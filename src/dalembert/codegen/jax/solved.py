@@ -64,7 +64,7 @@ class Solved(NamedTuple):
 
 @final
 class EventTimes(NamedTuple):
-    """How often an event occurred (), and when first and last [s] (), NaN where it did not."""
+    """The count () of an event, and its first and last time [s] (), NaN where it did not occur."""
 
     count: Any
     first: Any

@@ -14,19 +14,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ...errors import OptionError
 from ...methods.status import Status
 from ...methods.tableau import Tableau
+from .first_order import FirstOrder
 from .lanes import RUNNING, Batch, Rows, advanced, begun
-from .linear_maps import LinearMap
 from .pairs import PairAttempts
 
-__all__ = ["NO_SECOND", "Continuous", "Field", "Passed"]
-
-NO_SECOND = (
-    'second derivatives are those of recorded runs: take solve_fn(adjoint="recorded"), or differences of gradients'
-)
-
+__all__ = ["Continuous", "Field", "Passed"]
 
 _RETURN = 1e4
 """Multiple of the tolerances to which a motion that is integrated backward must return to where it began."""
@@ -66,7 +60,7 @@ class Passed(NamedTuple):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Continuous:
+class Continuous(FirstOrder):
     """Changes of states at times (n_t, n_y), from `Passed` and changes of the first state and of the constants.
 
     `settings` are rtol, atol, the largest step, and how many steps may be attempted from one time to the next.
@@ -90,26 +84,6 @@ class Continuous:
 
         _, rows = lax.scan(segment, dy, (held.t[:-1], held.t[1:], held.y[:-1]))
         return jnp.concatenate([dy[None], rows])
-
-    @property
-    def transposed(self) -> LinearMap:
-        """See `LinearMap`."""
-        return _Backward(self)
-
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
-        """See `LinearMap`.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
-        raise OptionError(NO_SECOND)
 
     def pulled(self, held: Passed, given: Any) -> tuple[Any, Any]:
         """Return the cotangents of the first state and of the constants, from those of the states at times."""
@@ -154,25 +128,3 @@ class Continuous:
             begun(attempts, batch),
         )
         return jnp.where(end.status == int(Status.SUCCESS), end.y[0], jnp.nan)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Backward:
-    """The transpose of `Continuous`."""
-
-    forward: Continuous
-
-    def __call__(self, held: Passed, moving: Any) -> Any:
-        return self.forward.pulled(held, moving)
-
-    @property
-    def transposed(self) -> LinearMap:
-        return self.forward
-
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
-        raise OptionError(NO_SECOND)

@@ -14,19 +14,17 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ...errors import OptionError
 from .along import Along, Course, PulledStep, PushedStep, Step
-from .continuous import NO_SECOND
 from .derivatives import CHUNK, Record, pushed
+from .first_order import FirstOrder
 from .lanes import RUNNING, Attempts, Batch, Projections, State, advanced, begun
-from .linear_maps import LinearMap
 
 __all__ = ["Blocks", "Kept", "Recomputed", "attempts_of_a_block", "with_blocks"]
 
 
 @final
 class Kept(NamedTuple):
-    """What is kept of a run, in floating point numbers.
+    """The blocks of a run and its steps to wanted times, in floating point numbers.
 
     Attributes
     ----------
@@ -140,7 +138,7 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any) -> tuple[State, Kept]:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Recomputed:
+class Recomputed(FirstOrder):
     """Changes of the last state (n_y,) and of those at wanted times (n_t, n_y), from `Kept`.
 
     They follow from changes of the first state and of the constants, as of `Along`.
@@ -183,45 +181,18 @@ class Recomputed:
         rows = held.states_there, starts
         return end, PushedStep(Step(self.linear))(self.over(held), rows, (held.c, dc, held.end))[0]
 
-    @property
-    def transposed(self) -> LinearMap:
-        """See `LinearMap`."""
-        return _Against(self)
-
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
-        """See `LinearMap`.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
-        raise OptionError(NO_SECOND)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Against:
-    """The transpose of `Recomputed`."""
-
-    forward: Recomputed
-
-    def __call__(self, held: Kept, moving: Any) -> Any:
-        (end, at_times), forward = moving, self.forward
-        share, length = jnp.zeros_like(held.c), forward.blocks.length
+    def pulled(self, held: Kept, given: Any) -> Any:
+        """Return the cotangents of the first state and of the constants, from those of the value."""
+        end, at_times = given
+        share, length = jnp.zeros_like(held.c), self.blocks.length
         starts = jnp.zeros((0, len(end)))
         if len(held.at):
-            step = PulledStep(Step(forward.linear))
-            starts, share = step(forward.over(held), (held.states_there, at_times), (held.c, held.end))
+            step = PulledStep(Step(self.linear))
+            starts, share = step(self.over(held), (held.states_there, at_times), (held.c, held.end))
 
         def one(turn: Any, carry: Any) -> Any:
             ahead, share = carry
-            record, first = forward.record(held, held.count.astype(int) - 1 - turn)
+            record, first = self.record(held, held.count.astype(int) - 1 - turn)
             kept: tuple[Any, ...] = ()
             if len(held.at):
                 own = held.at.astype(int) - first
@@ -230,21 +201,10 @@ class _Against:
                 kept = (jnp.zeros((length, len(end))).at[jnp.clip(own, 0, length - 1)].add(some),)
             none = jnp.zeros(0)
             course = Course(record.count.astype(float), record.taken, record.end, none, none, none, held.c)
-            against = Along(forward.linear, kept=bool(kept)).transposed
+            against = Along(self.linear, kept=bool(kept)).transposed
             before, added = against(course, (ahead, jnp.zeros((0, len(end))), *kept))
             return before, share + added
 
         first, share = lax.fori_loop(0, held.count.astype(int), one, (end, share))
         # Where no step was taken, every time is the first.
         return jnp.where(held.count > 0.0, first, first + jnp.sum(starts, 0)), share
-
-    @property
-    def transposed(self) -> LinearMap:
-        return self.forward
-
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
-        raise OptionError(NO_SECOND)

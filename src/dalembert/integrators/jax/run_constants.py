@@ -66,7 +66,7 @@ class InputTable:
 @final
 @dataclass(frozen=True)
 class RunConstants:
-    """What the constants of a run are.
+    """The layout of the constants of a run.
 
     Attributes
     ----------

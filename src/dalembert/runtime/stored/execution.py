@@ -42,7 +42,7 @@ _MOST_JOBS = 4
 @final
 @dataclass(frozen=True, eq=False)
 class ChunkJob:
-    """What every chunk of a sweep has in common: model, options, cases, those that decide, store, instruction set."""
+    """The common part of all chunks of a sweep: model, options, cases, leading cases, store, instruction set."""
 
     model: SweptModel
     options: SweepOptions

@@ -1,0 +1,65 @@
+"""Linear maps whose own derivatives are refused: those of runs that are not recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from ...errors import OptionError
+from .linear_maps import LinearMap
+
+__all__ = ["FirstOrder"]
+
+_NO_SECOND = (
+    'second derivatives are those of recorded runs: take solve_fn(adjoint="recorded"), or differences of gradients'
+)
+
+
+class FirstOrder:
+    """A `LinearMap` that does not change with what it hangs on; its transpose is `pulled`."""
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        """See `LinearMap`."""
+        raise NotImplementedError
+
+    def pulled(self, held: Any, given: Any) -> Any:
+        """Return the cotangents of `moving`, from those of the value."""
+        raise NotImplementedError
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Transposed(self)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        """See `LinearMap`."""
+        return self
+
+    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+        """See `LinearMap`.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(_NO_SECOND)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Transposed(FirstOrder):
+    """The transpose of a map."""
+
+    forward: FirstOrder
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        return self.forward.pulled(held, moving)
+
+    def pulled(self, held: Any, given: Any) -> Any:
+        return self.forward(held, given)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return self.forward
