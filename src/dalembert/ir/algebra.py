@@ -17,6 +17,7 @@ from fractions import Fraction
 
 from . import accuracy
 from . import fingerprint as fp
+from .angle_fingerprints import circle_of
 from .node import Node, UnitName
 from .ops import GRAPH_OPERATIONS
 
@@ -365,44 +366,10 @@ class Algebra:
         if a.op == "neg":
             inner = self._trigonometric(op, a.args[0])
             return inner if op == "cos" else self.neg(inner)
-        cosine, sine = self._circle(a)
+        cosine, sine = circle_of(a)
         if op == "tan":
             return self._intern(op, (a,), sine * fp.inverse(cosine) % _P)
         return self._intern(op, (a,), cosine if op == "cos" else sine)
-
-    def _circle(self, a: Node) -> fp.Circle:
-        """Return the point of the circle over the field that stands for the angle a."""
-        return fp.turns(self._twelfth(a), fp.ANGLE_DENOMINATOR)
-
-    def _twelfth(self, a: Node) -> fp.Circle:
-        if a.circle is None:
-            a.circle = self._new_twelfth(a)
-        return a.circle
-
-    def _new_twelfth(self, a: Node) -> fp.Circle:
-        number = a.number
-        if number is not None:
-            parts = number * fp.RADIAN_PARTS
-            if parts.denominator == 1 and parts.numerator.bit_length() <= 64:
-                return fp.turns(fp.circle_from(fp.hashed("part", "radian")), parts.numerator)
-            return fp.conjugate(fp.circle_from(-a.fingerprint % _P)) if number < 0 else fp.circle_from(a.fingerprint)
-        if a.op == "add":
-            return fp.turn(self._twelfth(a.args[0]), self._twelfth(a.args[1]))
-        if a.op == "sub":
-            return fp.turn(self._twelfth(a.args[0]), fp.conjugate(self._twelfth(a.args[1])))
-        if a.op == "neg":
-            return fp.conjugate(self._twelfth(a.args[0]))
-        if a.op == "mul" and a.args[0].number is not None:
-            count = a.args[0].number
-            atom = a.args[1]
-            if count.denominator == 1 and count <= 64:
-                return fp.turns(self._twelfth(atom), count.numerator)
-            twelfths = count * fp.ANGLE_DENOMINATOR
-            if twelfths.denominator == 1 and twelfths <= 64 and atom.op not in ("add", "sub", "mul", "neg"):
-                return fp.turns(fp.circle_from(fp.hashed("part", atom.fingerprint)), twelfths.numerator)
-        if a.op in ("mul", "add", "sub"):
-            return fp.circle_from(a.fingerprint)
-        return fp.turns(fp.circle_from(fp.hashed("part", a.fingerprint)), fp.ANGLE_DENOMINATOR)
 
     def _square_root(self, a: Node) -> Node:
         number = a.number

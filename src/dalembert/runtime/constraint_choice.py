@@ -13,7 +13,7 @@ from ..methods.status import Status
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from . import inputs
-from .singular import nearly_redundant, redundant, singular_start
+from .constraint_rank import nearly_redundant, redundant, singular_start
 
 if TYPE_CHECKING:
     from .model import CompiledModel

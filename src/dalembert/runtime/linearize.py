@@ -20,10 +20,10 @@ from ..results.linearization import InputDerivatives, Linearization
 from ..values import listed, option
 from . import inputs as run_input
 from .constraint_choice import divisible_model
+from .constraint_rank import redundant
 from .input_expansion import expanded_at, input_places
 from .linear_equations import LinearEquations, Point, own_equations, scene_equations
 from .segment_constants import at_time
-from .singular import redundant
 
 if TYPE_CHECKING:
     from .model import CompiledModel

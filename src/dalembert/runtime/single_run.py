@@ -16,10 +16,11 @@ from ..methods.status import Status
 from ..progress import enter_stage
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
+from .constraint_rank import indeterminate
 from .gimbal import locked, remedy
 from .pathway_lengths import lost_directions
 from .recording import Record
-from .singular import indeterminate, judged, searched, still_redundant
+from .singular import judged, searched, still_redundant
 from .symbol_assumptions import warn_of_motion
 from .table_range import ended_outside
 

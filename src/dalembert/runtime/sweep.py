@@ -21,6 +21,7 @@ from . import inputs
 from .case_blocks import begin_cases, fitted
 from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
 from .constraint_choice import divisible_model, independent_model
+from .constraint_rank import unlike
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .event_parameters import with_event_parameters
 from .gains import give_gains
@@ -28,7 +29,7 @@ from .gimbal import locked_cases
 from .invariant_projection import keeping_model, kept_values, refuse_jumps
 from .reductions import reduction_table
 from .simulate import NO_ESTIMATE
-from .singular import judged_cases, searched, unlike
+from .singular import judged_cases, searched
 from .symbol_assumptions import warn_of_motion
 from .table_range import outside_cases
 

@@ -15,9 +15,9 @@ from ..results.operating_point import OperatingPoint
 from . import inputs as run_input
 from .assembly import assembled
 from .capabilities import WITHOUT, refuse_sampling
+from .constraint_rank import redundant
 from .input_expansion import held_at
 from .newton import Root, floored, newton
-from .singular import redundant
 from .steady_conditions import SteadyConditions
 from .trim_report import TrimChoice, TrimReport, given_places
 

@@ -2,8 +2,9 @@
 
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
+from .joints import Joint
 from .orientation import free_orientation
-from .scene import Joint, Scene
+from .scene import Scene
 from .tables import table
 from .unknowns import Unknown, unknowns
 

@@ -20,6 +20,7 @@ from ..naming import unwritable
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
+from .known_functions import DECIDED, FUNCTIONS, RECIPROCALS, SUDDEN, SUPPORTED, is_exhaustive
 from .tables import TableFunction, outside
 from .unknowns import Unknown
 
@@ -27,33 +28,8 @@ __all__ = ["ExpressionReader", "short", "symbols_called"]
 
 _EXPONENT = 1_000_000
 
-_FUNCTIONS: dict[Any, str] = {
-    sp.sin: "sin",
-    sp.cos: "cos",
-    sp.tan: "tan",
-    sp.asin: "asin",
-    sp.acos: "acos",
-    sp.atan: "atan",
-    sp.atan2: "atan2",
-    sp.exp: "exp",
-    sp.log: "log",
-    sp.sinh: "sinh",
-    sp.cosh: "cosh",
-    sp.tanh: "tanh",
-    sp.Abs: "abs",
-    sp.sign: "sign",
-    sp.floor: "floor",
-}
-_SUDDEN = ("exp", "tanh", "atan", "sinh", "cosh")
-"""Smooth operations that may change within a short time."""
-_DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
-"""Operations with kinks or jumps."""
-_FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
-_SUPPORTED = tuple(sorted([f.__name__ for f in _FUNCTIONS] + _FURTHER))
-"""Names of the functions that can be compiled."""
 _ONCE = "(SymPy tells symbols with other assumptions apart); create it once and use that one everywhere"
 _OTHER = f"is not the coordinate of that name {_ONCE}"
-_RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
 
 
 def short(expression: Any, width: int = 80) -> str:
@@ -64,7 +40,7 @@ def short(expression: Any, width: int = 80) -> str:
         return "an expression that is nested deeply"
     except ValueError:  # Python does not print whole numbers of more than 4,300 digits
         return "an expression with numbers of thousands of digits"
-    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in _SUPPORTED else found[1], text)
+    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in SUPPORTED else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
 
 
@@ -291,10 +267,10 @@ class ExpressionReader:
 
     def _function(self, e: Any) -> Node:
         g, kind = self.graph, e.func
-        if kind in _FUNCTIONS:
-            return self._call(_FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
-        if kind in _RECIPROCALS:
-            top, bottom = _RECIPROCALS[kind]
+        if kind in FUNCTIONS:
+            return self._call(FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
+        if kind in RECIPROCALS:
+            top, bottom = RECIPROCALS[kind]
             argument = self._read(e.args[0])
             return self._divide(g.call(top, argument) if top else g.one, g.call(bottom, argument), e)
         if kind in (sp.Min, sp.Max):
@@ -324,15 +300,15 @@ class ExpressionReader:
         done = e.doit() if kind in (sp.Sum, sp.Product, sp.Integral) else e
         if done != e:
             return self._read(done)
-        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(_SUPPORTED)}")
+        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(SUPPORTED)}")
 
     def _call(self, op: str, *args: Node) -> Node:
         """Return an operation; one with kinks or jumps in time alone as what it is between them."""
         graph = self.graph
         whole = graph.call(op, *args)
-        if op in _SUDDEN:
+        if op in SUDDEN:
             self._take_down_narrow(op, args[0])
-        if op not in _DECIDED or self.time is None or not self._prescribed(args):
+        if op not in DECIDED or self.time is None or not self._prescribed(args):
             return whole
         held = graph.substitute(args, {self.time: graph.input(CONDITION_TIME)})
         kind = WHOLE if op == "floor" else ZERO
@@ -363,7 +339,7 @@ class ExpressionReader:
 
     def _piecewise(self, e: Any) -> Node:
         *some, (last, _) = e.args
-        if not _exhaustive([condition for _, condition in e.args]):
+        if not is_exhaustive([condition for _, condition in e.args]):
             return self.fault(f"{e} has no value where none of its conditions holds; end it with (value, True)")
         result = self._read(last)
         for value, condition in reversed(some):
@@ -392,17 +368,3 @@ class ExpressionReader:
             strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
             return self._call("less" if strict else "less_equal", low, high)
         return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")
-
-
-def _exhaustive(conditions: Sequence[Any]) -> bool:
-    """Whether one of some conditions holds for all real values of what occurs in them."""
-    whole = sp.Or(*conditions)
-    moving = sorted(whole.atoms(AppliedUndef, sp.Derivative), key=sp.default_sort_key, reverse=True)
-    for e in (*moving, *sorted(whole.free_symbols, key=sp.default_sort_key)):
-        whole = whole.xreplace({e: sp.Dummy(real=True)})
-    if len(whole.free_symbols) != 1:
-        return sp.simplify(whole) == sp.true
-    try:
-        return whole.as_set() == sp.S.Reals
-    except NotImplementedError:
-        return False

@@ -13,7 +13,8 @@ from .model import Action, BodyModel, FrameModel, Pieces, PointModel
 from .unknowns import Unknown
 
 if TYPE_CHECKING:
-    from .scene import Joint, Scene
+    from .joints import Joint
+    from .scene import Scene
 
 __all__ = ["foreign_points", "points_off_particles", "torques_on_particles"]
 

@@ -12,9 +12,9 @@ from ..errors import UnknownNameError, unknown_name
 from ..ir.graph import Node
 from ..naming import acceleration_input, acceleration_name, rate_name
 from .geometry import GeometryReader
+from .joints import Place
 from .model import Piece, Pieces, SymbolTable
 from .outputs import Component, NamedOutput
-from .scene import Place
 from .symbols import RESERVED_OUTPUTS
 
 __all__ = ["OutputNodes", "names_as_nodes", "read_outputs"]

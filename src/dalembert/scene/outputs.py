@@ -14,7 +14,7 @@ from sympy.physics.vector import ReferenceFrame, Vector, dynamicsymbols
 from ..errors import OptionError, list_names
 from ..naming import acceleration_name, unwritable
 from ..values import listed as members
-from .scene import Place
+from .joints import Place
 
 __all__ = ["Component", "NamedOutput", "placed", "requested"]
 

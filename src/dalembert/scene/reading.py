@@ -21,6 +21,7 @@ from .dyadics import matrix_of
 from .expressions import short
 from .geometry import GeometryReader
 from .joint_checks import foreign_points, points_off_particles, torques_on_particles
+from .joints import Joint
 from .model import (
     Action,
     BodyModel,
@@ -33,7 +34,7 @@ from .model import (
 )
 from .output_reading import names_as_nodes, read_outputs
 from .prescribed_velocities import located, read_given
-from .scene import Joint, Scene
+from .scene import Scene
 from .symbols import Requirement
 from .table_checks import rough_tables
 from .velocity_checks import velocity_faults

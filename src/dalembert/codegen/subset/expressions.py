@@ -5,15 +5,14 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
-import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 
-from ...integrators import compiled_subset as code
-from ...integrators.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Fields, Group, Kind
-from .values import Lines, Value, literal, rounded, unified
+from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from .built_in import BUILT_IN
+from .values import Lines, Value, literal, unified
 
 __all__ = ["UNKNOWN", "Expressions", "Functions"]
 
@@ -239,8 +238,8 @@ class Expressions(Lines):
     def _call(self, function: Any, given: list[Value]) -> Value:
         if function is min or function is max:
             return self._extreme(_TESTS[ast.Lt if function is min else ast.Gt], given)
-        if function in _BUILT_IN:
-            return _BUILT_IN[function](self, *given)
+        if function in BUILT_IN:
+            return BUILT_IN[function](self, *given)
         if not getattr(function, "compiled_subset", False):
             raise TypeError(f"{function} has no translation")
         name, kind, given = self.called(function, given)
@@ -277,114 +276,3 @@ class Expressions(Lines):
             for value, kind in zip(given, wanted, strict=True)
         ]
         return *self.module.function(function, tuple(value.kind for value in given)), given
-
-
-def _word(value: Value, kind: Kind) -> str:
-    if value.kind != kind:
-        raise TypeError(f"{value.kind} is not {kind}")
-    return value.words[0]
-
-
-def _abs(lines: Expressions, value: Value) -> Value:
-    if value.kind == INTEGER:
-        return Value(INTEGER, (lines.set(f"call i64 @llvm.abs.i64(i64 {value.words[0]}, i1 false)"),))
-    return Value(NUMBER, (lines.set(f"call double @llvm.fabs.f64(double {_word(value, NUMBER)})"),))
-
-
-def _int(lines: Expressions, value: Value) -> Value:
-    return Value(INTEGER, (lines.set(f"fptosi double {_word(value, NUMBER)} to i64"),))
-
-
-def _is_finite(lines: Expressions, value: Value) -> Value:
-    (size,) = _abs(lines, value).words
-    return Value(FLAG, (lines.set(f"fcmp olt double {size}, {rounded(math.inf)}"),))
-
-
-def _is_nan(lines: Expressions, value: Value) -> Value:
-    word = _word(value, NUMBER)
-    return Value(FLAG, (lines.set(f"fcmp uno double {word}, {word}"),))
-
-
-def _library(name: str) -> Callable[..., Value]:
-    """Return the translation of a function of doubles that LLVM or the C library has."""
-
-    def call(lines: Expressions, value: Value) -> Value:
-        (word,) = lines.converted(value, NUMBER).words
-        return Value(NUMBER, (lines.set(f"call double @{name}(double {word})"),))
-
-    return call
-
-
-def _fma(lines: Expressions, a: Value, b: Value, c: Value) -> Value:
-    words = ", ".join(f"double {lines.converted(value, NUMBER).words[0]}" for value in (a, b, c))
-    return Value(NUMBER, (lines.set(f"call double @{lines.module.fused}({words})"),))
-
-
-def _flat(lines: Expressions, matrix: Value) -> Value:
-    if matrix.kind != MATRIX:
-        raise TypeError("only matrices of doubles can be made a column")
-    data, rows, columns = matrix.words
-    return Value(MATRIX, (data, lines.set(f"mul i64 {rows}, {columns}"), "1"))
-
-
-def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
-    if not isinstance(matrix.kind, Array) or matrix.kind.dimensions != 2 or matrix.kind.item == FLAG:
-        raise TypeError("rows are those of matrices of doubles or integers")
-    place = lines.place(matrix, [number])
-    return Value(INTEGER, (lines.set(f"ptrtoint ptr {place.words[0]} to i64"),))
-
-
-def _call_code(lines: Expressions, *given: Value) -> Value:
-    function, *addresses = (_word(value, INTEGER) for value in given)
-    pointer = lines.set(f"inttoptr i64 {function} to ptr")
-    lines.lines.append(f"call void {pointer}({', '.join(f'i64 {word}' for word in addresses)})")
-    return Value(Group(()), ())
-
-
-def _call_test(lines: Expressions, *given: Value) -> Value:
-    function, *addresses = (_word(value, INTEGER) for value in given)
-    pointer = lines.set(f"inttoptr i64 {function} to ptr")
-    return Value(INTEGER, (lines.set(f"call i64 {pointer}({', '.join(f'i64 {word}' for word in addresses)})"),))
-
-
-def _load(lines: Expressions, address: Value, index: Value) -> Value:
-    pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
-    return lines.load(lines.place(Value(VECTOR, (pointer, "0")), [index]))
-
-
-def _prefetch(lines: Expressions, address: Value, index: Value) -> Value:
-    pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
-    place = lines.set(f"getelementptr double, ptr {pointer}, i64 {_word(index, INTEGER)}")
-    lines.lines.append(f"call void @llvm.prefetch.p0(ptr {place}, i32 0, i32 3, i32 1)")
-    return Value(Group(()), ())
-
-
-def _lowest(lines: Expressions, bits: Value) -> Value:
-    return Value(INTEGER, (lines.set(f"call i64 @llvm.cttz.i64(i64 {_word(bits, INTEGER)}, i1 true)"),))
-
-
-def _take(lines: Expressions, array: Value, amount: Value) -> Value:
-    added = f"atomicrmw add ptr {_word(array, INT_VECTOR)}, i64 {_word(amount, INTEGER)} monotonic"
-    return Value(INTEGER, (lines.set(added),))
-
-
-_BUILT_IN: dict[Any, Callable[..., Value]] = {
-    abs: _abs,
-    int: _int,
-    float: lambda lines, value: lines.converted(value, NUMBER),
-    math.isfinite: _is_finite,
-    math.isnan: _is_nan,
-    code.sqrt: _library("llvm.sqrt.f64"),
-    code.exp: _library("exp"),
-    code.log: _library("log"),
-    code.square: lambda lines, value: lines.combined(ast.Mult(), value, value),
-    code.row: _row,
-    code.call_code: _call_code,
-    code.call_test: _call_test,
-    code.prefetch: _prefetch,
-    code.element: _load,
-    code.flat: _flat,
-    code.fma: _fma,
-    code.lowest: _lowest,
-    code.take: _take,
-}
