@@ -26,6 +26,7 @@ from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matve
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .input_weights import seeds_of, with_weights
+from .knot_starts import KnotStarts
 from .reactions import independent_columns
 
 __all__ = ["REPRODUCED", "TOLERANCE", "Start", "start_tangents", "starting"]
@@ -61,7 +62,8 @@ class Start:
         "pivots" and the label of a constraint, which the formulation can hold under the same condition; or
         "inertia" and the name of a coordinate or speed, whose inertia is regular under the same condition; or
         "coordinates changed" or "rates changed" and the name of a given value, what the state changes it by, and how
-        much it may.
+        much it may; or "sliding" and the name of a table, at a knot of which the motion can leave to neither side if
+        the first number is 1.
     """
 
     kernel: Kernel
@@ -153,7 +155,8 @@ class _Starting:
         limits = [self._limit(row, around, scale) for _, row, around, scale in left]
         if self.symbols.offsets:
             limits = [a + b for a, b in zip(limits, self._late([*residual, *velocity]), strict=True)]
-        state = self._state()
+        started = KnotStarts(self.graph, self.system, self._state())
+        state = started.state
         checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
         checks += [self._at([node])[0] for pair in self.fixed for node in pair]
         labels += self.fixed_labels
@@ -171,6 +174,9 @@ class _Starting:
         for kind, name, change, limit in self._changed(state):
             checks += [change, limit]
             labels.append((kind, name))
+        for name, slides in started.sliding:
+            checks += [slides, self.graph.zero]
+            labels.append(("sliding", name))
         kernel = lower_kernel(self.graph, "start", [*state, *checks], self._inputs(), arguments=("t", "y", "c"))
         return Start(kernel, self.given, tuple(labels))
 

@@ -313,6 +313,7 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
             " left out. Start elsewhere, give every rate, or choose other coordinates"
         )
     _refuse_changes(start, checks, values)
+    _refuse_sliding(start, checks, t)
     return y
 
 
@@ -337,6 +338,19 @@ def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float
                 + f"\n{worst} fixes them by a small coefficient (residual {why[0]:.3g}, tolerance {why[1]:.1e}).\n"
                 f"Correct the {what}, or leave out those that the constraints fix: they are solved for"
             )
+
+
+def _refuse_sliding(start: Start, checks: FloatArray, t: float) -> None:
+    """Raise for a start at a knot of a table that either side of the knot pushes it back to."""
+    rows = zip(start.labels, checks.tolist(), strict=True)
+    tables = [name for (kind, name), (slides, _) in rows if kind == "sliding" and slides]
+    if tables:
+        raise InitialStateError(
+            f"at the start, t = {t:.9g}, the argument of the table {list_names(map(repr, tables))} is at a knot where"
+            " the table jumps, and on either side of it the motion goes back to the knot: it would slide along it,"
+            ' which no step can follow. Use kind="linear" with two knots close together instead of the jump, model'
+            " dry friction with da.CoulombFriction, or start elsewhere"
+        )
 
 
 def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:

@@ -1,0 +1,120 @@
+"""Starts at rest on a knot where rates jump: [state, rates] -> [state on the side that the motion takes].
+
+A table of kind "hold" in a load jumps at its knots. A motion that begins there at rest goes to one of two sides, and
+the rates at the knot itself are those of the side above. Steps that begin on the wrong side are off by the jump times
+the time in which rounding is left behind, some 1e-8 s, and Runge-Kutta steps cannot leave at all. So the start is moved
+by rounding to the side that it leaves to, which the derivatives of the argument on either side decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+from ..ir.graph import Graph, Node
+from ..ir.tables import LOWER, Table
+from ..methods.step_constants import EPSILON
+from ..transforms.derivatives import GUARDED, cotangents, tangents
+from ..transforms.knot_limits import table_nodes
+from .base import ReducedSystem
+
+__all__ = ["KnotStarts", "jumping_arguments"]
+
+_MARGIN = 8.0 * EPSILON
+"""Share of the largest knot within which an argument counts as at a knot; steps at knots have the same."""
+
+_TINY = 1e-30
+_DEAREST = 3000.0
+"""Cost of a second derivative whose own derivative is not taken."""
+
+
+def jumping_arguments(system: ReducedSystem) -> list[tuple[Node, Table]]:
+    """Return the arguments of tables at whose knots the rates jump, each with its table; all depend on the state."""
+    graph = system.equations.graph
+    state = graph.mask(str(node.payload) for node in system.inputs)
+    found = {
+        (x, table.key): (x, table)
+        for x, table, order in table_nodes(graph, system.rhs)
+        if table.smoothness < order and x.deps & state
+    }
+    return list(found.values())
+
+
+@final
+class KnotStarts:
+    """Moves of a start off the knots of tables.
+
+    Parameters
+    ----------
+    graph : Graph
+        Takes the nodes.
+    system : ReducedSystem
+        Its rates, on a graph of their own.
+    state : sequence of Node
+        The start, in terms of what is given.
+
+    Attributes
+    ----------
+    state : list of Node
+        The start, by rounding on the side that the motion goes to.
+    sliding : list of (str, Node)
+        Name of a table, and a node that is 1 where neither side lets the motion go, else 0.
+    """
+
+    def __init__(self, graph: Graph, system: ReducedSystem, state: Sequence[Node]) -> None:
+        self.graph, self.state = graph, list(state)
+        self.sliding: list[tuple[str, Node]] = []
+        arguments = jumping_arguments(system)
+        if not arguments:
+            return
+        self.inputs = graph.adopt(list(system.inputs))
+        (time,) = graph.adopt([system.equations.time])
+        self.flow = dict(zip(self.inputs, graph.adopt(list(system.rhs)), strict=True)) | {time: graph.one}
+        for x, table in arguments:
+            self._move(graph.adopt([x])[0], table)
+
+    def _at(self, nodes: Sequence[Node], state: Sequence[Node]) -> list[Node]:
+        return self.graph.substitute(nodes, dict(zip(self.inputs, state, strict=True)))
+
+    def _move(self, x: Node, table: Table) -> None:
+        """Move the start to the side of one knot, where it is at one."""
+        g = self.graph
+        size = max(abs(table.first), abs(table.last), table.spacing)
+        margin = g.const(_MARGIN * size)
+        key = g.const(table.key)
+        here = self._at([x], self.state)[0]
+        edge = g.call("entry", g.call("piece", here + margin, key), key, g.const(LOWER))
+        near = g.call("less_equal", here - margin, edge)
+        to_edge = g.call("select", near, edge - here, g.zero)
+        to_side = g.call("select", near, edge - here - margin, g.zero)
+        slopes = self._at(cotangents(g, [x], [g.one], self.inputs), self.state)
+        square = g.sum(slope * slope for slope in slopes)
+        ways = [slope / g.call("max", square, g.const(_TINY)) for slope in slopes]
+        above, below = ([y + way * far for y, way in zip(self.state, ways, strict=True)] for far in (to_edge, to_side))
+        derivatives = self._derivatives(x)
+        up = self._leading(self._at(derivatives, above), margin)
+        down = self._leading(self._at(derivatives, below), margin)
+        leaves = near * g.call("less", up, g.zero)  # the side above
+        lower = leaves * g.call("less_equal", down, g.zero)
+        self.sliding.append((table.name, leaves * g.call("less", g.zero, down)))
+        higher = near * g.call("less_equal", g.zero, up) * g.call("less", here, edge)
+        far = g.call("select", lower, to_side, g.call("select", higher, to_edge, g.zero))
+        self.state = [y + way * far for y, way in zip(self.state, ways, strict=True)]
+
+    def _derivatives(self, x: Node) -> list[Node]:
+        """Return the first three derivatives of an argument along the motion; the third is 0 where it is dear."""
+        found = [x]
+        for _ in range(3):
+            dear = found[-1].cost > _DEAREST and len(found) > 2
+            found += [self.graph.zero] if dear else tangents(self.graph, found[-1:], self.flow, GUARDED)
+        return found[1:]
+
+    def _leading(self, derivatives: Sequence[Node], margin: Node) -> Node:
+        """Return the derivative that takes an argument out of a margin first: its sign is that of the motion."""
+        g = self.graph
+        slope, bend, third = derivatives
+        slopes, bends, thirds = (g.call("abs", node) for node in derivatives)
+        fast = g.call("less", 2 * bends * margin, slopes * slopes)
+        fast = fast * g.call("less", margin * margin * thirds, 6 * slopes * slopes * slopes)
+        bent = g.call("less", 2 * margin * thirds * thirds, 9 * bends * bends * bends)
+        return g.call("select", fast, slope, g.call("select", bent, bend, third))
