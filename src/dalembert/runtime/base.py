@@ -18,8 +18,10 @@ from .symbol_assumptions import ROUNDING
 from .value_reader import ValueReader
 
 if TYPE_CHECKING:
+    from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
     from ..results.operating_point import OperatingPoint
+    from .input_values import GivenInputs
     from .prepared import PreparedRun
 
 __all__ = ["Model"]
@@ -103,6 +105,18 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
     ) -> Linearization:
         """Return the linearisation about a state."""
+
+    @abstractmethod
+    def _linearize_period(
+        self,
+        t: float,
+        initial: Given,
+        parameters: Given,
+        inputs: GivenInputs | None,
+        states: Sequence[str] | None,
+        outputs: Any,
+    ) -> DiscreteLinearization:
+        """Return the linearised map over the period of the controllers."""
 
     @abstractmethod
     def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:

@@ -105,13 +105,13 @@ class LinearEquations:
         for kernel, rows in (("initial", layout.state), ("expand", scene), ("outputs", layout.outputs)):
             lacking = [name for name in names if not any(name in table for table in tables)]
             if any(name in rows for name in lacking):
-                tables[rows] = self._own(kernel) if kernel != "initial" else self._of_state()
+                tables[rows] = self._own(kernel) if kernel != "initial" else self.formulation_state()
         found = [
             next(table.rows([rows.index(name)]) for rows, table in tables.items() if name in rows) for name in names
         ]
         return _stacked(found, size, count)
 
-    def _of_state(self) -> Derivatives:
+    def formulation_state(self) -> Derivatives:
         """Return the state of the formulation as a function of x."""
         if not self.coordinates:
             size, count = len(self.state), self.rates.by_parameters.shape[1]
@@ -120,7 +120,7 @@ class LinearEquations:
 
     def _own(self, kernel: str) -> Derivatives:
         """Return outputs of a kernel of the formulation's state."""
-        return self.point.derivatives(kernel, self.point.y).through(self._of_state())
+        return self.point.derivatives(kernel, self.point.y).through(self.formulation_state())
 
 
 def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquations:

@@ -9,7 +9,8 @@ H = -(g_x stacked on P)^-1 g_u while z is held: B = P (f_u + f_x H). Outputs h h
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from .segment_constants import at_time
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["linearize"]
+__all__ = ["IndependentStates", "independent_states", "linearize", "output_names", "regular_point"]
 
 _DEPENDENT = 1e-9
 
@@ -46,22 +47,39 @@ def linearize(
     `parameters` have those of the inputs.
     """
     time = option("t", t)
-    wanted = None if outputs is None else _output_names(model.layout, outputs)
-    able = divisible_model(model, time, initial, parameters)
-    p = expanded_at(model.layout, model.parameter_vector(parameters), time)
+    wanted = None if outputs is None else output_names(model.layout, outputs)
+    _, point = regular_point(model, time, initial, parameters)
+    return _linearized(point, states, wanted)
+
+
+def regular_point(
+    model: CompiledModel, t: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> tuple[CompiledModel, Point]:
+    """Return a model whose constraints are independent at given values, and this point.
+
+    Its inputs have their knots at t.
+
+    Raises
+    ------
+    InitialStateError
+        Where the constraints lose rank at this state alone.
+    """
+    able = divisible_model(model, t, initial, parameters)
+    p = expanded_at(model.layout, model.parameter_vector(parameters), t)
     values = model.initial_values(initial)
-    point = _point(able, time, values, p)
+    point = _point(able, t, values, p)
     enforced = able.derived.enforced
     if enforced:
-        dropped = redundant(point.program, time, point.y, point.c, enforced)
+        dropped = redundant(point.program, t, point.y, point.c, enforced)
         if dropped is None:
             raise InitialStateError(
-                f"the constraints lose rank at this state alone (t = {time:g}), where the motion has no linearisation:"
+                f"the constraints lose rank at this state alone (t = {t:g}), where the motion has no linearisation:"
                 " linearise about another state"
             )
         if dropped:
-            point = _point(able.variants.without_constraints(dropped), time, values, p)
-    return _linearized(point, states, wanted)
+            able = able.variants.without_constraints(dropped)
+            point = _point(able, t, values, p)
+    return able, point
 
 
 def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: FloatArray) -> Point:
@@ -72,7 +90,7 @@ def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: Float
     return Point(program, model.derived.partials, t, y, c)
 
 
-def _output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
+def output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
     """Return the names of outputs.
 
     Raises
@@ -96,8 +114,31 @@ def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
     return own_equations(point) if any(name in wanted for name in speeds) else scene_equations(point)
 
 
-def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
-    """Return the linearisation at a point.
+@final
+@dataclass(frozen=True, eq=False)
+class IndependentStates:
+    """Independent components z of a state x with constraints g(x, u) = 0.
+
+    Attributes
+    ----------
+    equations : LinearEquations
+        Of x.
+    places : list of int
+        Which components of x they are.
+    tangent : ndarray (n_x, n_z)
+        Derivatives of x by z, on the constraints.
+    shift : ndarray (n_x, n_p)
+        Derivatives of x by the parameters, with z held.
+    """
+
+    equations: LinearEquations
+    places: list[int]
+    tangent: FloatArray
+    shift: FloatArray
+
+
+def independent_states(point: Point, chosen: Sequence[str] | None) -> IndependentStates:
+    """Return independent components of the state at a point.
 
     Parameters
     ----------
@@ -105,8 +146,6 @@ def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[st
         Its inputs have their knots at its time.
     chosen : sequence of str or None
         The independent components of the state; None picks them.
-    outputs : sequence of str or None
-        Names of the rows of C; None takes the independent components.
 
     Raises
     ------
@@ -127,7 +166,18 @@ def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[st
     free = _free(equations, g_x, chosen)
     pick = np.eye(len(equations.state))[free]
     whole = np.linalg.pinv(np.vstack([g_x, pick]))
-    tangent, shift = whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p
+    return IndependentStates(equations, free, whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p)
+
+
+def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
+    """Return the linearisation at a point; errors and arguments as for `independent_states`.
+
+    `outputs` are names of the rows of C; None takes the independent components.
+    """
+    layout = point.program.layout
+    found = independent_states(point, chosen)
+    equations, free, tangent, shift = found.equations, found.places, found.tangent, found.shift
+    rates, pick = equations.rates, np.eye(len(equations.state))[free]
     states = tuple(equations.names[i] for i in free)
     names = states if outputs is None else tuple(outputs)
     seen = equations.outputs(names)

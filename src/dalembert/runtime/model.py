@@ -31,10 +31,12 @@ from .variants import Variants
 if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
     from ..hybrid.modes import Mode
+    from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
     from ..results.operating_point import OperatingPoint
     from ..results.sweep import Sweep
     from ..results.trajectory import Trajectory
+    from .input_values import GivenInputs
     from .prepared import PreparedRun
 
 __all__ = ["CompiledModel"]
@@ -288,6 +290,19 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         from .linearize import linearize
 
         return linearize(self, t, initial, parameters, states, outputs)
+
+    def _linearize_period(
+        self,
+        t: float,
+        initial: Given,
+        parameters: Given,
+        inputs: GivenInputs | None,
+        states: Sequence[str] | None,
+        outputs: Any,
+    ) -> DiscreteLinearization:
+        from .linearize_period import linearize_period
+
+        return linearize_period(self, t, initial, parameters, inputs, states, outputs)
 
     def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
         from .trim import find_operating_point

@@ -84,14 +84,15 @@ class Variation:
     def run(
         self,
         problem: IntegrationProblem,
-        given: FloatArray,
+        start: FloatArray,
         p: FloatArray,
         method: str,
         weighed: GivenInputs | None = None,
     ) -> Sensitivity:
-        """Return values and derivatives along the run of a problem whose y0 (n_y,) starts at `given` (n_given,).
+        """Return values and derivatives along the run of a problem whose y0 (n_y,) is what `start` makes.
 
-        `weighed` are the inputs, with the weights of those of their values that are differentiated by.
+        `start` are given initial values (n_given,), or the derivatives (n_y, n_wrt) of y0 themselves. `weighed` are the
+        inputs, with the weights of those of their values that are differentiated by.
         """
         if weighed is not None:
             layout = self.program.layout
@@ -100,7 +101,10 @@ class Variation:
             problem = replace(problem, inputs=weighed.records(layout))
         c = starting_constants(self.program, inputs.constants(self.program, p), problem.t0, problem.t1)
         p = c[: len(p)]
-        first = interpret_rows(self.start, np.array([problem.t0]), given.reshape(1, -1), p)[0]
+        if start.ndim == 1:
+            first = interpret_rows(self.start, np.array([problem.t0]), start.reshape(1, -1), p)[0]
+        else:
+            first = start.T.ravel()
         varied = replace(problem, y0=np.concatenate([problem.y0, first]), constants=c)
         course = self.engine.course(varied)
         solution = self._solved(varied, method, course)

@@ -18,6 +18,7 @@ from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once
 from ...options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
 from ...pipeline import SeveralModes, compile_mode, compile_stages
+from ...results.discrete_linearization import DiscreteLinearization
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
@@ -25,6 +26,8 @@ from ...results.operating_point import OperatingPoint
 from ...scene import Scene
 from .. import inputs as run_input
 from ..base import Given, Model
+from ..capabilities import WITHOUT
+from ..input_values import GivenInputs
 from ..inputs import span_of
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
@@ -230,6 +233,20 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
     ) -> Linearization:
         return linearize_mode(self, t, initial, parameters, states, outputs)
+
+    def _linearize_period(
+        self,
+        t: float,
+        initial: Given,
+        parameters: Given,
+        inputs: GivenInputs | None,
+        states: Sequence[str] | None,
+        outputs: Any,
+    ) -> DiscreteLinearization:
+        names = list_names(item.name for item in self._controllers)
+        raise CapabilityError(
+            f"linearize does not know of sampled controllers ({names}) in scenes whose contacts change: {WITHOUT}"
+        )
 
     def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
         return trim_mode(self, guess, parameters, options)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from ...errors import nesting_named
 from ...options import SensitivityOptions, TrimOptions
 from ...values import option
-from ..capabilities import WITHOUT, refuse_functions, refuse_sampling
+from ..capabilities import refuse_functions
 from ..input_values import read_inputs, with_inputs
 
 if TYPE_CHECKING:
+    from ...results.discrete_linearization import DiscreteLinearization
     from ...results.linearization import Linearization
     from ...results.operating_point import OperatingPoint
     from ...results.sensitivity import Sensitivity
@@ -90,11 +91,14 @@ def linearize(
     inputs: Mapping[Any, Any] | None = None,
     states: Sequence[str] | None = None,
     outputs: Iterable[Any] | None = None,
-) -> Linearization:
+) -> Linearization | DiscreteLinearization:
     """Linearise the motion about a state, in independent coordinates and speeds.
 
     The result holds on the constraints, nonholonomic ones too: its states are the directions that they leave free.
     With contacts it is that of the mode that they have there, and holds for changes that leave them in it.
+
+    With sampled controllers it is the map from one instant to the next: the motion over the period of all controllers,
+    which begin it at `t`, to first order in the states before they act and in the inputs that none of them sets.
 
     Parameters
     ----------
@@ -114,16 +118,25 @@ def linearize(
 
     Returns
     -------
-    Linearization
-        A, B, C and D with named rows and columns, `eigenvalues`, and `to_control()` for python-control.
+    Linearization or DiscreteLinearization
+        A, B, C and D with named rows and columns, `eigenvalues`, and `to_control()` for python-control. With
+        controllers a `DiscreteLinearization`, with the period `dt`.
 
     Raises
     ------
     UnknownNameError, ValueInputError, InitialStateError, OptionError
-        For input that is wrong, and for states that contacts forbid or do not let go on.
+        For input that is wrong, for states that contacts forbid or do not let go on, and for controllers without a
+        common period.
+    CapabilityError
+        For controllers that are Python functions.
+    RunFailedError
+        With controllers, where the motion does not reach the end of the period.
     """
-    refuse_sampling(self._controllers, "linearize", WITHOUT)
     time = option("t", t)
+    if self._controllers:
+        refuse_functions(self._controllers, "linearize")
+        record = read_inputs(self.layout, self._inputs, inputs)
+        return self._linearize_period(time, initial, parameters, record, states, outputs)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
     return self._linearize(time, initial, given, states, outputs)
 
