@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 
 from ..arrays import FloatArray
+from ..integrators.samples import Samples
 from ..ir.kernel import Kernel
 from ..ir.program import Layout
+
+if TYPE_CHECKING:
+    from ..scene.model import InputSymbol
 
 __all__ = ["HostRun", "HostRunner", "HostedRuns"]
 
@@ -38,7 +42,10 @@ class HostRun(NamedTuple):
 
 
 class HostRunner(Protocol):
-    """Runs of cases on the host, hashable: from times (k, n_t), initial values and parameters to a `HostRun`."""
+    """Runs of cases on the host, hashable: from times (k, n_t), initial values and parameters to a `HostRun`.
+
+    Inputs with knots are records by name, whose knots and values have one row a case (k, n).
+    """
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -60,7 +67,7 @@ class HostRunner(Protocol):
         """Names of the events."""
         ...
 
-    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray) -> HostRun:
+    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray, records: Mapping[str, Samples]) -> HostRun:
         """Return the results of the cases."""
         ...
 
@@ -75,6 +82,8 @@ class HostedRuns:
     runner : HostRunner
     layout : Layout
         Of the model whose parameters and names these are.
+    inputs : tuple of InputSymbol
+        Inputs of the scene.
     state : tuple of str
         Names of the state; those of coordinates, rates and outputs follow it in the runner's columns.
     watched : (Kernel, Kernel) or None
@@ -88,6 +97,7 @@ class HostedRuns:
 
     runner: HostRunner
     layout: Layout
+    inputs: tuple[InputSymbol, ...]
     state: tuple[str, ...]
     watched: tuple[Kernel, Kernel] | None
     terminal: tuple[bool, ...]

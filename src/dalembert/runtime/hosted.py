@@ -12,11 +12,15 @@ from ..arrays import FloatArray
 from ..codegen.host_runs import HostedRuns, HostRun
 from ..errors import InitialStateError, OptionError, list_names
 from ..integrators.event_code import Event, event_list
+from ..integrators.samples import Samples, samples
+from ..ir.input_parameters import coefficient_places
 from ..ir.program import Layout
 from ..methods.status import Status
 from ..options import SolveOptions
 from ..scene.expressions import symbols_called
+from ..scene.model import InputSymbol
 from .event_parameters import watched_expressions
+from .hosted_records import record_statuses
 from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:
@@ -52,6 +56,8 @@ class HostRuns:
         Names of the given initial values.
     columns : tuple of str
         Names of what is wanted of the motion.
+    inputs : tuple of InputSymbol
+        Inputs of the scene.
     events, reductions
         What is watched, and what is kept of every motion.
     options
@@ -61,6 +67,7 @@ class HostRuns:
     model: Model[Any, Any]
     given: tuple[str, ...]
     columns: tuple[str, ...]
+    inputs: tuple[InputSymbol, ...]
     events: tuple[Event, ...]
     reductions: Mapping[str, Reduction]
     options: Mapping[str, Any]
@@ -68,7 +75,7 @@ class HostRuns:
     @property
     def _key(self) -> tuple[Any, ...]:
         told = repr((self.events, dict(self.reductions)))
-        return self.model, self.given, self.columns, told, *self.options.items()
+        return self.model, self.given, self.columns, self.inputs, told, *self.options.items()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, HostRuns) and self._key == other._key
@@ -81,10 +88,11 @@ class HostRuns:
         """Names of the events."""
         return tuple(event.label for event in self.events)
 
-    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray) -> HostRun:
+    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray, records: Mapping[str, Samples]) -> HostRun:
         """Return how cases went at times t (k, n_t), from initial values (k, n_given) and parameters p (k, n_p).
 
-        Cases of the same times are one sweep.
+        `records` hold the knots (k, n) and values (k, n) of the inputs that have knots; the others are among the
+        parameters. Cases of the same times and knots are one sweep.
         """
         count, wanted = t.shape
         out = self._nothing(count, wanted)
@@ -92,12 +100,12 @@ class HostRuns:
         with np.errstate(invalid="ignore"):
             ordered = np.all(np.isfinite(t), axis=1) & (np.all(steps >= 0.0, axis=1) | np.all(steps <= 0.0, axis=1))
         numbers = np.all(np.isfinite(initial), axis=1) & np.all(np.isfinite(p), axis=1)
-        out.numbers[:, 1] = np.where(ordered, float(Status.NON_FINITE), float(Status.TIMES_IN_NO_ORDER))
-        able = np.flatnonzero(ordered & numbers)
-        if len(able):
-            times, group = np.unique(t[able], axis=0, return_inverse=True)
-            for i, own in enumerate(times):
-                self._sweep(own, able[group.ravel() == i], initial, p, out)
+        fit = record_statuses(self.inputs, records, t)
+        out.numbers[:, 1] = np.where(fit == Status.SUCCESS, float(Status.NON_FINITE), fit)
+        out.numbers[~ordered, 1] = float(Status.TIMES_IN_NO_ORDER)
+        able = np.flatnonzero(ordered & numbers & (fit == Status.SUCCESS))
+        for cases in _alike(np.concatenate([t, *(record.t for record in records.values())], axis=1), able):
+            self._sweep(t[cases[0]], cases, initial, p, records, out)
         return out
 
     def _nothing(self, count: int, wanted: int) -> HostRun:
@@ -113,8 +121,16 @@ class HostRuns:
             np.full((count, len(self.reductions)), np.nan),
         )
 
-    def _sweep(self, t: FloatArray, cases: Any, initial: FloatArray, p: FloatArray, out: HostRun) -> None:
-        """Run the cases of some numbers, which have their times in common."""
+    def _sweep(
+        self,
+        t: FloatArray,
+        cases: Any,
+        initial: FloatArray,
+        p: FloatArray,
+        records: Mapping[str, Samples],
+        out: HostRun,
+    ) -> None:
+        """Run the cases of some numbers, which have their times and knots in common."""
         layout = self.model.layout
         shown = {name: p[cases, i] for i, name in enumerate(layout.parameters) if name in layout.given}
         try:
@@ -123,6 +139,7 @@ class HostRuns:
                 {name: initial[cases, i] for i, name in enumerate(self.given)},
                 shown,
                 t_eval=t,
+                inputs=self._inputs(cases, p, records),
                 events=self.events,
                 reduce=dict(self.reductions) or None,
                 **self.options,
@@ -142,12 +159,36 @@ class HostRuns:
             out.reduced[cases, i] = sweep.reduced[name]
         self._judge_outputs(cases, out)
 
+    def _inputs(self, cases: Any, p: FloatArray, records: Mapping[str, Samples]) -> dict[str, Any] | None:
+        """Return the inputs of cases that have their knots in common."""
+        layout = self.model.layout
+        found: dict[str, Any] = {}
+        for name, place in zip(layout.inputs, coefficient_places(layout.parameters, layout.inputs), strict=True):
+            found[name] = p[cases, place + 1]
+        for name, record in records.items():
+            found[name] = samples(record.t[cases[0]], record.values[cases], record.kind, record.extrapolate)
+        return found or None
+
     def _judge_outputs(self, cases: Any, out: HostRun) -> None:
-        """Give the status NON_FINITE to runs in which something is not finite although the motion is."""
-        reached = np.isfinite(out.rows[cases]).any(axis=2, keepdims=True)
-        spoiled = np.any(reached & ~np.isfinite(out.rows[cases]), axis=(1, 2))
+        """Give the status NON_FINITE to runs in which something is not finite although the motion is.
+
+        Rows that a run did not reach are NaN, outputs that do not depend on the motion among them.
+        """
+        motion = len(self.columns) - len(self.model.layout.outputs)
+        rows = out.rows[cases]
+        reached = np.isfinite(rows[:, :, :motion]).all(axis=2, keepdims=True)
+        spoiled = np.any(reached & ~np.isfinite(rows), axis=(1, 2))
+        out.rows[cases] = np.where(reached, rows, np.nan)
         good = np.isin(out.numbers[cases, 1], (float(Status.SUCCESS), float(Status.EVENT)))
         out.numbers[cases[spoiled & good], 1] = float(Status.NON_FINITE)
+
+
+def _alike(rows: FloatArray, cases: Any) -> list[Any]:
+    """Return the numbers of cases (n,) whose rows (k, m) are equal, together."""
+    if len(cases) < 2 or np.all(rows[cases] == rows[cases[0]]):
+        return [cases] if len(cases) else []
+    found, group = np.unique(rows[cases], axis=0, return_inverse=True)
+    return [cases[group.ravel() == i] for i in range(len(found))]
 
 
 def with_symbols(model: T, layout: Layout, events: Any, reduce: Any, make: Callable[[tuple[Any, ...]], T]) -> T:
@@ -175,12 +216,7 @@ def hosted_runs(
     code = model.derived.events(events, reduce)
     if code is None:
         return None
-    layout = model.layout
-    if layout.inputs:
-        raise OptionError(
-            f"solve_fn with events or reductions does not take inputs ({list_names(layout.inputs)}): use"
-            " model.simulate or model.sweep, or write the inputs as parameters of the scene"
-        )
+    layout, inputs = model.layout, model._inputs
     if options.dense:
         raise OptionError(
             "solve_fn with events or reductions has no dense output: give solve the times that are wanted, or leave"
@@ -188,7 +224,7 @@ def hosted_runs(
         )
     runner = _runner(model.variants.on_backend(_BACKEND), layout.state, given, method, options, events, reduce)
     watched, refusal = (code.watch.values, code.watch.begins), _refusal(model, runner.events, runner.reductions)
-    return HostedRuns(runner, layout, layout.state, watched, _terminal(runner), refusal)
+    return HostedRuns(runner, layout, inputs, layout.state, watched, _terminal(runner), refusal)
 
 
 def hybrid_runs(
@@ -209,18 +245,13 @@ def hybrid_runs(
         For expressions that cannot be watched.
     """
     layout, contacts = model.layout, list_names(model.contacts)
-    if layout.inputs:
-        raise OptionError(
-            f"solve_fn of scenes whose contacts change ({contacts}) does not take inputs"
-            f" ({list_names(layout.inputs)}): use model.simulate or model.sweep"
-        )
     refusal = (
         f"derivatives across changes of contacts ({contacts}) are not computed: differentiate runs of one mode, such as"
         " model.mode().solve_fn(), or take differences of runs"
     )
     model.check_watched(events, reduce)
     runner = _runner(model.on_backend(_BACKEND), layout.variables, given, method, options, events, reduce)
-    return HostedRuns(runner, layout, layout.variables, None, _terminal(runner), refusal)
+    return HostedRuns(runner, layout, model._inputs, layout.variables, None, _terminal(runner), refusal)
 
 
 def _runner(
@@ -238,6 +269,7 @@ def _runner(
         twin,
         tuple(layout.variables if given is None else given),
         (*state, *layout.coordinates, *layout.rates, *layout.outputs),
+        twin._inputs,
         event_list(events, layout.aliases),
         reduction_table(reduce, layout.aliases),
         _options(method, options),

@@ -180,7 +180,7 @@ class JaxEngine(Engine):
 
     def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> HostedSolve:
         """See `TracedEngine.hosted_solve_fn`."""
-        native = None if hosted.watched is None else Solve(self._program, start, options)
+        native = None if hosted.watched is None else Solve(self._program, start, options, hosted.inputs)
         return HostedSolve(hosted, options, native)
 
     whole_blocks: ClassVar[bool] = True

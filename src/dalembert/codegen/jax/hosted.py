@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
 from ...errors import OptionError
+from ...integrators.feedback import Feedback
 from ...integrators.jax.kernels import stacked
+from ...integrators.jax.linear_maps import apply
+from ...integrators.jax.unknown import Sloped
+from ...integrators.samples import Samples
 from ...methods.status import Status
 from ...once import once_property
 from ...options import SolveOptions
@@ -20,6 +26,8 @@ from .host_calls import on_host
 from .kernels import compile_kernel
 from .pointwise import StateFunctions
 from .pure import Solve, refusing
+from .records import register_samples
+from .run_inputs import Given, inputs_of, parameters_at, refuse_given
 from .solved import EventTimes, Solved, States, raise_failure
 
 __all__ = ["HostedSolve"]
@@ -32,7 +40,7 @@ _NO_SECOND = (
 
 @final
 class HostedSolve:
-    """``solve(t, initial, p)`` as `Solve`, with events, reductions or contacts.
+    """``solve(t, initial, p, inputs=None)`` as `Solve`, with events, reductions or contacts.
 
     The runs are those of the compiled backend, which the traced program calls on the host: one call for a whole batch,
     whatever device holds its arrays. Derivatives, where there are any, are those of traced runs to the times at which
@@ -55,19 +63,23 @@ class HostedSolve:
 
     def __init__(self, hosted: HostedRuns, options: SolveOptions, native: Solve | None) -> None:
         self._hosted, self._options, self._native = hosted, options, native
+        register_samples()
         self._key = hosted.runner, hosted.layout, hosted.refusal, options, native
         self._hash = hash(self._key)
         self.given = hosted.runner.given if native is None else native.given
 
-    def __call__(self, t: Any, initial: Any, p: Any) -> Solved:
-        """Return the motion; see `Solve`."""
+    def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
+        """Return the motion; see `Solve`. Inputs are numbers or samples."""
         if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
             raise OptionError(
                 "runs with events, reductions or contacts are in double precision, which is off in this process: set"
                 ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
             )
-        p = parameters_of(self._hosted.layout, p, {})
-        solved = _solved(self, times(t), vector("initial value", initial, self.given), p)
+        t, layout = times(t), self._hosted.layout
+        numbers, given = inputs_of(layout, self._hosted.inputs, inputs, t)
+        _refuse_functions(given)
+        p = parameters_of(layout, p, numbers, given)
+        solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
         if self._options.throw:
             raise_failure(solved.status, "", self._options.method)
         return solved
@@ -81,9 +93,9 @@ class HostedSolve:
     def __reduce__(self) -> tuple[Any, ...]:
         return HostedSolve, (self._hosted, self._options, self._native)
 
-    def solved(self, t: Any, initial: Any, p: Any) -> Solved:
+    def solved(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
         """Return the result of a run from arrays."""
-        run = self._run(t, initial, p)
+        run = self._run(t, initial, p, given)
         runner = self._hosted.runner
         end, status, steps = run.numbers
         events = {
@@ -105,25 +117,52 @@ class HostedSolve:
 
     @once_property
     def _run(self) -> Any:
-        """The function (t, initial, p) -> `HostRun`, in floating point numbers, with its derivatives."""
+        """The function (t, initial, p, given) -> `HostRun`, in floating point numbers, with its derivatives."""
         run = jax.custom_jvp(self._called)
 
         def push(values: Any, tangents: Any) -> Any:
             if self._hosted.refusal:
                 raise OptionError(self._hosted.refusal)
-            return jax.jvp(self._differentiable, values, tangents)
+            refuse_given(values[-1], self._options)
+            # What does not change is left out: derivatives by knots may not exist.
+            flat, tree = jax.tree.flatten(values)
+            changes = jax.tree.leaves(tangents)
+            moving = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
 
-        run.defjvp(push)
+            def of_moving(*some: Any) -> HostRun:
+                whole = list(flat)
+                for i, value in zip(moving, some, strict=True):
+                    whole[i] = value
+                return self._differentiable(*jax.tree.unflatten(tree, whole))
+
+            return jax.jvp(of_moving, [flat[i] for i in moving], [changes[i] for i in moving])
+
+        run.defjvp(push, symbolic_zeros=True)
         return run
 
-    def _called(self, t: Any, initial: Any, p: Any) -> HostRun:
+    def _called(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
         """Return how a run on the host went."""
         runner = self._hosted.runner
         if self._native is not None and self.given != runner.given:
-            initial = jnp.concatenate(self._expanded(t[0], initial, p))
+            at_start = self._parameters_at(t, t[:1], p, given)[0][0]
+            initial = jnp.concatenate(self._expanded(t[0], initial, at_start))
         width = len(runner.columns)
         shapes = (len(t), width), (width,), (3,), (len(runner.labels), 3), (len(runner.reductions),)
-        return HostRun(*on_host(runner, shapes, t, initial, p))
+        records = {name: record for name, record in given.items() if isinstance(record, Samples)}
+        kinds = {name: (record.kind, record.extrapolate) for name, record in records.items()}
+
+        def run(t: Any, initial: Any, p: Any, *arrays: Any) -> Any:
+            pairs = zip(kinds.items(), arrays[::2], arrays[1::2], strict=True)
+            own = {name: Samples(knots, values, *kind, None, False) for (name, kind), knots, values in pairs}
+            return runner(t, initial, p, own)
+
+        arrays = [array for record in records.values() for array in (record.t, record.values)]
+        return HostRun(*on_host(run, shapes, t, initial, p, *arrays))
+
+    def _parameters_at(self, t: Any, marks: Any, p: Any, given: Given) -> tuple[Any, Any]:
+        """Return parameters (n, n_p) at `marks` (n,) of a run along times t, and whether these are knots (n,)."""
+        forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        return parameters_at(self._hosted.layout, self._hosted.inputs, given, p, marks, forward)
 
     def _expanded(self, t: Any, y: Any, p: Any) -> tuple[Any, ...]:
         """Return coordinates and rates of a state, and first-order states."""
@@ -134,26 +173,32 @@ class HostedSolve:
 
     # -- its derivatives ------------------------------------------------------------------
 
-    def _differentiable(self, t: Any, initial: Any, p: Any) -> HostRun:
+    def _differentiable(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
         """Return what `_called` does, from a traced run to the times of events, which are differentiated."""
         native = self._native
         assert native is not None
-        held = self._called(*(jax.lax.stop_gradient(value) for value in (t, initial, p)))
+        held = self._called(*(jax.lax.stop_gradient(value) for value in (t, initial, p, given)))
         forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(self._hosted.runner.labels)
         marks = jnp.concatenate([held.happened[:, 1], held.happened[:, 2]])
         occurred = jnp.isfinite(marks)
         # First to the times as they are, from which those follow at which events occur nearby.
         begin = jax.lax.stop_gradient(t[0])
-        y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p)[0]
-        found = [self._occurs(number % count, marks[number], y[len(t) + number], p) for number in range(2 * count)]
+        y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p, given)[0]
+        rows, at_knots = self._parameters_at(t, marks, p, given)
+        found = [
+            self._occurs(number % count, (marks[number], y[len(t) + number], rows[number]), at_knots[number])
+            for number in range(2 * count)
+        ]
         moved = jnp.where(occurred, jnp.stack(found) if found else jnp.zeros(0), marks)
         end = t[-1]
         for i, terminal in enumerate(self._hosted.terminal):
             here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
             end = jnp.where(here & terminal, moved[count + i], end)
+        whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
+        end = jnp.where(whole, end, _moved(held.numbers[0], jnp.where(whole, 0.0, jnp.nan), (t, initial, p, given)))
         reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
         wanted = jnp.append(jnp.where(reached, t, end), end)
-        rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p), axis=1)
+        rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p, given), axis=1)
         known = jnp.isfinite(held.rows)
         return held._replace(
             rows=jnp.where(known, rows[:-1], jnp.nan),
@@ -162,8 +207,11 @@ class HostedSolve:
             happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
         )
 
-    def _occurs(self, event: int, t: Any, y: Any, p: Any) -> Any:
-        """Return the time () of an event in the state y (n_y,) there; it changes as the zero of its expression does."""
+    def _occurs(self, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
+        """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
+
+        At the knot of a record it has no derivative, as the expression may jump or have a kink there.
+        """
         assert self._hosted.watched is not None
         values, begins = (stacked(compile_kernel(kernel, JAX)) for kernel in self._hosted.watched)
 
@@ -176,21 +224,52 @@ class HostedSolve:
             t, y, p = (refusing(_NO_SECOND, value) for value in at)
             change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
             rate = begins(t, y, p)[3 * event + 1]
-            return at[0], jnp.where(rate != 0.0, -change / rate, jnp.nan)
+            slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
+            return at[0], apply(Sloped(), slope, change)
 
-        return zero(jax.lax.stop_gradient(t), y, p)
+        return zero(jax.lax.stop_gradient(point[0]), *point[1:])
 
 
-def _at(native: Solve, forward: Any, t: Any, marks: Any, initial: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+def _at(
+    native: Solve, forward: Any, t: Any, marks: Any, initial: Any, p: Any, given: Given
+) -> tuple[Any, Any, Any, Any]:
     """Return states, coordinates, rates and outputs of a traced run at times and at `marks`, in any order."""
     every = jnp.concatenate([t, marks])
     order = jnp.argsort(forward * jax.lax.stop_gradient(every), stable=True)
-    solved = native.motion(every[order], initial, p)
+    solved = native.motion(every[order], initial, p, given)
     back = jnp.argsort(order)
     return solved.y[back], solved.q[back], solved.qdot[back], solved.outputs[back]
 
 
+@jax.custom_jvp
+def _moved(value: Any, slope: Any, sources: Any) -> Any:
+    """Return a number, whose derivatives by all `sources` are the slope."""
+    return value
+
+
+@_moved.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    moved = sum(jnp.sum(change) for change in jax.tree.leaves(tangents[2]))
+    return values[0], apply(Sloped(), values[1], moved)
+
+
+def _refuse_functions(given: Given) -> None:
+    """Refuse inputs that are functions of the state, which compiled loops cannot call.
+
+    Raises
+    ------
+    OptionError
+    """
+    functions = [name for name, value in given.items() if isinstance(value, Feedback)]
+    if functions:
+        raise OptionError(
+            f"input {functions[0]!r} is a function, and runs with events, reductions or contacts are left to compiled"
+            " loops, which cannot call it: give a number or dalembert.samples(times, values), or leave out events= and"
+            " reduce="
+        )
+
+
 @partial(jax.jit, static_argnums=0)
-def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any) -> Solved:
+def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
     """Return the result: compiled once for equal functions, and a part of the program where one is traced."""
-    return solve.solved(t, initial, p)
+    return solve.solved(t, initial, p, given)

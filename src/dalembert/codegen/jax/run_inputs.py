@@ -13,6 +13,7 @@ from ...errors import OptionError, UnknownNameError, ValueInputError, list_names
 from ...integrators.feedback import Feedback
 from ...integrators.input_checks import refuse_kind, refuse_samples, unknown_input
 from ...integrators.jax.kernels import stacked
+from ...integrators.jax.precision import precision_of
 from ...integrators.jax.run_constants import InputTable, RunConstants
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.traced import is_traced
@@ -30,10 +31,22 @@ from .kernels import compile_kernel
 from .pieces import PAIRS
 from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 
-__all__ = ["Given", "RunInputs", "failed", "feedback_kernels", "inputs_of", "refuse_given", "run_inputs"]
+__all__ = [
+    "Given",
+    "RunInputs",
+    "failed",
+    "feedback_kernels",
+    "inputs_of",
+    "parameters_at",
+    "refuse_given",
+    "run_inputs",
+]
 
 Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""
+
+_NEAR = 16.0
+"""Least shares of the time within which an event counts as one at a knot."""
 
 
 def inputs_of(
@@ -203,6 +216,30 @@ def run_inputs(
     run = jnp.where(status == int(Status.SUCCESS), jnp.concatenate(parts), jnp.nan)
     constants = RunConstants(place, len(c), tuple(tables), sum(map(len, weights)), bool(functions))
     return RunInputs(constants, run, breaks, moved, tuple(pieces), status)
+
+
+def parameters_at(
+    layout: Layout, symbols: Sequence[InputSymbol], given: Given, p: Any, t: Any, forward: Any
+) -> tuple[Any, Any]:
+    """Return parameters (n_t, n_p) with records as they are at times t (n_t,), and whether these are knots (n_t,).
+
+    `forward` is 1 in runs that go forward in time, else -1; at a knot, the record is that ahead.
+    """
+    known = {symbol.name: symbol for symbol in symbols}
+    rows, at_knots = jnp.broadcast_to(p, (len(t), len(p))), jnp.zeros(len(t), bool)
+    still = jax.lax.stop_gradient(t)
+    for name, record in given.items():
+        assert isinstance(record, Samples)
+        begin, stop = COLUMNS[record.kind]
+        (place,) = coefficient_places(layout.parameters, (name,))
+        knots = knots_of(known[name], record)
+        fixed = jax.lax.stop_gradient(knots)
+        number = (jnp.searchsorted(fixed, still, side=side) for side in ("right", "left"))
+        piece = jnp.where(forward > 0.0, *number)
+        rows = rows.at[:, place + begin : place + stop].set(polynomials(knots, record)[piece])
+        near = _NEAR * precision_of(knots).smallest_of_time * jnp.maximum(jnp.abs(still), 1.0)
+        at_knots |= jnp.any(jnp.abs(still[:, None] - fixed) <= near[:, None], axis=1)
+    return rows, at_knots
 
 
 def feedback_kernels(program: Program, given: Given, start: int) -> FeedbackKernels | None:

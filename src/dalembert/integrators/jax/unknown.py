@@ -1,4 +1,4 @@
-"""Derivatives that are not known, made NaN: behind the end of a run, and behind jumps."""
+"""Derivatives that are not known, made NaN: behind the end of a run, behind jumps, and of events without a rate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .linear_maps import LinearMap, apply
 
-__all__ = ["Known", "OrNan"]
+__all__ = ["Known", "OrNan", "Sloped"]
 
 
 @final
@@ -104,3 +104,32 @@ class _Asked:
         none = jnp.zeros(1), jnp.zeros(1)
         lost = apply(OrNan(self.moved_by), once, (jnp.zeros((1, 1)), (*none, dheld.c)))[0, 0]
         return jax.tree.map(lambda found: found + lost, changes)
+
+
+@final
+@dataclass(frozen=True)
+class Sloped:
+    """Change of a number: that of another times a slope (), which is NaN where it is not known.
+
+    Backward, an unknown slope makes NaN only of what was asked for, so that other results keep their derivatives.
+    """
+
+    backward: bool = False
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        """See `LinearMap`."""
+        return jnp.where(moving != 0.0, held * moving, 0.0) if self.backward else held * moving
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return Sloped(not self.backward)
+
+    @property
+    def in_batches(self) -> LinearMap:
+        """See `LinearMap`."""
+        return self
+
+    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        return apply(Sloped(self.backward), jax.lax.stop_gradient(moving), dheld)

@@ -154,7 +154,7 @@ def hybrid_solve_fn(
     CapabilityError
         For a backend other than "jax".
     OptionError
-        For options that do not exist, and scenes with inputs.
+        For options that do not exist.
     """
     if self.backend != "jax":
         raise CapabilityError(Capability.SOLVE_FUNCTION.value)
