@@ -1,6 +1,7 @@
 """Generated attempts of Runge-Kutta steps: they accept, reject and propose as the functions of step control do."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from dalembert.integrators import step_control as control
 from dalembert.integrators.explicit_stages import error_norm
 from dalembert.integrators.packed_tableaus import packed_tableau
 from dalembert.ir.interpret import interpret
+from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LARGEST_GROWTH, REDUCTION_BLIND, SMALLEST_PREVIOUS
-from dalembert.methods.tableaus import TABLEAUS
+from dalembert.methods.tableaus import TABLEAUS, bounded
 from dalembert.transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT, attempt_kernel
 
 N, RHS = 2, oscillator().kernel("rhs")
@@ -97,3 +99,43 @@ def test_the_error_of_a_step_is_a_number_however_small_its_slopes_are(tableau):
     errors = [error_of(tableau, 0.3, scale=scale) for scale in 0.7 ** np.arange(1000.0, 1100.0)]
     assert errors[0] > 0.0 and errors[-1] == 0.0
     assert np.all(np.diff(errors) <= 0.0)
+
+
+def decay(rate):
+    """Return y' = rate (sin t - y) + cos t, of which sin t is a solution that the others come near."""
+    loads = Load("time", "t", None), Load("u", "y", 0)
+    body = (
+        Assignment("sine", "sin", ("time",)),
+        Assignment("slope", "cos", ("time",)),
+        Assignment("lack", "sub", ("sine", "u")),
+        Assignment("pull", "mul", ("lack", rate)),
+        Assignment("rate", "add", ("pull", "slope")),
+    )
+    return Kernel("rhs", ("t", "y", "c"), loads, body, ("rate",))
+
+
+def test_bounded_steps_are_right_between_their_ends():
+    """At the limit of stability the estimate of dop853 vanishes for some size of a step, and its error does not."""
+    (dop853,) = (tableau for tableau in PAIRS if tableau.name == "dop853")
+    rate, t, off, accepted = 50.0, 0.5, 1e-3, {False: [], True: []}
+    theta = np.linspace(0.0, 1.0, 21)
+    for bound in accepted:
+        kernel = attempt_kernel(decay(rate), bounded(dop853) if bound else dop853, dense=True, carried=False)
+        for h in np.linspace(0.02, 0.2, 240):
+            memory = [0.0, 0.0, h, 0.0, LARGEST_GROWTH]
+            given = {"t": t, "y": [math.sin(t) + off, *memory], "c": [], "s": [10.0, 1.0, RTOL, ATOL]}
+            found = np.array(interpret(kernel, given))
+            if found[1] != 0.0:
+                accepted[bound].append(h)
+            if found[1] != 0.0 and bound:
+                motion = np.sin(t + theta * h) + off * np.exp(-rate * theta * h)
+                polynomial = np.polynomial.polynomial.polyval(theta, found[1 + 2 + 3 :])
+                assert np.max(np.abs(polynomial - motion)) <= 100.0 * (RTOL * abs(found[0]) + ATOL)
+    assert max(accepted[False]) > 0.11 > 0.08 > max(accepted[True])
+
+
+def test_pairs_without_stages_of_their_own_between_the_ends_are_not_bounded():
+    (tsit5,) = (tableau for tableau in PAIRS if tableau.name == "tsit5")
+    assert bounded(tsit5) is tsit5
+    with pytest.raises(ValueError, match="no stage estimates the error of the dense output"):
+        replace(tsit5, bounded=True)

@@ -237,7 +237,13 @@ class CompiledEngine(Engine):
         if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
             with_series = len(watched.events)
         codes, memory, degree, settings = self._stepping(
-            method, cases.rtol, cases.atol, lanes, dense=dense, watched=watched if with_series else None
+            method,
+            cases.rtol,
+            cases.atol,
+            lanes,
+            dense=dense,
+            bounded=cases.bounded,
+            watched=watched if with_series else None,
         )
         nothing_each_step = watched is None or (with_series > 0 and not wanted and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded
@@ -280,11 +286,20 @@ class CompiledEngine(Engine):
         return start_code(steps.prepare(), steps.start(start, 1), sizes, steps)
 
     def _stepping(
-        self, method: str, rtol: float, atol: float, lanes: int, *, dense: bool, watched: EventCode | None = None
+        self,
+        method: str,
+        rtol: float,
+        atol: float,
+        lanes: int,
+        *,
+        dense: bool,
+        bounded: bool = False,
+        watched: EventCode | None = None,
     ) -> tuple[tuple[int, int], int, int, list[float]]:
         """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings.
 
-        With `watched` a Taylor step writes the series of these events too.
+        With `watched` a Taylor step writes the series of these events too. If `bounded`, the error of polynomials of
+        Runge-Kutta steps counts, too.
         """
         if method == "taylor":
             order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
@@ -292,7 +307,7 @@ class CompiledEngine(Engine):
                 step = self.steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
                 return (step, 0), 0, order, [floor]
             return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [floor]
-        tableau = _pair(method)
+        tableau = _pair(method, bounded=bounded)
         memory = memory_size(self._sizes["rhs"], self.steps.carried)
         codes = self.steps.attempt(tableau, lanes, dense=dense)
         return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
@@ -361,11 +376,12 @@ class CompiledEngine(Engine):
         return computed_once(self._taylor_codes, order, make)
 
 
-def _pair(name: str) -> Tableau:
+def _pair(name: str, *, bounded: bool = False) -> Tableau:
     """Return a Runge-Kutta pair by its name; those who take Taylor steps do not wait until all pairs are checked."""
-    from ..methods.tableaus import TABLEAUS
+    from ..methods import tableaus
 
-    return next(tableau for tableau in TABLEAUS if tableau.name == name)
+    pair = next(tableau for tableau in tableaus.TABLEAUS if tableau.name == name)
+    return tableaus.bounded(pair) if bounded else pair
 
 
 def default_source(program: Program, steps: KernelLibrary, methods: Iterable[str]) -> str:

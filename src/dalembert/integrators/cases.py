@@ -72,6 +72,8 @@ class CaseColumns:
         From given values to states.
     recorded : int
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
+    bounded : bool
+        Whether the error of the polynomials of steps decides about these, too, where it is known.
     """
 
     count: int
@@ -87,6 +89,7 @@ class CaseColumns:
     watch: EventCode | None = None
     inputs: InputRecords | None = None
     recorded: int = 0
+    bounded: bool = False
 
 
 @final

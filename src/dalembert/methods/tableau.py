@@ -42,6 +42,9 @@ class Tableau:
         Dense output (n_total, degree): ``y(theta) = y + h*sum_j theta**j (K^T P)_j`` for j = 1 .. degree.
     source
         Where the coefficients are published.
+    bounded
+        Whether a step is rejected, too, where its dense output is off by more than
+        `dalembert.methods.step_constants.POLYNOMIAL_ERROR` tolerances (see `between`).
 
     Raises
     ------
@@ -60,6 +63,7 @@ class Tableau:
     error_orders: tuple[int, ...]
     P: FloatArray
     source: str
+    bounded: bool = False
 
     def __post_init__(self) -> None:
         faults = list(_faults(self))
@@ -85,6 +89,17 @@ class Tableau:
         return int(self.P.shape[1])
 
     @property
+    def between(self) -> FloatArray:
+        """Weights (n_total,) of an estimate of the error of the dense output.
+
+        It is the difference from the point of the last stage, which must be one that only the dense output needs, at
+        the node of that.
+        """
+        powers = self.c[-1] ** np.arange(1, self.degree + 1)
+        weights: FloatArray = self.P @ powers - self.A[-1]
+        return weights
+
+    @property
     def fsal(self) -> bool:
         """Whether the error estimate needs the stage at the end of the step (else only accepted steps do)."""
         return bool(np.any(self.error[:, self.end]))
@@ -108,6 +123,8 @@ def _faults(tableau: Tableau) -> Iterator[str]:
         yield "there must be one or two rows of error weights, each with its order"
     if tableau.degree < 3:
         yield "the dense output must have at least degree 3"
+    if tableau.bounded and n == tableau.end + 1:
+        yield "no stage estimates the error of the dense output"
     if np.any(np.triu(tableau.A)):
         yield "A must be strictly lower triangular"
     if _differ(tableau.A.sum(axis=1), tableau.c, tableau.A):

@@ -1,11 +1,14 @@
 """Explicit Runge-Kutta pairs; a new one takes one tableau and one line in ``TABLEAUS``."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dalembert.methods import tableau_data_dop853 as dop853
 from dalembert.methods.tableau import Tableau, matrix_from_rows
 
 from ..arrays import FloatArray
+from ..once import once
 
 
 def _dop853_dense() -> FloatArray:
@@ -109,3 +112,11 @@ DOP853 = Tableau(
 )
 
 TABLEAUS = (TSIT5, DOP853)
+
+
+@once
+def bounded(tableau: Tableau) -> Tableau:
+    """Return a pair whose steps bound the error of the dense output, too; the same one where nothing estimates that."""
+    if tableau.n_total == tableau.end + 1:
+        return tableau
+    return replace(tableau, name=f"{tableau.name}_bounded", bounded=True)

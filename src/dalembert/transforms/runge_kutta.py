@@ -277,8 +277,9 @@ class _Attempt(_Parts):
     def stages(self) -> tuple[int, ...]:
         tableau = self.tableau
         first = () if self.carried else (0,)
-        end = (tableau.end,) if self.carried or self.dense or tableau.fsal else ()
-        extra = range(tableau.end + 1, tableau.n_total) if self.dense else ()
+        all_stages = self.dense or tableau.bounded
+        end = (tableau.end,) if self.carried or all_stages or tableau.fsal else ()
+        extra = range(tableau.end + 1, tableau.n_total) if all_stages else ()
         return (*first, *range(1, tableau.end), *end, *extra)
 
     def time(self, stage: int) -> Operand:
@@ -325,9 +326,13 @@ class _Attempt(_Parts):
         return results + (self._polynomials(new) if self.dense else [])
 
     def _error_square(self, new: Vector) -> Operand:
-        """Return the square of the RMS norm of the error over the tolerances (see `Tableau.error`)."""
+        """Return the square of the RMS norm of the error over the tolerances (see `Tableau.error`).
+
+        Where that is `bounded`, the square is at least that of the dense output over `POLYNOMIAL_ERROR`.
+        """
         lines, tableau = self.lines, self.tableau
-        estimates = [self._sums(row) for row in tableau.error]
+        rows = [*tableau.error, *([tableau.between / gains.POLYNOMIAL_ERROR] if tableau.bounded else [])]
+        estimates = [self._sums(row) for row in rows]
         totals: Vector = [0.0] * len(estimates)
         for i in range(self.n):
             larger = lines.op("max", lines.op("abs", self.y[i]), lines.op("abs", new[i]))
@@ -336,11 +341,13 @@ class _Attempt(_Parts):
                 scaled = lines.mul(estimate[i], scale)
                 totals[row] = lines.fma(scaled, scaled, totals[row])
         square = lines.mul(lines.mul(self.size, self.size), 1.0 / self.n)
-        if len(totals) == 1:
-            return lines.mul(totals[0], square)
-        below = lines.add(lines.fma(totals[1], gains.SECOND_ERROR_WEIGHT, totals[0]), gains.SMALLEST_NORMAL)
-        share = lines.op("div", totals[0], below)
-        return lines.mul(lines.mul(share, totals[0]), square)
+        total = totals[0]
+        if len(tableau.error) == 2:
+            below = lines.add(lines.fma(totals[1], gains.SECOND_ERROR_WEIGHT, total), gains.SMALLEST_NORMAL)
+            total = lines.mul(lines.op("div", total, below), total)
+        if tableau.bounded:  # no number where either is none
+            total = lines.op("fma", totals[-1], 0.0, lines.op("max", totals[-1], total))
+        return lines.mul(total, square)
 
     def _proposal(self, square: Operand, accepted: Operand, finite: Operand) -> tuple[Operand, Operand]:
         """Return the size of the next attempt and the logarithm of the error."""
