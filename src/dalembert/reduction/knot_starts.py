@@ -33,7 +33,7 @@ def jumping_arguments(system: ReducedSystem) -> list[tuple[Node, Table]]:
     graph = system.equations.graph
     state = graph.mask(str(node.payload) for node in system.inputs)
     found = {
-        (x, table.key): (x, table)
+        (x, table.edges.tobytes()): (x, table)  # one table for all with the same knots
         for x, table, order in table_nodes(graph, system.rhs)
         if table.smoothness < order and x.deps & state
     }

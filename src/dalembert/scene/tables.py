@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -22,6 +23,9 @@ _KINDS = {"hold": 1, "linear": 2, "cubic": 4}
 
 _EXTRAPOLATE = ("error", "hold", "linear")
 
+_MOST_EXPRESSIONS = 64
+"""Number of values of a table that may be expressions."""
+
 _SLACK = 1e-12
 """Share of the range by which rounding may lead beyond the knots of a table that has no values there."""
 
@@ -40,7 +44,9 @@ def table(
     knots : array_like (n,)
         Where the curve is known, increasing, in the units of `x`.
     values : array_like (n,)
-        The curve there.
+        The curve there: numbers, and expressions in parameters where the values are to be given to runs, swept, or
+        differentiated by (at most 64 of them). The curve is linear in its values: one with expressions is the sum of
+        these, each times the table that is 1 at its knot.
     kind : str
         ``"linear"`` interpolates; ``"cubic"`` is the cubic spline that SciPy calls not-a-knot, and needs 4 knots;
         ``"hold"`` keeps the value of the last knot that is not above x.
@@ -68,7 +74,7 @@ def table(
         raise OptionError(f"table {name!r}: unknown kind {kind!r}; known: {list_names(_KINDS)}")
     if extrapolate not in _EXTRAPOLATE:
         raise OptionError(f"table {name!r}: unknown extrapolate {extrapolate!r}; known: {list_names(_EXTRAPOLATE)}")
-    where, heights = _numbers(knots, "knots", name), _numbers(values, "values", name)
+    where, (heights, weighed) = _numbers(knots, "knots", name), _heights(values, name)
     _check(where, heights, kind, name)
     try:
         argument = None if isinstance(x, str | bytes) else sp.sympify(x)
@@ -76,7 +82,15 @@ def table(
         argument = None
     if not isinstance(argument, sp.Expr):
         raise ExpressionError(f"table {name!r}: {x!r} is not a SymPy expression; give what the curve is a function of")
-    return TableFunction(argument, Curve(registered(_table(name, where, heights, kind, extrapolate))))
+
+    def curve(label: str, numbers: NDArray[np.float64]) -> sp.Expr:
+        return TableFunction(argument, Curve(registered(_table(label, where, numbers, kind, extrapolate))))
+
+    if not weighed:
+        return curve(name, heights)
+    units = np.eye(len(where))
+    parts = [weight * curve(f"{name}[{i}]", units[i]) for i, weight in weighed.items()]
+    return sp.Add(*parts, *([curve(name, heights)] if np.any(heights) else []))
 
 
 def _numbers(given: Any, what: str, name: str) -> NDArray[np.float64]:
@@ -92,6 +106,20 @@ def _numbers(given: Any, what: str, name: str) -> NDArray[np.float64]:
             f"table {name!r}: number {wrong[0]} of the {what} is {found[wrong[0]]}; leave out what is not finite"
         )
     return found
+
+
+def _heights(given: Any, name: str) -> tuple[NDArray[np.float64], dict[int, sp.Expr]]:
+    """Return values as numbers, with 0 in place of expressions, and the expressions by their places."""
+    listed = list(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str | bytes) else []
+    found = {i: value for i, value in enumerate(listed) if isinstance(value, sp.Expr) and not value.is_number}
+    if len(found) > _MOST_EXPRESSIONS:
+        raise ValueInputError(
+            f"table {name!r}: {len(found)} of the values are expressions, and {_MOST_EXPRESSIONS} at most may be, since"
+            " each adds to the work of every step: give numbers for the others, or fewer knots"
+        )
+    return _numbers(
+        [0.0 if i in found else value for i, value in enumerate(listed)] if found else given, "values", name
+    ), found
 
 
 def _check(knots: NDArray[np.float64], values: NDArray[np.float64], kind: str, name: str) -> None:

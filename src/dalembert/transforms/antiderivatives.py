@@ -257,7 +257,8 @@ class Antiderivatives:
             inner = self.integral(args[0], x, depth + 1)
             return None if inner is None else -inner
         if op in ("add", "sub"):
-            parts = [self.integral(arg, x, depth + 1) for arg in args]
+            deeper = [depth + (arg.op not in ("add", "sub")) for arg in args]  # a sum may have many terms
+            parts = [self.integral(arg, x, level) for arg, level in zip(args, deeper, strict=True)]
             if parts[0] is None or parts[1] is None:
                 return None
             return g.call(op, parts[0], parts[1])

@@ -58,9 +58,11 @@ def knot_limits(
         Dependency bits of what changes along a motion.
     """
     smoothness: dict[tuple[Node, int], int] = {}
+    with_edges: dict[bytes, int] = {}  # one table for all with the same knots
     for x, table, order in table_nodes(graph, rates):
         if x.deps & moving:
-            smoothness[x, table.key] = min(smoothness.get((x, table.key), 9), table.smoothness - order)
+            same = x, with_edges.setdefault(table.edges.tobytes(), table.key)
+            smoothness[same] = min(smoothness.get(same, 9), table.smoothness - order)
     if not smoothness:
         return None
     flow = dict(zip(state, rates, strict=True)) | {time: graph.one}

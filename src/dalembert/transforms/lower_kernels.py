@@ -77,6 +77,7 @@ def _kernel(
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
     body: list[Assignment] = []
+    pieces: dict[tuple[Operand, bytes], str] = {}
     for node in graph.topological(nodes, forms.args):
         op, values = forms.of(node)
         if op == "input":
@@ -91,7 +92,7 @@ def _kernel(
         else:
             args = tuple(operands[arg.index] for arg in values)
             if op == "table":
-                operands[node.index] = _table(namer, body, *args)
+                operands[node.index] = _table(namer, body, pieces, *args)
                 continue
             target = namer(_wish(op, args))
             body.append(Assignment(target, op, args))
@@ -101,16 +102,27 @@ def _kernel(
     return Kernel(name, arguments, tuple(loads), tuple(body), outputs)
 
 
-def _table(namer: Namer, body: list[Assignment], x: Operand, key: Operand, order: Operand) -> Operand:
-    """Write a table, or a derivative of it, as the polynomial of the piece that x lies in; return its value."""
+def _table(
+    namer: Namer,
+    body: list[Assignment],
+    pieces: dict[tuple[Operand, bytes], str],
+    x: Operand,
+    key: Operand,
+    order: Operand,
+) -> Operand:
+    """Write a table, or a derivative of it, as the polynomial of the piece that x lies in; return its value.
 
-    def write(name: str, op: str, *args: Operand) -> Operand:
+    `pieces` are those that have been found, by argument and edges: tables with the same edges share them.
+    """
+
+    def write(name: str, op: str, *args: Operand) -> str:
         target = namer(name)
         body.append(Assignment(target, op, args))
         return target
 
     assert not isinstance(key, str) and not isinstance(order, str)
-    place = write("piece", "piece", x, key)
+    same = x, table_of(key).edges.tobytes()
+    place = pieces.get(same) or pieces.setdefault(same, write("piece", "piece", x, key))
     rows = [coefficient_row(int(order), power) for power in range(table_of(key).degree - int(order) + 1)]
     value = write("number", "entry", place, key, float(rows[-1]))
     if len(rows) == 1:
