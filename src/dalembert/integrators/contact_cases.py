@@ -225,15 +225,21 @@ def _gap_terms(table: ContactTable, space: ContactSpace, cases: ContactCases, ca
 
 
 @compiled_subset
-def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether the gap of a contact closes, beyond what rounding leaves of the largest speeds so far.
+def _rounding_of_rate(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
+    """Return what rounding leaves of the rate of a gap that is zero, by the largest speeds so far.
 
-    It does not where it would take the whole span to close by what rounding makes of it.
+    It is at least what rounding of the gap amounts to in the whole span.
     """
     fastest = _gap_terms(table, space, cases, case, i) / max(abs(cases.span[case]), 1e-300)
     for j in range(table.constraint.size):
         fastest = max(fastest, cases.approach[case, j], cases.speeds[case, j])
-    return -gap_rate(table, space, i) > max(rate_noise(table, space, i), ROUNDED * fastest)
+    return max(rate_noise(table, space, i), ROUNDED * fastest)
+
+
+@compiled_subset
+def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether the gap of a contact closes, beyond rounding."""
+    return -gap_rate(table, space, i) > _rounding_of_rate(table, space, cases, case, i)
 
 
 @compiled_subset
@@ -316,6 +322,8 @@ def known_of(
     if before == OPEN and fired & MEET == 0 and not _arrives(table, space, cases, case, i, t):
         return FREE
     rate, noise = gap_rate(table, space, i), rate_noise(table, space, i)
+    if before == OPEN:  # of a body that has come to rest, rates are what rounding left of them
+        noise = _rounding_of_rate(table, space, cases, case, i)
     far = before == UNDECIDED and number(table, space, i, GAP) > _gap_noise(table, space, i)
     if far or (rate > noise and (before == UNDECIDED or not _unresolved(table, space, cases, case, i))):
         return FREE
