@@ -11,9 +11,11 @@ import pytest
 
 import dalembert as da
 from dalembert.errors import MissingExtraError, OptionError, StoredSweepError, StoredSweepWarning
-from dalembert.runtime.stored import execution
+from dalembert.runtime.stored import cluster as on_cluster
 from dalembert.runtime.stored import sweep as stored_sweep
+from dalembert.runtime.stored.chunks import ChunkJob
 from dalembert.runtime.stored.jax_device import device_of
+from dalembert.runtime.stored.machines import machine
 
 pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -46,42 +48,40 @@ def test_missing_packages_are_named_with_the_line_that_installs_them(model, tmp_
     assert not (tmp_path / "s.zarr").exists()
 
 
-def test_a_store_of_another_instruction_set_is_refused(model, tmp_path, monkeypatch):
-    model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr")
+@pytest.mark.parametrize("what", ["instruction set", "numpy"])
+def test_a_store_begun_with_other_code_is_not_completed_but_opened(model, tmp_path, monkeypatch, what):
+    """Where nothing is missing, nothing would be mixed."""
+    path, given = tmp_path / "s.zarr", ((0, 1), START, MANY)
+    whole = model.sweep(*given, to=path, chunk=20)
+    monkeypatch.setattr(stored_sweep, "machine", lambda names: {**machine(names), what: "another"})
+    np.testing.assert_array_equal(model.sweep(*given, to=path, chunk=20)["x"], whole["x"])
+    next((path / "x" / "c").iterdir()).unlink()
+    with pytest.raises(OptionError, match=rf"lacks chunks.*has the {what} 'another', and the sweep was begun with"):
+        model.sweep(*given, to=path, chunk=20)
 
-    class Other:
-        key = "another"
 
-    monkeypatch.setattr(stored_sweep, "target", Other)
-    with pytest.raises(OptionError, match=r"was begun for the instruction set .* runs 'another'.*DALEMBERT_TARGET"):
-        model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr")
-
-
-def test_a_worker_with_another_instruction_set_is_refused(model, tmp_path, monkeypatch):
+@pytest.mark.parametrize("what", ["instruction set", "dalembert", "numpy"])
+def test_a_worker_with_other_code_is_refused(model, tmp_path, monkeypatch, what):
     distributed = pytest.importorskip("distributed")
-
-    class Other:
-        key = "another"
-
-    monkeypatch.setattr(execution, "target", Other)
+    monkeypatch.setattr(on_cluster, "machine", lambda names: {**machine(names), what: "another"})
     with (
         distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
-        pytest.raises(StoredSweepError, match="this worker has the instruction set 'another'"),
+        pytest.raises(StoredSweepError, match=f"this worker has the {what} 'another'"),
     ):
         model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
 
 
 def test_a_cluster_without_workers_is_named_and_waited_for(model, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    watch = execution._watch
-    monkeypatch.setattr(execution, "_LOOK", 0.1)
+    watch = on_cluster._watch
+    monkeypatch.setattr(on_cluster, "_LOOK", 0.1)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
         later = threading.Timer(1.0, cluster.scale, (1,))
-        monkeypatch.setattr(execution, "_watch", lambda client: (later.start(), watch(client))[1])
+        monkeypatch.setattr(on_cluster, "_watch", lambda client: (later.start(), watch(client))[1])
         with pytest.warns(StoredSweepWarning, match=r"has no worker, and the sweep waits for one.*kept"):
             stored = model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
         later.join()
@@ -90,19 +90,19 @@ def test_a_cluster_without_workers_is_named_and_waited_for(model, tmp_path, monk
 
 def test_a_cluster_that_goes_away_ends_with_a_message(model, tmp_path):
     distributed = pytest.importorskip("distributed")
-    real, calls = execution.ChunkJob.given, []
+    real, calls = ChunkJob.given, []
     cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
     client = distributed.Client(cluster)
 
-    def given(self, store, chunk):
+    def given(self, chunk):
         calls.append(chunk)
         if len(calls) == 40:
             client.cancel(list(client.futures.values()) and [distributed.Future(k, client) for k in client.futures])
-        return real(self, store, chunk)
+        return real(self, chunk)
 
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(execution.ChunkJob, "given", given)
+            patch.setattr(ChunkJob, "given", given)
             with pytest.raises(StoredSweepError, match=r"the cluster cancelled it.*the same call goes on"):
                 model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=1, client=client)
     finally:

@@ -16,7 +16,7 @@ import dalembert as da
 from dalembert.errors import OptionError, StoredSweepError, ValueInputError
 from dalembert.methods.status import Status
 from dalembert.results import sampler
-from dalembert.runtime.stored.execution import ChunkJob
+from dalembert.runtime.stored.chunks import ChunkJob
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -131,17 +131,17 @@ def test_a_store_is_completed_and_nothing_is_computed_twice(model, tmp_path, mon
     path = tmp_path / "s.zarr"
     real, calls = ChunkJob.run, []
 
-    def run(self, store, chunk, given, threads):
+    def run(self, chunk, given, threads):
         if len(calls) == 2:
             raise KeyboardInterrupt
         calls.append(chunk)
-        real(self, store, chunk, given, threads)
+        real(self, chunk, given, threads)
 
     monkeypatch.setattr(ChunkJob, "run", run)
     with pytest.raises(KeyboardInterrupt):
         model.sweep((0, 2), START, MANY, to=path, chunk=20, threads=1)
     done, calls[:] = calls[:], []
-    monkeypatch.setattr(ChunkJob, "run", lambda *a: (calls.append(a[2]), real(*a)))
+    monkeypatch.setattr(ChunkJob, "run", lambda *a: (calls.append(a[1]), real(*a)))
     stored = model.sweep((0, 2), START, MANY, to=path, chunk=20, threads=2)
     assert done == [0, 1] and sorted(calls) == [2, 3, 4, 5]
     assert_same(stored, model.sweep((0, 2), START, MANY))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import count
-from typing import final
+from typing import Any, final
 
 from .algebra import Algebra
 from .node import Node, UnitName, unit_names
@@ -39,6 +39,18 @@ class Graph(Algebra):
         made._inputs = {name: made.nodes[node.index] for name, node in self._inputs.items()}
         made.zero, made.one = made.nodes[self.zero.index], made.nodes[self.one.index]
         return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the graph as rows of numbers: nodes refer to each other to any depth."""
+        rows = [
+            (n.op, [arg.index for arg in n.args], n.payload, n.fingerprint, n.cost, n.deps, n.circle)
+            for n in self.nodes
+        ]
+        places = [
+            {key: node.index for key, node in self._by_value.items()},
+            {name: node.index for name, node in self._inputs.items()},
+        ]
+        return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors)
 
     @staticmethod
     def topological(
@@ -164,3 +176,26 @@ class Graph(Algebra):
                 continue
             return fixed if fixed is node and not node.deps & mask else None
         return None
+
+
+def _graph_of(
+    rows: Sequence[tuple[Any, ...]],
+    places: tuple[Mapping[int, int], Mapping[str, int]],
+    decimals: dict[int, float],
+    written: bool,
+    samples: dict[int, dict[int, tuple[float, float, bool]]],
+    errors: dict[int, Any],
+) -> Graph:
+    """Return a graph that has left the process, with the same values in the same forms, and the same numbers."""
+    made = Graph.__new__(Graph)
+    made.decimals, made.written, made.samples, made._errors = decimals, written, samples, errors
+    made.nodes = [
+        Node(made, index, op, (), payload, value, cost, deps)
+        for index, (op, _, payload, value, cost, deps, _) in enumerate(rows)
+    ]
+    for node, (_, args, _, _, _, _, circle) in zip(made.nodes, rows, strict=True):
+        node.args, node.circle = tuple(made.nodes[index] for index in args), circle
+    made._by_value = {value: made.nodes[index] for value, index in places[0].items()}
+    made._inputs = {name: made.nodes[index] for name, index in places[1].items()}
+    made.zero, made.one = made._by_value[0], made._by_value[1]
+    return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 if TYPE_CHECKING:
     from . import fingerprint as fp
@@ -106,7 +106,15 @@ class Node:
     def __neg__(self) -> Node:
         return self.graph.neg(self)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _node_of, (self.graph, self.index)
+
     def __repr__(self) -> str:
         if self.op in ("const", "input"):
             return f"<{self.payload}>"
         return f"<{self.index}: {self.op}({', '.join(str(a.index) for a in self.args)})>"
+
+
+def _node_of(graph: Algebra, index: int) -> Node:
+    """Return a node of a graph that has left the process."""
+    return graph.nodes[index]

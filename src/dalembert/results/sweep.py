@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -29,7 +29,8 @@ __all__ = ["NO_MODE", "CaseFailure", "CaseResults", "EventCounts", "Sweep", "Swe
 
 NO_MODE = -1
 """Number of the mode of scenes without contacts."""
-_BLOCK = 65_536
+_BLOCK = 8192
+"""States of which values are computed at a time: their intermediate values stay near the processor."""
 
 
 @final
@@ -110,6 +111,10 @@ class CaseResults(ABC):
     @abstractmethod
     def _sampled(self, key: Any) -> FloatArray:
         """Return values (n_case, n_t) of something at the samples."""
+
+    def _by_name(self, names: Iterable[str]) -> dict[str, FloatArray]:
+        """Return ``self[name]`` of several names; subclasses compute what these have in common once."""
+        return {name: self[name] for name in names}
 
     def __len__(self) -> int:
         return len(self.t)
@@ -225,8 +230,7 @@ class CaseResults(ABC):
             varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
             coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
         data: dict[str, Any] = {}
-        for name in dict.fromkeys((*layout.variables, *layout.outputs, "energy")):
-            values = self[name]
+        for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
             key = f"{name}_value" if name in self.axes else name
             data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
         for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
@@ -330,34 +334,58 @@ class Sweep(CaseResults):
         return tuple(dict.fromkeys((*layout.variables, *layout.state, *layout.outputs)))
 
     def _final(self, key: Any) -> FloatArray:
-        return self._values(key, self.y[:, np.newaxis, :], self._own_t[:, np.newaxis])[:, 0]
+        return self._at_ends([key])[0]
 
     def _sampled(self, key: Any) -> FloatArray:
-        assert self.samples is not None and self._own_t_eval is not None
-        return self._values(key, self.samples, np.broadcast_to(self._own_t_eval, self.samples.shape[:2]))
+        return self._at_samples([key])[0]
 
-    def _values(self, key: Any, y: FloatArray, t: FloatArray) -> FloatArray:
-        """Return values (n_case, n_t) of something at states (n_case, n_t, n_y), a block of cases at a time."""
+    def _by_name(self, names: Iterable[str]) -> dict[str, FloatArray]:
+        keys = list(names)
+        return dict(zip(keys, self._at_ends(keys) if self.t_eval is None else self._at_samples(keys), strict=True))
+
+    def _at_ends(self, keys: Sequence[Any]) -> list[FloatArray]:
+        return [each[:, 0] for each in self._values(keys, self.y[:, np.newaxis, :], self._own_t[:, np.newaxis])]
+
+    def _at_samples(self, keys: Sequence[Any]) -> list[FloatArray]:
+        assert self.samples is not None and self._own_t_eval is not None
+        return self._values(keys, self.samples, np.broadcast_to(self._own_t_eval, self.samples.shape[:2]))
+
+    def _values(self, keys: Sequence[Any], y: FloatArray, t: FloatArray) -> list[FloatArray]:
+        """Return values (n_case, n_t) of some keys at states (n_case, n_t, n_y), a block of cases at a time."""
         layout = self._program.layout
-        name = layout.aliases.get(str(key), str(key))
-        if name in layout.state:
-            return y[:, :, layout.state.index(name)].copy()
-        kernel, column = self._source(name, str(key))
-        values = np.empty(y.shape[:2])
-        if not values.size:
-            return values
+        found: list[FloatArray] = []
+        sources: list[tuple[FloatArray, str, int | None]] = []
+        for key in keys:
+            name = layout.aliases.get(str(key), str(key))
+            if name in layout.state:
+                found.append(y[:, :, layout.state.index(name)].copy())
+                continue
+            found.append(np.empty(y.shape[:2]))
+            sources.append((found[-1], *self._source(name, str(key))))
         width = max(1, y.shape[1])
-        for first in range(0, len(y), max(1, _BLOCK // width)):
-            block = slice(first, first + max(1, _BLOCK // width))
+        step = max(1, _BLOCK // width)
+        for first in range(0, len(y) if sources and y.shape[1] else 0, step):
+            block = slice(first, first + step)
             count = len(y[block])
-            c = self._constants(block, t[block])
-            states, times = y[block].reshape(count * width, -1), t[block].ravel()
-            if kernel == "energy":
-                states = interpret_rows(self._program.kernel("expand"), times, states, c)
-            out = interpret_rows(self._program.kernel(kernel), times, states, c)
-            chosen = out.sum(axis=1) if column is None else out[:, column]
-            values[block] = chosen.reshape(count, width)
-        return values
+            kernels = self._kernels_at(y[block].reshape(count * width, -1), t[block], self._constants(block, t[block]))
+            for values, kernel, column in sources:
+                out = kernels(kernel)
+                chosen = out.sum(axis=1) if column is None else out[:, column]
+                values[block] = chosen.reshape(count, width)
+        return found
+
+    def _kernels_at(self, y: FloatArray, t: FloatArray, c: FloatArray) -> Callable[[str], FloatArray]:
+        """Return a function of the name of a kernel that computes its outputs (k, n_out), once for each name."""
+        known: dict[str, FloatArray] = {}
+        times = t.ravel()
+
+        def outputs(kernel: str) -> FloatArray:
+            if kernel not in known:
+                states = outputs("expand") if kernel == "energy" else y
+                known[kernel] = interpret_rows(self._program.kernel(kernel), times, states, c)
+            return known[kernel]
+
+        return outputs
 
     def _source(self, name: str, text: str) -> tuple[str, int | None]:
         """Return the kernel that computes `name`, and its output; None for the sum of all."""

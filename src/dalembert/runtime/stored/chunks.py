@@ -1,20 +1,49 @@
-"""Results of the chunks of a stored sweep, as arrays over the cases."""
+"""Chunks of a stored sweep: their cases, their results as arrays over the cases, and how they come into the store."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from ...options import SweepOptions
 from .request import Part, Request
-from .store import Columns
+from .store import Columns, Store
 from .swept_models import SweptModel
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["columns_of", "results_of"]
+__all__ = ["ChunkJob", "columns_of", "results_of"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ChunkJob:
+    """The common part of all chunks of a sweep: model, options, cases, leading cases, store."""
+
+    model: SweptModel
+    options: SweepOptions
+    request: Request
+    leaders: Sequence[int]
+    store: Store
+
+    def cases(self, chunk: int) -> tuple[int, int]:
+        """Return the number of the first case of a chunk, and of the one behind its last."""
+        first = chunk * self.store.rows * self.request.row
+        return first, min(first + self.store.rows * self.request.row, self.request.count)
+
+    def given(self, chunk: int) -> Part:
+        """Return the arrays of a chunk."""
+        return self.request.given(*self.cases(chunk), self.leaders)
+
+    def run(self, chunk: int, given: Part, threads: int) -> None:
+        """Compute a chunk from its arrays, and write it."""
+        part = self.request.completed(given, *self.cases(chunk), self.leaders)
+        results = results_of(self.model, part, replace(self.options, threads=threads))
+        self.store.write(chunk, self.request, columns_of(results, self.request))
 
 
 def results_of(model: SweptModel, part: Part, options: SweepOptions) -> xarray.Dataset:

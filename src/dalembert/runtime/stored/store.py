@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MissingExtraError, OptionError
+from .digests import checksum, digest_of
 from .request import Request
 
 __all__ = ["COORDINATES", "DIGEST", "Store", "StoreLayout", "packages"]
 
 DIGEST, CHUNK, COORDINATES = "dalembert_digest", "dalembert_chunk", "dalembert_coordinates"
-_PROGRESS, _DONE = "progress", "progress/done"
+_PROGRESS, _DONE, _PROGRAM = "progress", "progress/done", "program-"
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -207,17 +206,28 @@ class Store:
         further = {name: self.group[name].shape[len(request.shape) :] for name in names}
         return mark == checksum({name: values.reshape(cases, *further[name]) for name, values in found.items()})
 
+    def keep_program(self, digest: str, data: bytes) -> None:
+        """Keep the program of a model for the workers of a cluster."""
+        if self.program(digest) != data:
+            place = f"{_PROGRESS}/{_PROGRAM}{digest}"
+            self.group.create_array(place, data=np.frombuffer(data, np.uint8), overwrite=True)
+
+    def program(self, digest: str) -> bytes | None:
+        """Return the program that has a digest, None where there is none, or where it is damaged."""
+        try:
+            data = np.asarray(self.group[f"{_PROGRESS}/{_PROGRAM}{digest}"][:]).tobytes()
+        except Exception:  # whatever a decoder says of a damaged piece
+            return None
+        return data if digest_of(data) == digest else None
+
+    def drop_programs(self) -> None:
+        """Remove the programs, of clusters that were lost too."""
+        progress = self.group[_PROGRESS]
+        for name in [name for name in progress.array_keys() if name.startswith(_PROGRAM)]:
+            del progress[name]
+
     def dataset(self) -> Any:
         """Return the results as an ``xarray.Dataset`` that reads the store when it is asked."""
         _, xarray = packages()
         found = xarray.open_zarr(self.where, consolidated=False)
         return found.set_coords(list(self.group.attrs[COORDINATES]))
-
-
-def checksum(columns: Columns) -> int:
-    """Return a number above 0 that belongs to these results."""
-    seal = blake2b(digest_size=8)
-    for name in sorted(columns):
-        values: NDArray[Any] = np.ascontiguousarray(columns[name])
-        seal.update(f"{name} {values.shape} {values.dtype.str} {crc32(values.data)}".encode())
-    return int.from_bytes(seal.digest(), "little") | 1

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...codegen.llvm.target import target
-from ...errors import MissingExtraError, OptionError
+from ...errors import MissingExtraError, OptionError, StoredSweepError
 from ...options import StoreOptions, SweepOptions
 from ...version import __version__
 from ..cases import available_threads
-from .chunks import columns_of, results_of
-from .execution import ChunkJob, compute_missing
+from .chunks import ChunkJob, columns_of, results_of
+from .execution import compute_missing
+from .machines import difference, machine, names_of
 from .request import Given, Request, request_of
 from .store import COORDINATES, DIGEST, Columns, Store, StoreLayout, packages
 from .swept_models import SweptModel
@@ -32,7 +32,7 @@ _PILOT, _LARGEST_PILOT, _PILOT_SECONDS = 256, 1 << 14, 0.02
 """Cases that are run first, at least and at most, and for how long, to learn the time that a case takes [s]."""
 _SECONDS, _BYTES, _FEWEST_BYTES = 4.0, 128 << 20, 16 << 20
 """Most seconds of one thread, and most bytes of results, of a chunk; threads of this process share these bytes."""
-_TARGET = "dalembert_target"
+_MACHINE = "dalembert_machine"
 _NO_MATTER = ("grid", "inputs", "threads", "progress")
 """Options on which results do not depend, or that are among the cases."""
 
@@ -77,24 +77,37 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
         store = Store.create(where.to, _rows(where.chunk, request, columns, seconds, most), attributes)
     _refuse_other(store, where, attributes)
     told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
-    store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), told))
-    compute_missing(ChunkJob(model, each, request, leaders, store.where, target().key), store, where, options.progress)
+    layout = StoreLayout(columns, _coordinates(request, pilot), told)
+    try:
+        store.lay_out(request, layout)
+    except OSError as error:
+        raise StoredSweepError(
+            f"the store {str(where.to)!r} could not be laid out: {error}. The same call goes on where this one ended"
+        ) from error
+    missing = store.missing(request)
+    if missing:
+        _refuse_other_machine(store, where, attributes)
+        job = ChunkJob(model, each, request, leaders, store)
+        compute_missing(job, missing, where, options.progress, attributes[_MACHINE])
     return store.dataset()
 
 
 def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
-    """Refuse a store of another sweep, and one that was begun for another instruction set."""
+    """Refuse a store of another sweep."""
     held = store.group.attrs
     if held[DIGEST] != attributes[DIGEST]:
         raise OptionError(
             f"to={where.to!r} holds another sweep ({_difference(held, attributes)}); nothing was written."
             " Choose another name, or remove it"
         )
-    if held[_TARGET] != attributes[_TARGET]:
+
+
+def _refuse_other_machine(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
+    """Refuse to go on with a store that was begun with another instruction set, or with other versions."""
+    different = difference(store.group.attrs.get(_MACHINE, {}), attributes[_MACHINE])
+    if different:
         raise OptionError(
-            f"to={where.to!r} was begun for the instruction set {held[_TARGET]!r}, and this processor runs"
-            f" {attributes[_TARGET]!r}: results would differ in their last digits. Set DALEMBERT_TARGET to a common one"
-            " and begin anew"
+            f"to={where.to!r} lacks chunks, whose last digits would be other ones here: this process has {different}"
         )
 
 
@@ -149,7 +162,7 @@ def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilo
     tolerances = {"rtol": options.rtol, "atol": options.atol}
     versions = {"python_version": platform.python_version(), "numpy_version": np.__version__}
     told = {**known, **tolerances, **versions, "scene_digest": parts["scene"]}
-    return {**told, DIGEST: whole_digest, "dalembert_parts": parts, _TARGET: target().key}
+    return {**told, DIGEST: whole_digest, "dalembert_parts": parts, _MACHINE: machine(names_of(model.model.backend))}
 
 
 def _plain(value: Any) -> str:

@@ -1,0 +1,177 @@
+"""Chunks of a stored sweep on the workers of a cluster of dask.
+
+The program of the model is kept in the store while the sweep runs, and each process reads it once: data that workers
+hold is lost with them, and a task that carried it would burden the scheduler. A task has the options of the sweep, a
+few kilobytes, and the arrays of its chunk.
+"""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from threading import Event, Thread
+from typing import Any, final
+from uuid import uuid4
+
+from ...errors import StoredSweepError, StoredSweepWarning
+from ...once import derived_once
+from ...options import SweepOptions
+from .chunks import ChunkJob
+from .digests import digest_of
+from .machines import difference, machine
+from .outcomes import LostCluster, Outcomes
+from .programs import packed, unpacked
+from .request import Part, Request
+from .store import Store
+from .swept_models import SweptModel
+
+__all__ = ["by_cluster"]
+
+_WAITING = 3
+"""Chunks that a thread of a cluster has before it."""
+_MOST_DEATHS = 8
+"""Times that a cluster may give up a chunk because its workers died, before it counts as failed."""
+_LOOK = 20.0
+"""Seconds after which it is looked again whether a cluster has any worker."""
+_MOST = 4
+"""Jobs, and models, that a process of a cluster keeps."""
+_JOBS: dict[bytes, ChunkJob] = {}
+"""Jobs that were sent to this process."""
+_MODELS: dict[str, SweptModel] = {}
+"""Models of these jobs, and of earlier ones, by the digests of their programs."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _SentJob:
+    """A `ChunkJob` on its way to a worker.
+
+    Attributes
+    ----------
+    program : str
+        Digest of the program of the model, which is in the store.
+    backend : str
+        Of the model.
+    options, request, leaders
+        As in `ChunkJob`, the request without arrays.
+    where : zarr store or path
+    number : str
+        Different in every sweep: a store of the same name may be another one by then.
+    """
+
+    program: str
+    backend: str
+    options: SweepOptions
+    request: Request
+    leaders: Sequence[int]
+    where: Any
+    number: str
+
+    def received(self) -> ChunkJob:
+        """Return the job in a process of a cluster.
+
+        Raises
+        ------
+        StoredSweepError
+            Where that sees another store, or none.
+        """
+        store = Store.open(self.where)
+        program = None if store is None else store.program(self.program)
+        if store is None or (program is None and self.program not in _MODELS):
+            raise StoredSweepError(
+                f"this worker does not see the store {str(self.where)!r}, or another one; all machines must share it"
+            )
+        if self.backend == "jax":
+            from .jax_device import take_own_device
+
+            take_own_device()
+        model = derived_once(_MODELS, self.program, lambda: unpacked(program or b""), most=_MOST)
+        return ChunkJob(model, self.options, self.request, self.leaders, store)
+
+
+def by_cluster(job: ChunkJob, missing: Sequence[int], client: Any, wanted: Mapping[str, str]) -> Outcomes:
+    """Compute chunks by the workers of a cluster, which must have the `wanted` instruction set and versions."""
+    from distributed import KilledWorker, as_completed
+
+    program = packed(job.model)
+    digest, request = digest_of(program), job.request.without_arrays()
+    job.store.keep_program(digest, program)
+    backend = job.model.model.backend
+    text = pickle.dumps(_SentJob(digest, backend, job.options, request, job.leaders, job.store.where, uuid4().hex))
+    waiting: Any = as_completed()  # type: ignore[no-untyped-call]
+    rest, deaths, chunks = iter(missing), Counter[int](), dict[Any, int]()
+
+    def submit(chunk: int) -> None:
+        task = client.submit(_run_remotely, wanted, text, chunk, job.given(chunk), pure=False, retries=2)
+        chunks[task] = chunk
+        waiting.add(task)
+
+    watch = _watch(client)
+    try:
+        for _, chunk in zip(range(_WAITING * max(1, sum(client.nthreads().values()))), rest, strict=False):
+            submit(chunk)
+        for task in waiting:
+            chunk, error = chunks.pop(task), None
+            if task.status in ("cancelled", "lost"):
+                error = LostCluster("the cluster cancelled it, or does not answer any more")
+            elif task.status != "finished":
+                error = task.exception()
+            task.release()
+            if isinstance(error, KilledWorker) and deaths[chunk] < _MOST_DEATHS:
+                deaths[chunk] += 1
+                submit(chunk)
+                continue
+            for following in rest:
+                submit(following)
+                break
+            yield chunk, error
+        job.store.drop_programs()
+    finally:
+        watch.set()
+        if chunks and client.status == "running":
+            client.cancel(list(chunks))
+
+
+def _watch(client: Any) -> Event:
+    """Warn from now on, until the event is set, each time that a cluster comes to have no worker."""
+    ended = Event()
+
+    def look() -> None:
+        absent = False
+        while not ended.wait(_LOOK) and client.status == "running":
+            without = not client.nthreads()
+            if without and not absent:
+                warnings.warn(
+                    "the cluster of this sweep has no worker, and the sweep waits for one: start workers, or end it"
+                    " (Ctrl-C) and call it again later; chunks that are done are kept",
+                    StoredSweepWarning,
+                    stacklevel=2,
+                )
+            absent = without
+
+    Thread(target=look, daemon=True).start()
+    return ended
+
+
+# -- in the processes of a cluster -----------------------------------------------------------------
+
+
+def _run_remotely(wanted: Mapping[str, str], text: bytes, chunk: int, given: Part) -> None:
+    """Compute a chunk in a process of a cluster."""
+    different = difference(wanted, machine(wanted))
+    if different:
+        raise StoredSweepError(f"this worker has {different}")
+    _job_of(text).run(chunk, given, threads=1)
+
+
+def _job_of(text: bytes) -> ChunkJob:
+    """Return a job that was sent to this process, its model compiled once, whichever threads need it."""
+    return derived_once(_JOBS, text, lambda: _received(text), most=_MOST)
+
+
+def _received(text: bytes) -> ChunkJob:
+    sent: _SentJob = pickle.loads(text)
+    return sent.received()

@@ -1,0 +1,44 @@
+"""Instruction set and versions on which the last bits of results depend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import version
+
+from ...codegen.llvm.target import target
+from ...version import __version__
+
+__all__ = ["difference", "machine", "names_of"]
+
+_INSTRUCTIONS = "instruction set"
+_PACKAGES = ("numpy", "sympy", "llvmlite")
+_OF_BACKENDS = {"numba": ("numba",), "jax": ("jax", "jaxlib", "diffrax"), "numpy": ("scipy",)}
+
+
+def names_of(backend: str) -> tuple[str, ...]:
+    """Return the names of what results of a backend depend on."""
+    return (_INSTRUCTIONS, "dalembert", *_PACKAGES, *_OF_BACKENDS.get(backend, ()))
+
+
+def machine(names: Iterable[str]) -> dict[str, str]:
+    """Return, by name, what this process has."""
+    own = {_INSTRUCTIONS: lambda: target().key, "dalembert": lambda: __version__}
+    return {name: own[name]() if name in own else _version(name) for name in names}
+
+
+@cache
+def _version(package: str) -> str:
+    return version(package)
+
+
+def difference(wanted: Mapping[str, str], has: Mapping[str, str]) -> str:
+    """Return what is different on a machine, with the remedy; nothing where all is the same."""
+    for name, value in wanted.items():
+        if has.get(name) == value:
+            continue
+        remedy = f"install {name} {value}"
+        if name == _INSTRUCTIONS:
+            remedy = "set DALEMBERT_TARGET to a common one on all machines, and begin anew where none is set"
+        return f"the {name} {has.get(name)!r}, and the sweep was begun with {value!r}; {remedy}"
+    return ""
