@@ -8,7 +8,14 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import CapabilityError, OptionError, RunFailedError, UnknownNameError
+from dalembert.errors import (
+    CapabilityError,
+    OptionError,
+    PrecisionWarning,
+    RunFailedError,
+    UnknownNameError,
+    ValueInputError,
+)
 from dalembert.methods.status import Status
 
 jax = pytest.importorskip("jax")
@@ -160,9 +167,70 @@ def test_contacts_run_in_traced_code_forward(bouncing):
         few(times, start, P)
 
 
+def test_dense_output_is_that_of_the_wanted_times(bouncing):
+    start = {"x": 0.0, "y": 1.0, "x_dot": 1.0, "y_dot": 0.0}
+    stop = da.Event("x", direction=1, terminal=True, name="never")
+    solve = bouncing.solve_fn(start, events=[da.Event("y_dot", name="top"), stop], dense=True, **OPTIONS)
+    times, bounces = np.array([1.1, 0.0, 0.3, 1.5, 1.6, -0.1]), np.array([0.5, 0.9])
+    motions = jax.jit(jax.vmap(lambda e: solve([0.0, 1.5], start, {**P, "e": e})))(bounces).dense
+    found = jax.vmap(lambda motion: motion(times))(motions)
+    wanted = jax.vmap(lambda e: solve(np.sort(times[:4]), start, {**P, "e": e}))(bounces)
+    order = np.argsort(times[:4])
+    for name in ("y", "q", "qdot", "outputs"):
+        rows = np.asarray(getattr(found, name))
+        np.testing.assert_array_equal(rows[:, :4][:, order], getattr(wanted, name))
+        assert np.all(np.isnan(rows[:, 4:]))
+    one = jax.tree.map(lambda leaf: leaf[1], motions)(0.3)
+    assert one.q.shape == (2,)
+    np.testing.assert_array_equal(one.q, found.q[1, 2])
+    with pytest.raises(ValueInputError, match="time or times"):
+        motions(np.zeros((2, 2)))
+
+
+def test_dense_output_is_differentiated_up_to_the_end(model):
+    ends = da.Event(h - level, direction=-1, terminal=True, name="end")
+    solve = model.solve_fn(events=[ends], dense=True, **OPTIONS)
+
+    def place(t, g):
+        run = solve(T - 0.5, [0.6, 3.0], {"m": 2.0, "g": g, "level": 0.1})
+        return run.dense(jax.numpy.stack([t, run.end.t])).q[:, 0]
+
+    both = jax.jit(lambda *a: (place(*a), jax.jacfwd(place, (0, 1))(*a)), compiler_options=QUICK)
+    values, (by_t, by_g) = both(0.2, 9.81)
+    np.testing.assert_allclose(values, [1.2 - 9.81 * 0.02, 0.1], rtol=1e-10)
+    np.testing.assert_allclose(by_t[0], 3.0 - 9.81 * 0.2, rtol=1e-9)
+    np.testing.assert_allclose(by_g, [-0.02, 0.0], rtol=1e-8, atol=1e-9)
+    assert np.all(np.isnan(both(0.9, 9.81)[0][:1]))
+
+
+def test_single_precision_has_double_runs_on_the_host(model, bouncing):
+    start, times = {"x": 0.0, "y": 1.0, "x_dot": 1.0, "y_dot": 0.0}, np.float32([0.0, 0.5, 1.0, 1.5])
+    contacts = bouncing.solve_fn(start, events=["y_dot"], reduce={"top": da.maximum("y")}, dense=True)
+    double = contacts(times, start, P)
+    ends = da.Event(h - level, direction=-1, terminal=True, name="end")
+    solve = model.solve_fn(events=[ends], method="tsit5", dense=True)
+    with jax.enable_x64(False):
+        found = contacts(times, start, {name: np.float32(value) for name, value in P.items()})
+        np.testing.assert_allclose(found.q, double.q, rtol=1e-6, atol=1e-6)
+        np.testing.assert_array_equal(found.status, double.status)
+        assert {leaf.dtype.name for leaf in jax.tree.leaves(found)} == {"float32", "int32"}
+
+        def end(level):
+            run = solve(times, [0.6, 3.0], {"m": 2.0, "g": 9.81, "level": level})
+            return run.end.t, run.dense(run.end.t).y
+
+        (time, y), slope = jax.jit(lambda level: (end(level), jax.grad(lambda at: end(at)[0])(level)))(0.1)
+        rate = -np.sqrt(9.0 + 2 * 9.81 * 0.5)
+        np.testing.assert_allclose([time, *y], [(3.0 - rate) / 9.81, 0.1, rate], rtol=1e-5)
+        np.testing.assert_allclose(slope, 1.0 / rate, rtol=1e-4)
+        small = model.solve_fn(events=[ends], method="tsit5", rtol=1e-12)
+        with pytest.warns(PrecisionWarning, match="rtol = 1e-12 asks"):
+            jax.make_jaxpr(
+                jax.grad(lambda level: small(times, [0.6, 3.0], {"m": 2.0, "g": 9.81, "level": level}).end.t)
+            )(0.1)
+
+
 def test_faults(model, bouncing):
-    with pytest.raises(OptionError, match=r"no dense output.*events="):
-        model.solve_fn(events=[h], dense=True)
     for each in (model, bouncing):
         with pytest.raises(UnknownNameError, match="'altitude'"):
             each.solve_fn(events=["altitude"])
@@ -173,5 +241,3 @@ def test_faults(model, bouncing):
         solve(T, [1.0, 0.0], {"m": 1.0, "g": 9.81})
     with pytest.raises(CapabilityError, match='backend="jax"'):
         da.compile_model(da.scenes.bouncing_ball()).solve_fn()
-    with jax.enable_x64(False), pytest.raises(OptionError, match="jax_enable_x64"):
-        solve(T, [1.0, 0.0], {"m": 1.0, "g": 9.81, "level": 0.1})

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..codegen.host_runs import HostedRuns, HostRun
-from ..errors import InitialStateError, OptionError, list_names
+from ..errors import InitialStateError, list_names
 from ..integrators.event_code import Event, event_list
 from ..integrators.samples import Samples, samples
 from ..ir.input_parameters import coefficient_places
@@ -217,11 +217,6 @@ def hosted_runs(
     if code is None:
         return None
     layout, inputs = model.layout, model._inputs
-    if options.dense:
-        raise OptionError(
-            "solve_fn with events or reductions has no dense output: give solve the times that are wanted, or leave"
-            " out events= and reduce="
-        )
     runner = _runner(model.variants.on_backend(_BACKEND), layout.state, given, method, options, events, reduce)
     watched, refusal = (code.watch.values, code.watch.begins), _refusal(model, runner.events, runner.reductions)
     return HostedRuns(runner, layout, inputs, layout.state, watched, _terminal(runner), refusal)

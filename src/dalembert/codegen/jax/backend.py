@@ -180,7 +180,8 @@ class JaxEngine(Engine):
 
     def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> HostedSolve:
         """See `TracedEngine.hosted_solve_fn`."""
-        native = None if hosted.watched is None else Solve(self._program, start, options, hosted.inputs)
+        plain = replace(options, dense=False, throw=False)
+        native = None if hosted.watched is None else Solve(self._program, start, plain, hosted.inputs)
         return HostedSolve(hosted, options, native)
 
     whole_blocks: ClassVar[bool] = True

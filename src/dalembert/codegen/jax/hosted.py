@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...integrators.feedback import Feedback
 from ...integrators.jax.kernels import stacked
 from ...integrators.jax.linear_maps import apply
-from ...integrators.jax.unknown import Sloped
+from ...integrators.jax.unknown import Sloped, without_derivative
 from ...integrators.samples import Samples
 from ...methods.status import Status
 from ...once import once_property
@@ -23,6 +23,7 @@ from ..host_runs import HostedRuns, HostRun
 from ..printers import JAX
 from .arguments import parameters_of, times, vector
 from .host_calls import on_host
+from .hosted_dense import HostedDense
 from .kernels import compile_kernel
 from .pointwise import StateFunctions
 from .pure import Solve, refusing
@@ -43,7 +44,8 @@ class HostedSolve:
     """``solve(t, initial, p, inputs=None)`` as `Solve`, with events, reductions or contacts.
 
     The runs are those of the compiled backend, which the traced program calls on the host: one call for a whole batch,
-    whatever device holds its arrays. Derivatives, where there are any, are those of traced runs to the times at which
+    whatever device holds its arrays. They compute in double precision: in a process of single precision, arguments and
+    results have it, and derivatives. Derivatives, where there are any, are those of traced runs to the times at which
     events occurred, and by the implicit function theorem those of these times. They are first derivatives.
 
     Parameters
@@ -70,11 +72,6 @@ class HostedSolve:
 
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see `Solve`. Inputs are numbers or samples."""
-        if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            raise OptionError(
-                "runs with events, reductions or contacts are in double precision, which is off in this process: set"
-                ' jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
-            )
         t, layout = times(t), self._hosted.layout
         numbers, given = inputs_of(layout, self._hosted.inputs, inputs, t)
         _refuse_functions(given)
@@ -105,7 +102,8 @@ class HostedSolve:
         reduced = {name: run.reduced[i] for i, name in enumerate(runner.reductions)}
         y, q, qdot, outputs = self._split(run.rows)
         last = States(end, *self._split(run.end))
-        return Solved(t, y, q, qdot, outputs, status.astype(int), steps.astype(int), None, None, last, events, reduced)
+        dense = HostedDense(self, (t[0], t[-1], end), (initial, p, given)) if self._options.dense else None
+        return Solved(t, y, q, qdot, outputs, status.astype(int), steps.astype(int), None, dense, last, events, reduced)
 
     def _split(self, rows: Any) -> tuple[Any, Any, Any, Any]:
         """Return state, coordinates, rates and outputs from rows (..., n) of them all."""
@@ -121,24 +119,37 @@ class HostedSolve:
         run = jax.custom_jvp(self._called)
 
         def push(values: Any, tangents: Any) -> Any:
-            if self._hosted.refusal:
-                raise OptionError(self._hosted.refusal)
-            refuse_given(values[-1], self._options)
+            self._refuse_derivatives(values[-1])
             # What does not change is left out: derivatives by knots may not exist.
             flat, tree = jax.tree.flatten(values)
             changes = jax.tree.leaves(tangents)
             moving = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
 
-            def of_moving(*some: Any) -> HostRun:
+            def of_moving(*some: Any) -> tuple[HostRun, HostRun]:
                 whole = list(flat)
                 for i, value in zip(moving, some, strict=True):
                     whole[i] = value
                 return self._differentiable(*jax.tree.unflatten(tree, whole))
 
-            return jax.jvp(of_moving, [flat[i] for i in moving], [changes[i] for i in moving])
+            of = [flat[i] for i in moving], [changes[i] for i in moving]
+            _, pushed, held = jax.jvp(of_moving, *of, has_aux=True)
+            return held, pushed
 
         run.defjvp(push, symbolic_zeros=True)
         return run
+
+    def _refuse_derivatives(self, given: Given) -> None:
+        """Refuse derivatives that traced runs do not give.
+
+        Raises
+        ------
+        OptionError
+        """
+        if self._hosted.refusal:
+            raise OptionError(self._hosted.refusal)
+        assert self._native is not None
+        refuse_given(given, self._native.options)
+        self._native.check_precision(given)
 
     def _called(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
         """Return how a run on the host went."""
@@ -173,8 +184,8 @@ class HostedSolve:
 
     # -- its derivatives ------------------------------------------------------------------
 
-    def _differentiable(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
-        """Return what `_called` does, from a traced run to the times of events, which are differentiated."""
+    def _differentiable(self, t: Any, initial: Any, p: Any, given: Given) -> tuple[HostRun, HostRun]:
+        """Return what `_called` does from a traced run to the times of events, for its derivatives, and as it is."""
         native = self._native
         assert native is not None
         held = self._called(*(jax.lax.stop_gradient(value) for value in (t, initial, p, given)))
@@ -195,17 +206,18 @@ class HostedSolve:
             here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
             end = jnp.where(here & terminal, moved[count + i], end)
         whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
-        end = jnp.where(whole, end, _moved(held.numbers[0], jnp.where(whole, 0.0, jnp.nan), (t, initial, p, given)))
+        end = jnp.where(whole, end, without_derivative(held.numbers[0], whole, (t, initial, p, given)))
         reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
         wanted = jnp.append(jnp.where(reached, t, end), end)
         rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p, given), axis=1)
         known = jnp.isfinite(held.rows)
-        return held._replace(
+        found_there = held._replace(
             rows=jnp.where(known, rows[:-1], jnp.nan),
             end=rows[-1],
             numbers=held.numbers.at[0].set(end),
             happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
         )
+        return found_there, held
 
     def _occurs(self, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
         """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
@@ -239,18 +251,6 @@ def _at(
     solved = native.motion(every[order], initial, p, given)
     back = jnp.argsort(order)
     return solved.y[back], solved.q[back], solved.qdot[back], solved.outputs[back]
-
-
-@jax.custom_jvp
-def _moved(value: Any, slope: Any, sources: Any) -> Any:
-    """Return a number, whose derivatives by all `sources` are the slope."""
-    return value
-
-
-@_moved.defjvp
-def _(values: Any, tangents: Any) -> tuple[Any, Any]:
-    moved = sum(jnp.sum(change) for change in jax.tree.leaves(tangents[2]))
-    return values[0], apply(Sloped(), values[1], moved)
 
 
 def _refuse_functions(given: Given) -> None:

@@ -135,15 +135,10 @@ class Solve:
 
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
-        if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            require_single(self._program, self._options.method)
-            warn_below_single(self._options)
         t, layout = times(t), self._program.layout
         numbers, given = inputs_of(layout, self._inputs, inputs, t)
-        if given:
-            require_double_for_inputs()
-        if given:
-            refuse_given(given, self._options)
+        self.check_precision(given)
+        refuse_given(given, self._options)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
         if self._options.throw:
@@ -160,6 +155,25 @@ class Solve:
     def program(self) -> Program:
         """The compiled program."""
         return self._program
+
+    @property
+    def options(self) -> SolveOptions:
+        """The options that were asked for."""
+        return self._options
+
+    def check_precision(self, given: Given) -> None:
+        """Refuse what single precision does not serve, where the process has it, and warn of tolerances below it.
+
+        Raises
+        ------
+        OptionError
+        """
+        if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+            return
+        require_single(self._program, self._options.method)
+        warn_below_single(self._options)
+        if given:
+            require_double_for_inputs()
 
     def motion(self, t: Any, initial: Any, p: Any, given: Given | None = None) -> Solved:
         """Return the motion from arrays."""

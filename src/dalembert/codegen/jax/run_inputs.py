@@ -97,6 +97,8 @@ def refuse_given(given: Given, options: SolveOptions) -> None:
     ------
     OptionError
     """
+    if not given:
+        return
     method, functions = options.method, [name for name in given if isinstance(given[name], Feedback)]
     if functions and method not in PAIRS:
         raise OptionError(

@@ -38,7 +38,7 @@ class Solved(NamedTuple):
         NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
     steps, rejected : Array ()
         Numbers of accepted and of rejected steps; the second is None where `end` is not.
-    dense : Dense or None
+    dense : Dense, HostedDense or None
         The motion at any time between the first and the last, where ``dense=True`` asked for it.
     end : States or None
         Where the run ended, if it was asked to watch for events or to keep reductions, or may change contacts.

@@ -29,7 +29,7 @@ def contracted(weights: Any, rows: Any) -> Any:
     """
     if isinstance(rows, tuple):
         return _sum(weights, rows)
-    weights = jnp.asarray(weights)
+    weights = jnp.asarray(weights, dtype=rows.dtype)
     if jax.default_backend() == "cpu" or weights.ndim > 1:
         return jnp.tensordot(weights, rows, 1, precision=lax.Precision.HIGHEST)
     return jnp.sum(jnp.expand_dims(weights, tuple(range(1, jnp.ndim(rows)))) * rows, axis=0)  # fused with others

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .linear_maps import LinearMap, apply
 
-__all__ = ["Known", "OrNan", "Sloped"]
+__all__ = ["Known", "OrNan", "Sloped", "without_derivative"]
 
 
 @final
@@ -109,7 +109,7 @@ class _Asked:
 @final
 @dataclass(frozen=True)
 class Sloped:
-    """Change of a number: that of another times a slope (), which is NaN where it is not known.
+    """Changes of numbers: those of others times slopes, which are NaN where they are not known.
 
     Backward, an unknown slope makes NaN only of what was asked for, so that other results keep their derivatives.
     """
@@ -133,3 +133,16 @@ class Sloped:
     def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
         """See `LinearMap`."""
         return apply(Sloped(self.backward), jax.lax.stop_gradient(moving), dheld)
+
+
+@jax.custom_jvp
+def without_derivative(values: Any, but: Any, sources: Any) -> Any:
+    """Return numbers that have the derivative NaN by all `sources`, zero where `but` says so."""
+    return values
+
+
+@without_derivative.defjvp
+def _(values: Any, tangents: Any) -> tuple[Any, Any]:
+    moved = sum(jnp.sum(change) for change in jax.tree.leaves(tangents[2]))
+    slopes = jnp.broadcast_to(jnp.where(values[1], 0.0, jnp.nan), jnp.shape(values[0]))
+    return values[0], apply(Sloped(), slopes, jnp.broadcast_to(moved, slopes.shape))

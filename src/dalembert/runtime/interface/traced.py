@@ -63,7 +63,7 @@ def solve_fn(
         Attempted steps after which the run ends with a status.
     dense : bool
         Whether the result has a motion ``dense(t)`` at any time, traced ones among them. It keeps a record of
-        `max_steps` steps.
+        `max_steps` steps; with events, reductions or contacts, every call of it is a run of its own.
     throw : bool
         Whether a run that fails raises `RunFailedError` where it is called outside of traces. Inside ``jax.jit``,
         ``jax.grad`` and ``jax.vmap`` nothing can be raised, and the status says how it ended.
@@ -128,6 +128,7 @@ def hybrid_solve_fn(
     atol: float = 1e-10,
     max_step: float = np.inf,
     max_steps: int = 4096,
+    dense: bool = False,
     throw: bool = False,
     events: Any = (),
     reduce: Any = None,
@@ -141,7 +142,7 @@ def hybrid_solve_fn(
     given : iterable of str, optional
         Names of the coordinates and rates that `initial` holds; without it all of them, in the order of
         ``layout.variables``.
-    method, rtol, atol, max_step, max_steps, throw, events, reduce
+    method, rtol, atol, max_step, max_steps, dense, throw, events, reduce
         As for `CompiledModel.solve_fn`.
 
     Returns
@@ -166,6 +167,8 @@ def hybrid_solve_fn(
         given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
     if method not in METHODS:
         raise OptionError(unknown_name("method", str(method), METHODS))
-    options = SolveOptions(method=method, rtol=rtol, atol=atol, max_step=max_step, max_steps=max_steps, throw=throw)
+    options = SolveOptions(
+        method=method, rtol=rtol, atol=atol, max_step=max_step, max_steps=max_steps, dense=dense, throw=throw
+    )
     hosted = hybrid_runs(self, given, method, options, events, reduce)
     return cast("TracedEngine", self.traced_engine).hosted_solve_fn(None, options, hosted)
