@@ -154,16 +154,6 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
 
         mode = always(contacts)
         if mode is None:
-            if derivation.equations.controllers:
-                raise SceneError(
-                    scene.name,
-                    [
-                        "sampled controllers do not act in scenes whose contacts change: regularize friction, or"
-                        " compile the scene without them, a copy() of it before add_controllers, and close the loop"
-                        " yourself: run = model.prepare((0, period)), then state = run(state, parameters, inputs)"
-                        " once a period"
-                    ],
-                )
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
     return compile_equations(derivation, options, mode, seconds=derivation.seconds)
 

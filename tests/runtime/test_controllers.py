@@ -309,36 +309,3 @@ def test_a_function_far_from_zero_is_given_the_time_itself():
     model = da.compile_model(cart(da.Controller("own", period=0.5, inputs=[u], function=law)))
     model.simulate((1.7e9, 1.7e9 + 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
     assert calls == [(1.7e9, ["c", "m"]), (1.7e9 + 0.5, ["c", "m"])]
-
-
-def bounced(height, speed, push, period, mass=2.0, g=9.81, restitution=0.6):
-    """Return height and speed of a ball after a period with a constant force, impact by impact in closed form."""
-    a, left = push / mass - g, period
-    while True:
-        root = np.sqrt(speed**2 - 2 * a * height)
-        times = [t for t in ((-speed - root) / a, (-speed + root) / a) if t > 1e-12]
-        if not times or min(times) >= left:
-            return height + speed * left + a * left**2 / 2, speed + a * left
-        left -= min(times)
-        height, speed = 0.0, -restitution * (speed + a * min(times))
-
-
-def test_the_loop_closed_by_hand_where_contacts_change():
-    """The remedy that the refusal names: a prepared run of one period, with the inputs that hold in it."""
-    ball, push = da.scenes.bouncing_ball(), dynamicsymbols("push")
-    ball.add_inputs(push)
-    ball.add_loads((ball.bodies[0].point, push * ball.frame.y))
-    closed = ball.copy()
-    closed.add_controllers(da.Controller("hand", period=0.05, inputs={push: 3 - 4 * ball.coordinates[1]}))
-    with pytest.raises(SceneError, match=r"whose contacts change: .*run = model.prepare\(\(0, period\)\)"):
-        da.compile_model(closed)
-    model = da.compile_model(ball)
-    p = {"m": 2.0, "e": 0.6, "g": 9.81}
-    run, numbers = model.prepare((0, 0.05)), model.parameter_vector(p)
-    state = np.array([0.0, 0.3, 0.4, 0.0])  # x, y and their rates
-    height, speed = 0.3, 0.0
-    for k in range(20):
-        force = 3 - 4 * state[1]
-        state = run(state, numbers, np.array([force]))
-        height, speed = bounced(height, speed, force, 0.05)
-        assert state == pytest.approx([0.02 * (k + 1), height, 0.4, speed], abs=1e-9)

@@ -52,10 +52,11 @@ def watched_case(
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
     watch = block.watch
-    problem = engine.begun(problem)
+    before, problem = problem, engine.begun(problem)
     constants = engine.course(problem)
     watched = block.watch.watched(constants)
-    solution, occurrences = integrate_watched(step_blocks, replace(problem, t_eval=None, dense=True), watched)
+    own, jumped = replace(problem, t_eval=None, dense=True), None if before.sampled is None else before.y0
+    solution, occurrences = integrate_watched(step_blocks, own, watched, jumped)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
     reached = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..methods.status import Status
 from .input_records import InputRecords
-from .problem import IntegrationProblem
+from .problem import IntegrationProblem, SamplingClock
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
@@ -26,7 +26,8 @@ __all__ = ["BlockResult", "CaseBlock", "CaseColumns"]
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
-    ``watch`` are events and reductions, ``inputs`` those that have knots, or None.
+    ``watch`` are events and reductions, ``inputs`` those that have knots, or None. ``clocks`` are those of controllers,
+    one a case, for runs that are parts of others.
     """
 
     y: FloatArray
@@ -39,6 +40,7 @@ class CaseBlock:
     max_steps: int
     watch: EventCode | None = None
     inputs: InputRecords | None = None
+    clocks: Sequence[SamplingClock] = ()
 
     def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
         """Return a case alone."""
@@ -54,6 +56,7 @@ class CaseBlock:
             max_steps=self.max_steps,
             dense=dense,
             inputs=None if self.inputs is None else self.inputs.case(number),
+            sampled=self.clocks[number] if self.clocks else None,
         )
 
 

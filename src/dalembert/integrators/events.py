@@ -86,7 +86,7 @@ class Occurrence:
 
 
 def integrate_watched(
-    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched
+    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, before: FloatArray | None = None
 ) -> tuple[Solution, list[Occurrence]]:
     """Integrate a problem with events.
 
@@ -99,6 +99,9 @@ def integrate_watched(
         The problem.
     watched
         The events.
+    before
+        The state (n_y,) from which the initial one has jumped, for a motion that goes on there: expressions that change
+        their sign by that occur at once.
 
     Returns
     -------
@@ -107,15 +110,17 @@ def integrate_watched(
     list of Occurrence
         In the order of time.
     """
-    return _Run(step_blocks, problem, watched).solution()
+    return _Run(step_blocks, problem, watched, before).solution()
 
 
 @final
 class _Run:
     """One integration in progress."""
 
-    def __init__(self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched) -> None:
-        self.step_blocks, self.problem, self.watched = step_blocks, problem, watched
+    def __init__(
+        self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, before: FloatArray | None
+    ) -> None:
+        self.step_blocks, self.problem, self.watched, self.before = step_blocks, problem, watched, before
         self.t, self.y = float(problem.t0), np.array(problem.y0, dtype=float)
         self.forward = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.span = abs(problem.t1 - problem.t0)
@@ -177,6 +182,10 @@ class _Run:
         self._record(np.array([self.t]), self.y)
         self.began = self.t
         self.signs, self.zero = self._signs(self.t, self.y, self.residual, armed=True)
+        if self.before is not None:
+            signs, zero = self._signs(self.t, self.before, self.residual, armed=True)
+            known, self.before = ~zero & (signs != 0), None
+            self.signs[known], self.zero[known] = signs[known], False
         self.seen = np.zeros(len(self.counts), np.bool_)
 
     def _signs(
@@ -332,9 +341,16 @@ class _Run:
         self.soon = too_soon(gap, self.span, self.soon)
         return Status.EVENTS_ACCUMULATE if accumulates(gap, t, self.span, seen, self.soon) else None
 
+    def _follow_act(self, block: Solution) -> None:
+        """Let the last record be the state after what controllers have done since, in which a block begins."""
+        if self.problem.sampled is not None:
+            last = max(k for k, states in enumerate(self.states) if len(states))
+            self.states[last] = np.concatenate([self.states[last][:-1], block.y[:1]])
+
     def _take(self, block: Solution) -> None:
         """Record a whole block."""
         assert block.dense is not None
+        self._follow_act(block)
         self._record(block.t[1:], block.y[1:])
         self.parts.append(block.dense)
         self.knots.append(float(block.dense.knots[-1]))
@@ -342,6 +358,7 @@ class _Run:
 
     def _cut(self, block: Solution, t: float, y: FloatArray) -> None:
         """Record a block of steps up to time t, where the state is y."""
+        self._follow_act(block)
         kept = (block.t - t) * self.forward < 0.0
         kept[0] = False
         self._record(block.t[kept], block.y[kept])

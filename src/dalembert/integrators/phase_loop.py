@@ -156,7 +156,7 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
         cases.x[i, m] = space.posed[m, lane]
     for m in range(table.totals.shape[1]):
         table.totals[i, m] = space.totals[place, m]
-    cases.passed[i], table.t[i] = t - table.t[i], t
+    cases.passed[i], table.t[i] = t - table.begun[i], t
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first, t)
     if status == _SUCCESS:
@@ -241,7 +241,7 @@ def _forget(table: CaseTable, i: int) -> None:
 @compiled_subset
 def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
     """Let a case go on in the mode that was selected."""
-    numbers = table.numbers
+    numbers, table.begun[i] = table.numbers, table.t[i]
     if table.cases.status[i] != _SUCCESS:
         numbers.state[i] = table.cases.status[i]
         _forget(table, i)

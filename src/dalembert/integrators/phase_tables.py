@@ -123,8 +123,8 @@ class CaseTable(NamedTuple):
 
     Attributes
     ----------
-    t, t1 : (k,)
-        Present and final times [s].
+    t, t1, begun : (k,)
+        Present and final times, and when the present phase began [s].
     p : (k, n_p)
         Parameters of the scene.
     cases : ContactCases
@@ -146,6 +146,7 @@ class CaseTable(NamedTuple):
 
     t: Vector
     t1: Vector
+    begun: Vector
     p: Matrix
     cases: ContactCases
     numbers: CaseNumbers

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
+from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .input_weights import seeds_of, with_weights
 
-__all__ = ["Action", "SamplingKernels", "sampling_kernels"]
+__all__ = ["Action", "SampledVariables", "SamplingKernels", "sampling_kernels"]
 
 _ARGUMENTS = ("t", "y", "c")
 
@@ -64,7 +65,40 @@ class SamplingKernels:
     moved: tuple[str, ...]
 
 
-def sampling_kernels(system: ReducedSystem, wrt: Sequence[str] = ()) -> SamplingKernels | None:
+@final
+@dataclass(frozen=True, eq=False)
+class SampledVariables:
+    """Coordinates, rates and first-order states of a scene, in place of the state of a formulation."""
+
+    equations: EquationsOfMotion
+
+    @property
+    def coordinates(self) -> Sequence[Node]:
+        """The coordinates."""
+        return self.equations.q
+
+    @property
+    def rates(self) -> Sequence[Node]:
+        """Their rates."""
+        return self.equations.qdot
+
+    @property
+    def inputs(self) -> Sequence[Node]:
+        """All variables."""
+        return [self.equations.graph.input(name) for name in self.state]
+
+    @property
+    def state(self) -> tuple[str, ...]:
+        """Their names."""
+        return self.equations.symbols.variables
+
+    @property
+    def places(self) -> Mapping[Node, int]:
+        """Their places in the array of all variables."""
+        return {node: i for i, node in enumerate(self.inputs)}
+
+
+def sampling_kernels(system: ReducedSystem | SampledVariables, wrt: Sequence[str] = ()) -> SamplingKernels | None:
     """Return the kernels of the controllers of a system, None where there are none.
 
     With `wrt` the state is followed by its derivatives by these names, as in `dalembert.reduction.variational`, which

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -212,7 +213,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
     if np.any(good) and not np.all(good):
         rest = None if ready.inputs is None else ready.inputs.part(np.flatnonzero(good), len(good))
-        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest)
+        clocks = tuple(itertools.compress(ready.clocks, good))
+        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest, clocks=clocks)
         some = done[good]
         engine.integrate_block(part, settings.method, some)
         done[good] = some

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -16,7 +16,7 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.event_code import EventCode
 from ..integrators.input_records import InputRecords
-from ..integrators.problem import IntegrationProblem
+from ..integrators.problem import IntegrationProblem, SamplingClock
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Layout, Program
 from ..methods.status import Status
@@ -52,6 +52,7 @@ class Settings:
     judge: Callable[[CaseBlock, BlockResult], None] | None = None
     note: str = ""
     apart: NDArray[np.bool_] | None = None
+    clocks: Sequence[SamplingClock] = ()
 
 
 @final
@@ -217,6 +218,7 @@ class Cases:
             settings.max_steps,
             settings.watch,
             self._records_of(block),
+            settings.clocks[block],
         ), status
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:

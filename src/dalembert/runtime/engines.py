@@ -26,7 +26,7 @@ def engine_of(compiled: Compiled, start: Callable[[Iterable[str]], Start]) -> En
     if kernels is not None:
         from .sampling import Sampling
 
-        sampling = Sampling(stages.program, kernels)
+        sampling = Sampling.of(stages.program, kernels)
     landing = landing_of(stages.equations, stages.program, start)
     return segmented(compiled.engine, stages.program, landing, sampling)
 

@@ -101,7 +101,7 @@ def _period(model: CompiledModel, point: Point, t: float) -> _Period:
     """
     kernels = sampling_kernels(model.stages.reduced)
     assert kernels is not None
-    sampling = Sampling(point.program, kernels)
+    sampling = Sampling.of(point.program, kernels)
     schedule = sampling.schedules(point.c[np.newaxis])[0]
     sampling.instants(schedule, t, t)  # what makes no sense is refused there
     periods, offsets = np.split(schedule, 2)

@@ -14,7 +14,7 @@ from ..errors import OptionError, ValueInputError, list_names
 from ..integrators.problem import SamplingClock
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
-from ..ir.program import Program
+from ..ir.program import Layout, Program
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..reduction.sampling_kernels import Action, SamplingKernels
 from ..scene.elapsed import START
@@ -36,17 +36,33 @@ class NoInstants(ValueInputError):
 @final
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """The controllers of one program.
+    """The controllers of one program, or of a scene with contacts.
 
     Which of them act at an instant is a number, with the bit 2^i for controller i.
+
+    Attributes
+    ----------
+    layout : Layout
+        Of the program, or of the scene.
+    kernels : SamplingKernels
+        On the state of `layout`.
+    expand : Kernel or None
+        Coordinates, rates and first-order states of a state, for Python functions; None where it is these.
     """
 
-    program: Program
+    layout: Layout
     kernels: SamplingKernels
+    expand: Kernel | None
+
+    @classmethod
+    def of(cls, program: Program, kernels: SamplingKernels) -> Sampling:
+        """Return the controllers of a program."""
+        called = any(action.function is not None for action in kernels.actions)
+        return cls(program.layout, kernels, program.kernel("expand") if called else None)
 
     def schedules(self, c: FloatArray) -> FloatArray:
         """Return the periods of all controllers, then their offsets (k, 2 n), for constants (k, n_c)."""
-        nothing = np.zeros((len(c), len(self.program.layout.state)))
+        nothing = np.zeros((len(c), len(self.layout.state)))
         return interpret_rows(self.kernels.times, np.zeros(len(c)), nothing, c)
 
     def instants(
@@ -126,8 +142,9 @@ class Sampling:
 
     def _called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return a state (n_y,) with what a Python function sets."""
-        layout, n = self.program.layout, len(self.program.layout.coordinates)
-        x = interpret_rows(self.program.kernel("expand"), np.array([t]), y[np.newaxis], c[np.newaxis])[0]
+        layout, n, x = self.layout, len(self.layout.coordinates), y
+        if self.expand is not None:
+            x = interpret_rows(self.expand, np.array([t]), y[np.newaxis], c[np.newaxis])[0]
         states = dict(zip(layout.states, x[2 * n :].tolist(), strict=True))
         places = {name: layout.parameters.index(name) for name in layout.given if not name.startswith(START)}
         parameters = {name: float(c[i]) for name, i in places.items()}

@@ -85,15 +85,21 @@ class SegmentedEngine(Engine):
         """See `Engine.begun`."""
         if self.sampling is None:
             return problem
-        own = replace(problem, sampled=SamplingClock(problem.t0, wanted=problem.t_eval))
-        return self._begun(own, self.segments(own))[0]
+        clock = problem.sampled or SamplingClock(problem.t0, wanted=problem.t_eval)
+        own = replace(problem, sampled=clock)
+        return self._begun(own, self.segments(own), clock)[0]
 
-    def _begun(self, problem: IntegrationProblem, segments: Segments) -> tuple[IntegrationProblem, Landing | None]:
-        """Return a problem after what controllers do at its start, and what happens at the breaks of it, in order."""
+    def _begun(
+        self, problem: IntegrationProblem, segments: Segments, clock: SamplingClock | None = None
+    ) -> tuple[IntegrationProblem, Landing | None]:
+        """Return a problem after what controllers do at its start, and what happens at the breaks of it, in order.
+
+        Acts are taken down in `clock`.
+        """
         sampling, impulses = self.sampling, self.landing
         if sampling is None:
             return problem, impulses
-        acts, program, clock = iter(segments.acts), self._program, problem.sampled
+        acts, program = iter(segments.acts), self._program
 
         def act(t: float, y: FloatArray, c: FloatArray) -> FloatArray:
             number = next(acts)
@@ -193,7 +199,7 @@ class SegmentedEngine(Engine):
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`; none of them reaches beyond its segment."""
         segments = self.segments(problem)
-        problem, landing = self._begun(problem, segments)
+        problem, landing = self._begun(problem, segments, problem.sampled)
         parts = parts_of(replace(problem, t_eval=None), segments)
 
         def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
@@ -270,7 +276,7 @@ class SegmentedEngine(Engine):
         knots = block.inputs is not None and not self.inner.follows_inputs
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
-        elif knots or block.watch is not None or not SegmentRounds(self, block, method, result).run():
+        elif knots or block.watch is not None or block.clocks or not SegmentRounds(self, block, method, result).run():
             self._one_by_one(block, method, result)
 
     def _one_by_one(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -281,7 +287,9 @@ class SegmentedEngine(Engine):
         for i in range(len(block.y)):
             one = slice(i, i + 1)
             inputs = None if block.inputs is None else block.inputs.part(one, len(block.y))
-            part = replace(block, y=block.y[one], c=block.c[one], spans=block.spans[one], inputs=inputs)
+            part = replace(
+                block, y=block.y[one], c=block.c[one], spans=block.spans[one], inputs=inputs, clocks=block.clocks[one]
+            )
             try:
                 super().integrate_block(part, method, result[one])
             except NoInstants:

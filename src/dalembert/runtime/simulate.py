@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import FloatArray
 from ..errors import OptionError
-from ..integrators.problem import IntegrationProblem
+from ..integrators.problem import IntegrationProblem, SamplingClock
 from ..ir.program import Program
 from ..options import SimulateOptions
 from ..progress import run_meter
@@ -72,22 +72,30 @@ def _simulate_with_meter(
 
 
 def simulate_in_own_time(
-    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+    model: CompiledModel,
+    t_span: tuple[float, float],
+    initial: Given,
+    parameters: Given,
+    options: SimulateOptions,
+    clock: SamplingClock | None = None,
 ) -> Trajectory:
-    """Return one trajectory in the time of the model, whatever the span."""
+    """Return one trajectory in the time of the model, whatever the span.
+
+    `clock` is that of controllers, for a run that is a part of another.
+    """
     if options.project_invariants is not False:
         from .invariant_projection import keeping_from, refuse_jumps
 
         refuse_jumps(options.events, model.layout.aliases)
         keeper, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
         options = replace(options, project_invariants=False)
-        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options)
+        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options, clock)
     begin = time.perf_counter()
     method = model.choose_method(options.method, options.rtol, options.atol)
     able = divisible_model(model, t_span[0], initial, parameters)
     if able is not model:
-        return simulate_in_own_time(able, t_span, initial, parameters, options)
-    problem = _problem(model, t_span, initial, parameters, options, method)
+        return simulate_in_own_time(able, t_span, initial, parameters, options, clock)
+    problem = replace(_problem(model, t_span, initial, parameters, options, method), sampled=clock)
     watch = model.derived.events(options.events)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
@@ -95,7 +103,7 @@ def simulate_in_own_time(
     if isinstance(found, Trajectory):
         return found
     if found is not model:
-        return simulate_in_own_time(found, t_span, initial, parameters, options)
+        return simulate_in_own_time(found, t_span, initial, parameters, options, clock)
     engine = model.engine
     problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
     run = integrate(model, problem, method, begin, watch, automatic=options.automatic)

@@ -126,10 +126,10 @@ def _watched(
         blocks = partial(engine.step_blocks, method=method)
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
-    problem = engine.begun(problem)
+    before, problem = None if problem.sampled is None else problem.y0, engine.begun(problem)
     # what ends modes is watched again and again, so that compiling it pays
     rows = engine.rows if watch.smooth else interpret_rows
-    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows))
+    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows), before)
 
 
 def _ended_where_singular(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError
 from ..integrators.cases import BlockResult, CaseBlock
+from ..integrators.problem import SamplingClock
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.estimate import TIGHTER
@@ -127,13 +128,19 @@ def _keeping_cases(
 
 
 def begin_sweep(
-    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+    model: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    options: SweepOptions,
+    clocks: Sequence[SamplingClock] = (),
 ) -> Callable[..., Sweep]:
     """Begin to run many cases in the time of the model; return what waits for their results.
 
-    That takes one argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
+    `clocks` are those of controllers, one a case, for runs that are parts of others. What is returned takes one
+    argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
     """
-    begin, given = time.perf_counter(), (t_span, initial, parameters)
+    begin, given = time.perf_counter(), (t_span, initial, parameters, options, clocks)
     method = model.choose_method(options.method, options.rtol, options.atol, many=True)
     method = options.method_chosen(NO_MODE, method)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
@@ -142,11 +149,11 @@ def begin_sweep(
     cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
     able = _divisible_cases(model, cases)
     if able is not model:
-        return begin_sweep(able, *given, options)
-    settings = _settings(model, cases, options, method)
+        return begin_sweep(able, *given)
+    settings = replace(_settings(model, cases, options, method), clocks=clocks)
     able = _independent_cases(model, cases, settings, begin)
     if able is not model:
-        return begin_sweep(able, *given, options)
+        return begin_sweep(able, *given)
     if options.fits:
         settings = fitted(model.engine, cases, settings)
     if _ranked(model) and settings.method != "radau":

@@ -150,7 +150,7 @@ def vary(stages: Stages, given: Sequence[str], of: Sequence[str], wrt: Sequence[
     kernels = sampling_kernels(stages.reduced, wrt)
     if kernels is not None:
         _refuse_moved(kernels, wrt)
-    sampling = None if kernels is None else Sampling(program, kernels)
+    sampling = None if kernels is None else Sampling.of(program, kernels)
     engine = segmented(backend.load(backend.render(program), cache=cache), program, None, sampling)
     return Variation(tuple(of), tuple(wrt), program, start_tangents(stages.reduced, given, wrt), engine)
 

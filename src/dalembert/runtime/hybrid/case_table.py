@@ -41,6 +41,7 @@ def case_table(
     return CaseTable(
         state.t,
         np.ascontiguousarray(t1, np.float64),
+        state.t.copy(),
         state.c,
         state.cases,
         case_numbers(count),

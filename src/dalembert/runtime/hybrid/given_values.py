@@ -179,7 +179,7 @@ def _starting_mode(modes: ModeModels, layout: Layout, given: Iterable[str]) -> M
     for entry in modes.equations.symbols.entries:
         if known.issuperset((*entry.names, *entry.needs)):
             known |= set(entry.targets)
-    return plain_mode(modes, OPEN if known.issuperset(layout.variables) else CLOSED)
+    return plain_mode(modes, OPEN if known.issuperset((*layout.coordinates, *layout.rates)) else CLOSED)
 
 
 def _tighter(options: _O) -> _O:

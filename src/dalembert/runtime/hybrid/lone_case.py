@@ -72,6 +72,7 @@ class LoneCase:
             values[...] = first
         state, numbers = self.state, self.table.numbers
         state.t[0], self.table.t1[0], state.cases.span[0] = t0, t1, t1 - t0
+        self.table.begun[0] = t0
         state.x[0], state.c[0] = x, p
         numbers.state[0], numbers.runner[0] = RUNNING, NOT_BEGUN
         self.executor.forget_methods()
@@ -81,6 +82,7 @@ class LoneCase:
         """Begin in the middle of a motion, in a mode that is known."""
         self.begin(0.0, t1, state.x[0], state.c[0])
         self.state.copied_from(state)
+        self.table.begun[0] = state.t[0]
         self.table.numbers.runner[0] = NOBODY
 
     @property

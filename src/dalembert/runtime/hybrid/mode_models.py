@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -17,11 +17,14 @@ from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
 from ...ir.conditions import Conditions
 from ...ir.kernel import Kernel
+from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
-from ...once import derived_once
+from ...once import derived_once, derived_property
 from ...reduction.event_functions import coordinates_kernel
+from ...reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ...reduction.time_conditions import decided
 from ...results.trajectory import Trajectory
+from ..sampling import Sampling
 from .decisions import Decisions
 
 if TYPE_CHECKING:
@@ -71,6 +74,18 @@ class ModeModels:
             return None
         found = CaseBreaks.of(self.conditions, p, t0, t1)
         return found if self.conditions.decides or len(found.times) else None
+
+    @derived_property
+    def _sampling(self) -> SamplingKernels | None:
+        return sampling_kernels(SampledVariables(self.equations))
+
+    def sampling(self, layout: Layout) -> Sampling | None:
+        """Return the controllers on coordinates, rates and first-order states, for the layout of the scene."""
+        if not self.equations.controllers:
+            return None
+        kernels = self._sampling
+        assert kernels is not None
+        return Sampling(replace(layout, state=layout.variables), kernels, None)
 
     def guards(self, mode: Mode) -> list[Guard]:
         """Return what can end a mode; what is constant along its motions cannot."""

@@ -30,7 +30,8 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
     phase as in a sweep.
     """
     changing = options.inputs is not None and options.inputs.sampled
-    compiled = compiled_phases(modes) and modes.conditions is None and not changing
+    changing = changing or modes.conditions is not None or bool(modes.equations.controllers)
+    compiled = compiled_phases(modes) and not changing
     own: dict[int, LoneCase] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:

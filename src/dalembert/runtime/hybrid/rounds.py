@@ -27,6 +27,7 @@ from ...results.sweep import Sweep
 from ..input_values import GivenInputs
 from ..sweep import begin_sweep
 from .case_table import case_table
+from .controller_clocks import ControllerClocks
 from .decisions import flag
 from .mode_models import ModeModels
 from .output_values import BROKEN, JAMMED
@@ -84,6 +85,10 @@ class CaseRounds:
         given = request.options.inputs
         self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
+        sampling, about = modes.sampling(request.layout), (request.t, request.t1, request.p, request.t_eval)
+        self.clocks = None if sampling is None else ControllerClocks(sampling, *about)
+        if self.clocks is not None:
+            self.status[self.clocks.senseless() & (self.status == RUNNING)] = int(Status.NON_FINITE)
         self.compile_seconds = 0.0
         self.methods: dict[str, None] = {}
         self.fits: dict[Mode, tuple[int, str]] = {}
@@ -115,15 +120,16 @@ class CaseRounds:
             columns = {**columns, CONDITION_TIME: self.breaks.middles(some, run.t)}
         columns = {**columns, **self._inputs_at(some, run.t)}
         x, place = self.modes.expand(mode, run.t, run.y, columns), placed(some)
-        passed = run.t - self.now.t[place]
-        self._keep(run, some, passed)
-        self.now.t[place], self.now.x[place], self.now.cases.passed[place] = run.t, x, passed
+        self._keep(run, some, run.t - self.now.t[place])
+        self.now.t[place], self.now.x[place], self.now.cases.passed[place] = run.t, x, run.t - self.table.begun[place]
         self.steps[place] += run.steps
         status = run.status.astype(np.int64)
         failed = (status != Status.SUCCESS) & (status != Status.EVENT)
         if np.any(failed):
             self.status[some[failed]] = self._statuses(run, status, mode)[failed]
         reached = status == Status.SUCCESS
+        if self.clocks is not None:
+            self.clocks.reached(some[reached], run.t[reached])
         done = reached & (run.t == self.request.t1[some])
         self.status[some[done]] = int(Status.SUCCESS)
         self._sample(some[reached])
@@ -156,14 +162,22 @@ class CaseRounds:
         """Return the parameters (k,) of inputs with knots, from times (k,) on."""
         return {} if self.inputs is None else self.inputs.columns(t, some, self.forward[some] > 0.0)
 
-    def _renew_inputs(self, some: NDArray[np.intp]) -> None:
-        """Let the parameters of inputs be those of the present times."""
+    def _pass_breaks(self, some: NDArray[np.intp]) -> None:
+        """Let parameters be those from the present times on, and controllers act that are to act then."""
+        now = self.now
+        if self.breaks is not None and self.breaks.place is not None:
+            now.c[some, self.breaks.place] = self.breaks.middles(some, now.t[some])
         for name, column in self._inputs_at(some, self.now.t[some]).items():
-            self.now.c[some, self.request.layout.parameters.index(name)] = column
+            now.c[some, self.request.layout.parameters.index(name)] = column
+        if self.clocks is not None:
+            now.x[some] = self.clocks.act(some, now.t[some], now.x[some], now.c[some])
 
     def states(self, some: NDArray[np.intp]) -> States:
-        """Return the present states of some cases."""
-        return self.now.states(some, self.numbers.history[some])
+        """Return the present states of some cases, after what controllers are to do."""
+        now, found = self.now, self.now.states(some, self.numbers.history[some])
+        return (
+            found if self.clocks is None else replace(found, x=self.clocks.acted(some, found.t, found.x, now.c[some]))
+        )
 
     def _begin(self, mode: Mode, some: NDArray[np.intp], columns: Mapping[str, FloatArray]) -> Callable[..., Sweep]:
         """Begin to run cases in one mode; return what waits for the results."""
@@ -176,6 +190,7 @@ class CaseRounds:
         options = replace(self.request.options, events=self.watched[mode], reduce=self.reductions.along or None)
         options = replace(options, grid=None, t_eval=None, threads=self.request.threads, progress=False)
         options = replace(options, inputs=None if self.inputs is None else self.inputs.part(some))
+        clocks = () if self.clocks is None else [self.clocks.clocks[i] for i in some.tolist()]
         if options.automatic and not options.fits:
             number = self.modes.automaton.number(mode)
             method = options.method_chosen(number, model.choose_method("auto", options.rtol, options.atol, many=True))
@@ -188,6 +203,7 @@ class CaseRounds:
             {name: self.now.x[place, i] for i, name in enumerate(self.names)},
             columns,
             options,
+            clocks,
         )
 
     def _statuses(self, run: Sweep, status: NDArray[np.int64], mode: Mode) -> NDArray[np.int64]:
@@ -265,7 +281,7 @@ class CaseRounds:
         some = going[self.numbers.runner[going] == JUMPS]
         if not len(some):
             return
-        self._renew_inputs(some)
+        self._pass_breaks(some)
         assert self.request.jumps is not None
         self.status[some] = self.request.jumps.apply(self.now, self.occurred, some)
         going = self.status[some] == RUNNING
@@ -294,15 +310,13 @@ class CaseRounds:
         if not len(some):
             return
         cases = self.now.cases
-        if self.breaks is not None and self.breaks.place is not None:
-            self.now.c[some, self.breaks.place] = self.breaks.middles(some, self.now.t[some])
-        self._renew_inputs(some)
+        self._pass_breaks(some)
         cases.fired[some] = 0
         for guard, here in fired.items():
             if guard.contact >= 0:
                 cases.fired[some[here], guard.contact] |= flag(guard)
         self.modes.decisions.decide(self.now, some, self.request.options.rtol)
-        status = cases.status[some]
+        status, self.table.begun[some] = cases.status[some], self.now.t[some]
         bad = some[status != Status.SUCCESS]
         self.status[bad] = cases.status[bad]
         self.phases[bad] -= cases.passed[bad] != 0.0

@@ -23,6 +23,7 @@ from ...results.hybrid import HybridTrajectory, Part, Phase
 from ...results.trajectory import Trajectory
 from ..input_values import GivenInputs
 from ..simulate import simulate_in_own_time
+from .controller_clocks import ControllerClocks
 from .decisions import flag
 from .mode_models import ModeModels
 from .motion_log import MotionLog
@@ -54,6 +55,8 @@ class _Run:
         self.breaks = modes.breaks(c, t, t1)
         given = request.options.inputs
         self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
+        sampling, wanted = modes.sampling(request.layout), request.options.t_eval
+        self.clocks = None if sampling is None else ControllerClocks(sampling, t, t1, c, wanted)
         self.mode: Mode | None = None
         self.soon = 0
         self.log = MotionLog(modes, request)
@@ -62,7 +65,7 @@ class _Run:
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
         request = self.request
-        if self.breaks is None and self.inputs is None and compiled_phases(self.modes):
+        if self.breaks is None and self.inputs is None and self.clocks is None and compiled_phases(self.modes):
             with recorder_of(self.modes, request.layout, request.options, request.events) as self.recorder:
                 return self.log.trajectory(self._end())
         return self.log.trajectory(self._end())
@@ -85,9 +88,7 @@ class _Run:
     def _decide(self, fired: Sequence[Guard]) -> Status | None:
         """Decide how the motion goes on; return a status where it cannot."""
         cases = self.now.cases
-        if self.breaks is not None and self.breaks.place is not None:
-            self.now.c[:, self.breaks.place] = self.breaks.middles(np.zeros(1, np.intp), self.now.t)
-        self._renew_inputs()
+        self._pass_break()
         if self.mode is None:
             cases.modes[:] = UNDECIDED
         cases.fired[:] = 0
@@ -104,10 +105,15 @@ class _Run:
         self.mode = self.modes.automaton.mode(int(self.now.mode_numbers()[0]))
         return None
 
-    def _renew_inputs(self) -> None:
-        """Let the parameters of inputs be those of the present time."""
+    def _pass_break(self) -> None:
+        """Let parameters be those from the present time on, and controllers act that are to act then."""
+        one = np.zeros(1, np.intp)
+        if self.breaks is not None and self.breaks.place is not None:
+            self.now.c[:, self.breaks.place] = self.breaks.middles(one, self.now.t)
         for name, column in self._inputs_at(float(self.now.t[0])).items():
             self.now.c[:, self.request.layout.parameters.index(name)] = column
+        if self.clocks is not None:
+            self.now.x[:] = self.clocks.act(one, self.now.t, self.now.x, self.now.c)
 
     def _inputs_at(self, t: float) -> dict[str, float]:
         """Return the parameters of inputs with knots from a time on."""
@@ -136,7 +142,8 @@ class _Run:
         added = self.modes.added(mode, self.now.directions()[0], cases.sides[0], cases.rest[0])
         own = {**self.request.parameters, **self._inputs_at(self.log.t)}
         own |= {name: float(value) for name, value in added.items()}
-        return simulate_in_own_time(model, (self.log.t, t1), initial, own, self._options(events))
+        clock = None if self.clocks is None else self.clocks.clocks[0]
+        return simulate_in_own_time(model, (self.log.t, t1), initial, own, self._options(events), clock)
 
     def _options(self, events: Sequence[Event] = ()) -> SimulateOptions:
         """Return the options of the next phase."""
@@ -214,7 +221,7 @@ class _Run:
                 and 0 < int(event.terminal) <= self.log.counts[event.label]
             ):
                 return Status.EVENT
-        self._renew_inputs()
+        self._pass_break()
         if any(label in self.request.jumps for label in happened):
             return self._jump(happened)
         fired = [guard for guard in self.modes.guards(mode) if guard.output in happened]

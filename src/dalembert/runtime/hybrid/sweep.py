@@ -41,7 +41,7 @@ class _Sweep:
         changing = None if cases.inputs is None else (cases.inputs, request.t1, cases.forward > 0.0)
         self.value = OutputValues(modes, request.layout, request.p, cases.breaks, changing)
         known = modes, request.layout, request.options, request.threads, self.reductions, cases.now, cases.table
-        compiled = cases.breaks is None and cases.inputs is None and compiled_phases(modes)
+        compiled = cases.breaks is None and cases.inputs is None and cases.clocks is None and compiled_phases(modes)
         fits, chosen = request.options.fits, request.options.method_chosen
         self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen) if compiled else None
 
