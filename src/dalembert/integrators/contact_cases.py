@@ -51,6 +51,7 @@ __all__ = [
     "known_of",
     "laws_of_sliding",
     "rate_noise",
+    "rate_terms",
     "refused",
     "returns",
     "sign",
@@ -183,15 +184,20 @@ def slip_speed(table: ContactTable, space: ContactSpace, i: int) -> float:
 
 
 @compiled_subset
+def rate_terms(table: ContactTable, space: ContactSpace, row: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, or of the rate of a constraint."""
+    total = abs(drift(table, space, row))
+    for j in range(table.coordinates):
+        total += abs(slope(table, space, row, j) * space.rates[j])
+    return total
+
+
+@compiled_subset
 def slip_terms(table: ContactTable, space: ContactSpace, i: int) -> float:
     """Return the sum of the sizes of the terms of a slip velocity, the larger of two."""
     largest = 0.0
     for a in range(table.width[i]):
-        row = table.constraints + table.first[i] + a
-        total = abs(drift(table, space, row))
-        for j in range(table.coordinates):
-            total += abs(slope(table, space, row, j) * space.rates[j])
-        largest = max(largest, total)
+        largest = max(largest, rate_terms(table, space, table.constraints + table.first[i] + a))
     return largest
 
 

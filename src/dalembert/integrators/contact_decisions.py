@@ -18,6 +18,7 @@ from .contact_cases import (
     RESTING,
     ROUNDED,
     STILL,
+    TURN,
     UNDECIDED,
     ContactCases,
     approaches,
@@ -26,6 +27,7 @@ from .contact_cases import (
     known_of,
     laws_of_sliding,
     rate_noise,
+    rate_terms,
     refused,
     returns,
     sign,
@@ -69,6 +71,10 @@ _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and the least one [m/s]."""
 
+_MAY_MOVE, _NOTHING = 1e-9, 1e-4
+"""Share of the terms of a velocity up to which it counts as zero where a phase starts, and the least size of these
+terms: a tenth of what `dalembert.reduction.starting` allows."""
+
 SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
 
@@ -80,7 +86,7 @@ _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
-_ACCUMULATE = int(Status.EVENTS_ACCUMULATE)
+_ACCUMULATE, _AMBIGUOUS = int(Status.EVENTS_ACCUMULATE), int(Status.CONTACT_AMBIGUOUS)
 
 
 class DecisionArguments(NamedTuple):
@@ -224,13 +230,20 @@ def _kind_after(
 
 @compiled_subset
 def _moves(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Return whether a contact that is closed, or sticks, in the selected mode moves more than rounding makes of it."""
+    """Return whether a contact that is closed, or sticks, in the selected mode moves more than rounding makes of it.
+
+    What is rounding of fast motions may be all that is left of them: beside the present rates, too, it must be small,
+    or the phase could not start.
+    """
     moves = False
     for i in range(table.constraint.size):
         if pick.best_mode[i] == STICK:
-            moves = moves or not slip_speed(table, space, i) <= ROUNDED * cases.speeds[case, i]
+            most = min(ROUNDED * cases.speeds[case, i], _MAY_MOVE * max(slip_terms(table, space, i), _NOTHING))
+            moves = moves or not slip_speed(table, space, i) <= most
         if pick.best_mode[i] != OPEN and table.constraint[i] >= 0:
-            moves = moves or not abs(gap_rate(table, space, i)) <= ROUNDED * cases.approach[case, i]
+            terms = rate_terms(table, space, table.constraint[i])
+            most = min(ROUNDED * cases.approach[case, i], _MAY_MOVE * max(terms, _NOTHING))
+            moves = moves or not abs(gap_rate(table, space, i)) <= most
     return moves
 
 
@@ -271,7 +284,10 @@ def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> 
 
 @compiled_subset
 def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
-    """Find out what is known of each contact; return whether one is struck. It ``begins`` unless after an impact."""
+    """Find out what is known of each contact; return whether one is struck. It ``begins`` unless after an impact.
+
+    What is struck at the end of a motion was open before: backwards in time it opens.
+    """
     table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
     struck, t = False, arguments.t[case]
     if begins:
@@ -289,6 +305,8 @@ def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
             pick.kind[i] = returns(table, space, cases, case, i, t)
         if pick.kind[i] >= TOUCHING and (begins or sent_back):
             pick.struck[i] = 1 if strikes(table, space, cases, case, i, begins) else 0
+            if pick.struck[i] == 1 and cases.span[case] < 0.0:
+                pick.struck[i], pick.kind[i] = 0, FREE
             struck = struck or pick.struck[i] != 0
     for i in range(table.constraint.size):
         if not begins and not struck and cases.after[case, i] == HOVERING:
@@ -388,10 +406,26 @@ def _choose_rest_speeds(arguments: DecisionArguments, case: int) -> None:
 
 
 @compiled_subset
+def _past_unknown(pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Return whether a contact of a case that goes backwards in time has changed: different pasts lead there.
+
+    Where only a normal reaction turns, the contact slips on.
+    """
+    unknown = False
+    if cases.span[case] < 0.0:
+        for i in range(pick.kind.size):
+            fired, former = cases.fired[case, i], cases.modes[case, i]
+            unknown = unknown or (fired != 0 and fired != TURN)
+            unknown = unknown or (former != UNDECIDED and former != pick.best_mode[i])
+    return unknown
+
+
+@compiled_subset
 def decide(arguments: DecisionArguments, case: int) -> bool:
     """Decide how a case goes on, whose numbers are in ``space``; return whether there was an impact.
 
-    After an impact the numbers are to be computed for the new rates, and the case comes here again.
+    After an impact the numbers are to be computed for the new rates, and the case comes here again. A case that goes
+    backwards in time ends where contacts change.
     """
     table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
     for j in range(table.coordinates):
@@ -408,9 +442,11 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     load_accelerations(table, space)
     _weigh(arguments, case)
     cases.status[case] = select_mode(table, space, pick, known, meets)
+    if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
+        cases.status[case] = _AMBIGUOUS
     if cases.status[case] != _SUCCESS:
         return False
-    if _stopped(table, space, pick, cases, case):
+    if cases.span[case] >= 0.0 and _stopped(table, space, pick, cases, case):
         cases.status[case] = _impact(arguments, case)
         return cases.status[case] == _SUCCESS
     sticking = _enter(arguments, case)

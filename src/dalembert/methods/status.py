@@ -95,7 +95,8 @@ _MESSAGES = {
     ),
     Status.CONTACT_AMBIGUOUS: (
         "Several motions satisfy the laws of contact and friction here (Painleve's paradox: a contact may stay closed "
-        "or open): lower the coefficient of friction, or start elsewhere."
+        "or open; or, backwards in time, several pasts lead to a change of contacts): lower the coefficient of "
+        "friction, start elsewhere, or run forwards in time."
     ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "

@@ -49,9 +49,9 @@ def simulate(
 ) -> RunT:
     """Simulate one trajectory.
 
-    With contacts it has phases. What `initial` leaves out is then fixed by the constraints with all contacts closed,
-    `error_estimate` is NaN where the contacts of the run and of its twin do not do the same, and
-    `project_invariants` is an error.
+    With contacts it has phases, and backwards in time ends where a contact changes. What `initial` leaves out is then
+    fixed by the constraints with all contacts closed, `error_estimate` is NaN where the contacts of the run and of its
+    twin do not do the same, and `project_invariants` is an error.
 
     Parameters
     ----------
