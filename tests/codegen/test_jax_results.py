@@ -122,12 +122,41 @@ def test_failures_raise_outside_of_traces_where_that_is_asked_for(model):
     solve = model.solve_fn(INITIAL, **options)
     with pytest.raises(RunFailedError, match=r"MAX_STEPS.*max_steps.*throw=True"):
         solve([0.0, 50.0], INITIAL, PARAMETERS)
-    traced = jax.jit(lambda p: solve([0.0, 50.0], INITIAL, p).status)
-    assert int(traced(PARAMETERS)) == Status.MAX_STEPS
-    assert int(traced({**PARAMETERS, "m": np.nan})) == Status.NON_FINITE
     assert int(solve([0.0, 1e-9], INITIAL, PARAMETERS).status) == Status.SUCCESS
     with pytest.raises(OptionError, match="throw must be True or False"):
         model.solve_fn(throw="yes")
+
+
+def test_failures_in_traces_are_statuses(model):
+    solve = model.solve_fn(INITIAL, max_steps=2, method="tsit5")
+    traced = jax.jit(lambda p: solve([0.0, 50.0], INITIAL, p).status, compiler_options=QUICK)
+    assert int(traced(PARAMETERS)) == Status.MAX_STEPS
+    assert int(traced({**PARAMETERS, "m": np.nan})) == Status.NON_FINITE
+
+
+def test_failures_raise_in_traces_where_that_is_asked_for(model):
+    """Whatever is computed of a failed run: a row, a gradient alone, one run of a batch, runs on the host."""
+    options = {"max_steps": 20, "throw": True, "method": "tsit5"}
+    solve, plain = model.solve_fn(INITIAL, **options), model.solve_fn(INITIAL, max_steps=20, method="tsit5")
+    p, good, bad = model.parameter_vector(PARAMETERS), np.array([0.0, 0.1]), np.array([0.0, 50.0])
+
+    def end(t, p, solve=solve):
+        return solve(t, INITIAL, p).q[-1, 0]
+
+    raised = jax.errors.JaxRuntimeError, ValueError
+    gradient = jax.jit(jax.grad(end, 1), compiler_options=QUICK)
+    found = gradient(good, p)
+    with pytest.raises(raised, match=r"RunFailedError: the run failed with the status MAX_STEPS.*raise max_steps"):
+        jax.block_until_ready(gradient(bad, p))
+    same = jax.jit(jax.grad(lambda t, p: end(t, p, plain), 1), compiler_options=QUICK)(good, p)
+    np.testing.assert_array_equal(found, same)
+    batch = jax.jit(jax.vmap(lambda t: end(t, p)), compiler_options=QUICK)
+    assert np.all(np.isfinite(batch(np.stack([good, 0.5 * good]))))
+    with pytest.raises(raised, match=r"2 of 3 runs failed: number 1 failed.*MAX_STEPS"):
+        jax.block_until_ready(batch(np.stack([good, bad, bad])))
+    hosted = model.solve_fn(INITIAL, events=["x"], **options)
+    with pytest.raises(raised, match=r"RunFailedError: the run failed.*MAX_STEPS"):
+        jax.block_until_ready(jax.jit(lambda t: hosted(t, INITIAL, p).end)(bad))
 
 
 def test_dense_output_that_is_not_there_is_refused(model):

@@ -239,7 +239,7 @@ class SolveOptions:
     dense : bool
         Whether the result can be evaluated at any time.
     throw : bool
-        Whether a call outside of traces that fails raises an error.
+        Whether a run that fails raises an error.
 
     Raises
     ------

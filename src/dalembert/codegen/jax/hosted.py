@@ -77,9 +77,7 @@ class HostedSolve:
         _refuse_functions(given)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
-        if self._options.throw:
-            raise_failure(solved.status, "", self._options.method)
-        return solved
+        return raise_failure(solved, "", self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, HostedSolve) and self._key == other._key)

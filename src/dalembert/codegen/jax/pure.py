@@ -141,9 +141,7 @@ class Solve:
         refuse_given(given, self._options)
         p = parameters_of(layout, p, numbers, given)
         solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
-        if self._options.throw:
-            raise_failure(solved.status, self._program.formulation, self._options.method)
-        return solved
+        return raise_failure(solved, self._program.formulation, self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Solve) and self._key == other._key)

@@ -7,16 +7,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from ...arrays import FloatArray
 from ...errors import RunFailedError, ValueInputError
 from ...integrators.jax.motion import Path
 from ...integrators.jax.run_constants import RunConstants
 from ...methods.status import Status
+from .host_calls import on_host
 
 if TYPE_CHECKING:
     from .pure import Solve
 
 __all__ = ["Dense", "EventTimes", "Solved", "States", "raise_failure"]
+
+_GOOD = [int(each) for each in Status if each.success]
 
 
 @final
@@ -127,18 +132,41 @@ def _states(solve: Solve, dense: Dense, t: Any) -> States:
     return solve.states(dense, t)
 
 
-def raise_failure(status: Any, formulation: str, method: str) -> None:
-    """Raise an error where a status is known and says that a run, or one of several, failed.
+def raise_failure(solved: Solved, formulation: str, method: str) -> Solved:
+    """Return the result of a run that did not fail; raise an error for one, or one of several, that did.
+
+    Traced runs raise on the host when they are computed: JAX raises an error of its own, with the text of ours.
 
     Raises
     ------
     RunFailedError
+        Where the status is known.
     """
-    if isinstance(status, jax.core.Tracer):
-        return
-    ended = Status(int(status))
-    if not ended.success:
+    status = solved.status
+    if not isinstance(status, jax.core.Tracer):
+        _raise_failed(formulation, method, np.asarray([status], dtype=float))
+        return solved
+    fails = partial(_raise_failed, formulation, method)
+    failed = ~jnp.isin(status, jnp.array(_GOOD))
+    one = jax.lax.cond(failed, lambda own: on_host(fails, ((),), own)[0], jnp.ones_like, status.astype(float))
+    # Everything is multiplied by one, derivatives too, so that nothing is computed without the check.
+    return jax.tree.map(lambda leaf: leaf * one.astype(leaf.dtype), solved)
+
+
+def _raise_failed(formulation: str, method: str, statuses: FloatArray) -> tuple[FloatArray]:
+    """Return ones (k,) for runs with these statuses (k,).
+
+    Raises
+    ------
+    RunFailedError
+        Where one failed.
+    """
+    failed = np.flatnonzero(~np.isin(statuses, _GOOD))
+    if len(failed):
+        count, first = len(statuses), Status(int(statuses[failed[0]]))
+        who = "the run" if count == 1 else f"{len(failed)} of {count} runs failed: number {failed[0]}"
         raise RunFailedError(
-            f"the run failed with the status {ended}: {ended.message_for((formulation,), method)} Without throw=True"
-            " the result holds this status, and NaN where the run did not come"
+            f"{who} failed with the status {first}: {first.message_for((formulation,), method)} Without throw=True the"
+            " result holds this status, and NaN where the run did not come"
         )
+    return (np.ones(len(statuses)),)

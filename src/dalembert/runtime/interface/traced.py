@@ -65,8 +65,8 @@ def solve_fn(
         Whether the result has a motion ``dense(t)`` at any time, traced ones among them. It keeps a record of
         `max_steps` steps; with events, reductions or contacts, every call of it is a run of its own.
     throw : bool
-        Whether a run that fails raises `RunFailedError` where it is called outside of traces. Inside ``jax.jit``,
-        ``jax.grad`` and ``jax.vmap`` nothing can be raised, and the status says how it ended.
+        Whether a run that fails raises `RunFailedError`. Inside ``jax.jit``, ``jax.grad`` and ``jax.vmap`` it is
+        raised on the host while the program runs, so that JAX raises an error of its own with that text.
     events, reduce
         As for `sweep`: ``solved.events``, ``solved.reduced`` and ``solved.end`` hold what they give. Symbols that only
         events and reductions contain are further parameters of the function. Such runs, and those of scenes whose
