@@ -85,3 +85,14 @@ def test_what_has_no_equilibrium_in_its_mode_or_is_no_guess_is_refused():
         rubbing().trim({**REST, y: 1.0}, RUBBING, inputs={F: 0.0}, free=[x])
     with pytest.raises(InitialStateError, match="missing for"):
         rubbing().trim({y: 1.0, y.diff(): 0.0}, RUBBING, inputs={F: 0.0})
+
+
+def test_assembled_guesses_lie_on_what_they_penetrate():
+    """Positions and rates of a contact that is closed; one with a gap stays open, and only positions change then."""
+    model = rubbing()
+    found = model.assemble({x: 1.0, y: -0.3, x.diff(): 2.0, y.diff(): -1.0}, RUBBING, inputs={F: 0.0})
+    assert found == {"x": 1.0, "y": pytest.approx(0.0, abs=1e-12), "x_dot": 2.0, "y_dot": pytest.approx(0.0, abs=1e-12)}
+    above = {"x": 1.0, "y": 0.2, "x_dot": 2.0, "y_dot": -1.0}
+    assert model.assemble(above, RUBBING, inputs={F: 0.0}) == above
+    with pytest.raises(InitialStateError, match="cannot be assembled from this guess"):
+        model.assemble({x: 0, y: -0.3}, RUBBING, inputs={F: 0.0}, fixed=[y])

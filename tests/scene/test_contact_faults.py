@@ -8,6 +8,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import (
+    CapabilityError,
     ConstraintError,
     InitialStateError,
     OptionError,
@@ -170,6 +171,8 @@ def test_names_of_what_a_sweep_has():
 
 def test_what_only_the_model_of_a_mode_has():
     model = da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
-    with pytest.raises(AttributeError, match=r"no 'sensitivity' of its own.*model\.mode\(.*\)\.sensitivity"):
-        _ = model.sensitivity
+    with pytest.raises(AttributeError, match=r"no 'expand' of its own.*model\.mode\(.*\)\.expand"):
+        _ = model.expand
+    with pytest.raises(CapabilityError, match=r"across changes of contacts \(ground\).* model\.mode\(\)\.sensitivity"):
+        model.sensitivity((0, 1), {}, {}, wrt=["g"])
     assert not hasattr(model, "velocity") and model.mode().prepare

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from ..arrays import FloatArray
 from ..ir.program import Layout
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
-from ..options import PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
+from ..options import PrepareOptions, SensitivityOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
 from ..scene.model import ControllerModel, InputSymbol
 from . import inputs as run_input
 from .interface import derivatives, evaluation, motions, states
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
     from ..results.operating_point import OperatingPoint
+    from ..results.sensitivity import Sensitivity
     from .input_values import GivenInputs
     from .prepared import PreparedRun
 
@@ -55,6 +56,8 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     simulate = motions.simulate
     sweep = motions.sweep
     prepare = motions.prepare
+    assemble = states.assemble
+    sensitivity = derivatives.sensitivity
     linearize = derivatives.linearize
     trim = derivatives.trim
 
@@ -99,6 +102,18 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     @abstractmethod
     def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
         """Return a prepared run."""
+
+    @abstractmethod
+    def _assemble(
+        self, t: float, guess: dict[str, float], parameters: Given, fixed: Collection[str]
+    ) -> dict[str, float]:
+        """Return consistent initial values near a guess."""
+
+    @abstractmethod
+    def _sensitivity(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
+    ) -> Sensitivity:
+        """Return one trajectory with derivatives."""
 
     @abstractmethod
     def _linearize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any, cast, final
@@ -14,7 +14,15 @@ from ..errors import OptionError, list_names, unknown_name
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
-from ..options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
+from ..options import (
+    CompileOptions,
+    PrepareOptions,
+    SensitivityOptions,
+    SimulateOptions,
+    StoreOptions,
+    SweepOptions,
+    TrimOptions,
+)
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 from ..scene import Scene
 from ..values import tolerances
@@ -23,7 +31,7 @@ from .base import Given, Model
 from .capabilities import require
 from .derived import Derived
 from .engines import engine_of
-from .interface import derivatives, motions, states, traced
+from .interface import motions, states, traced
 from .segment_constants import at_time
 from .simulate import simulate
 from .variants import Variants
@@ -34,6 +42,7 @@ if TYPE_CHECKING:
     from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
     from ..results.operating_point import OperatingPoint
+    from ..results.sensitivity import Sensitivity
     from ..results.sweep import Sweep
     from ..results.trajectory import Trajectory
     from .input_values import GivenInputs
@@ -81,10 +90,8 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     layout: Layout = field(init=False)
     _chosen: dict[tuple[float, float, bool], str] = field(init=False, default_factory=dict)
 
-    sensitivity = derivatives.sensitivity
     compare_formulations = motions.compare_formulations
     expand = states.expand
-    assemble = states.assemble
     solve_fn = traced.solve_fn
 
     def __post_init__(self) -> None:
@@ -303,6 +310,22 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         from .linearize_period import linearize_period
 
         return linearize_period(self, t, initial, parameters, inputs, states, outputs)
+
+    def _sensitivity(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
+    ) -> Sensitivity:
+        from .sensitivity import differentiate_run
+
+        return differentiate_run(self, t_span, initial, parameters, options)
+
+    def _assemble(
+        self, t: float, guess: dict[str, float], parameters: Given, fixed: Collection[str]
+    ) -> dict[str, float]:
+        from .assembly import assembled
+
+        program = self.stages.program
+        c = run_input.constants(program, self.parameter_vector(parameters))
+        return assembled(program, at_time(program, c, t), t, guess, fixed)
 
     def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
         from .trim import find_operating_point

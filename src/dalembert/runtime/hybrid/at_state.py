@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from .given_values import plain_mode, start_state
 if TYPE_CHECKING:
     from .model import HybridModel
 
-__all__ = ["linearize_mode", "trim_mode"]
+__all__ = ["assemble_open", "linearize_mode", "trim_mode"]
 
 _MOST_MODES = 8
 """Modes in which an equilibrium is looked for, one after the other."""
@@ -53,6 +53,28 @@ def linearize_mode(
     mode, x, given = _decided_mode(model, t, start_state(model.modes, model.layout, t, values, given), given)
     start = dict(zip(model.layout.variables, x.tolist(), strict=True))
     return linearize(model.modes.model(mode), t, start, given, states, outputs)
+
+
+def assemble_open(
+    model: HybridModel, t: float, guess: dict[str, float], parameters: Mapping[Any, Any], fixed: Collection[str]
+) -> dict[str, float]:
+    """Return consistent values near a guess; see `Model.assemble`. Contacts are closed one by one, as it penetrates.
+
+    Raises
+    ------
+    InitialStateError
+        For what cannot be assembled.
+    """
+    given, slipping = model.parameter_values(parameters), plain_mode(model.modes, "")
+    mode, found = plain_mode(model.modes, OPEN), guess
+    for _ in range(len(mode) + 1):
+        gaps = _gaps(model, t, found, given)
+        deep = np.ones(len(mode), np.bool_) if gaps is None else gaps < -NOISE * (np.abs(gaps) + 1.0)
+        mode = tuple(s if closes else m for m, s, closes in zip(mode, slipping, deep, strict=True))
+        found = model.modes.model(mode)._assemble(t, guess, given | _no_slip(model, mode), fixed)
+        if not _penetrates(model, t, found, given):
+            break
+    return found
 
 
 def trim_mode(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import Any, final
@@ -16,13 +16,22 @@ from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once
-from ...options import CompileOptions, PrepareOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
+from ...options import (
+    CompileOptions,
+    PrepareOptions,
+    SensitivityOptions,
+    SimulateOptions,
+    StoreOptions,
+    SweepOptions,
+    TrimOptions,
+)
 from ...pipeline import SeveralModes, compile_mode, compile_stages
 from ...results.discrete_linearization import DiscreteLinearization
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from ...results.linearization import Linearization
 from ...results.operating_point import OperatingPoint
+from ...results.sensitivity import Sensitivity
 from ...scene import Scene
 from .. import inputs as run_input
 from ..base import Given, Model
@@ -32,7 +41,7 @@ from ..inputs import span_of
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from ..prepared import PreparedRun
-from .at_state import linearize_mode, trim_mode
+from .at_state import assemble_open, linearize_mode, trim_mode
 from .decisions import Decisions
 from .evaluate import evaluate
 from .given_values import plain_mode, start_state
@@ -247,6 +256,19 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         raise CapabilityError(
             f"linearize does not know of sampled controllers ({names}) in scenes whose contacts change: {WITHOUT}"
         )
+
+    def _sensitivity(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
+    ) -> Sensitivity:
+        raise CapabilityError(
+            f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
+            " of one mode, as model.mode().sensitivity(...), or take differences of runs"
+        )
+
+    def _assemble(
+        self, t: float, guess: dict[str, float], parameters: Given, fixed: Collection[str]
+    ) -> dict[str, float]:
+        return assemble_open(self, t, guess, parameters, fixed)
 
     def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
         return trim_mode(self, guess, parameters, options)

@@ -17,14 +17,13 @@ if TYPE_CHECKING:
     from ...results.operating_point import OperatingPoint
     from ...results.sensitivity import Sensitivity
     from ..base import Model
-    from ..model import CompiledModel
 
 __all__ = ["linearize", "sensitivity", "trim"]
 
 
 @nesting_named
 def sensitivity(
-    self: CompiledModel,
+    self: Model[Any, Any],
     t_span: tuple[float, float],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -64,6 +63,8 @@ def sensitivity(
     ------
     UnknownNameError, ValueInputError, InitialStateError, OptionError
         For input that is wrong.
+    CapabilityError
+        For controllers that are Python functions, and scenes whose contacts change.
     """
     refuse_functions(self._controllers, "sensitivity")
     options = SensitivityOptions(
@@ -76,9 +77,7 @@ def sensitivity(
         t_eval=t_eval,
         inputs=read_inputs(self.layout, self._inputs, inputs),
     )
-    from ..sensitivity import differentiate_run
-
-    return differentiate_run(self, t_span, initial, parameters, options)
+    return self._sensitivity(t_span, initial, parameters, options)
 
 
 @nesting_named

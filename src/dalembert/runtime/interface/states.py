@@ -104,7 +104,7 @@ def expand(
 
 @nesting_named
 def assemble(
-    self: CompiledModel,
+    self: Model[Any, Any],
     guess: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     *,
@@ -131,7 +131,8 @@ def assemble(
     -------
     dict of str to float
         Coordinates, rates where the guess has any, and the states as they are given. Nearest is meant by the sum
-        of the squares of the changes.
+        of the squares of the changes. Contacts that the guess penetrates are closed, and others may stay open: ask
+        the model of one mode, as ``mode(floor="slip").assemble``, for what is to touch.
 
     Raises
     ------
@@ -140,12 +141,8 @@ def assemble(
     UnknownNameError, ValueInputError
         For input that is wrong.
     """
-    from ..assembly import assembled
-    from ..segment_constants import at_time
-
-    program, time = self.stages.program, option("t", t)
+    time = option("t", t)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
-    c = run_input.constants(program, self.parameter_vector(given))
     values = run_input.given_values(self.layout, guess, plain=True)
     held = run_input.resolve_names("fixed name", fixed, values, self.layout.aliases)
-    return assembled(program, at_time(program, c, time), time, values, held)
+    return self._assemble(time, values, given, held)
