@@ -1,4 +1,4 @@
-"""Transitions of contacts: impacts, then the mode in which the motion goes on.
+"""Transitions of contacts: impacts (`contact_impacts`), then the mode in which the motion goes on.
 
 A case comes here when a guard has fired, or when it starts. What is known of its contacts follows from the mode that
 ended and from the guards. Where contacts are struck, the impact is solved for first; the case then comes here again
@@ -14,20 +14,12 @@ from ..methods.step_constants import EPSILON
 from .arguments import IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
-    NOISE,
-    RESTING,
-    ROUNDED,
-    STILL,
     TURN,
     UNDECIDED,
     ContactCases,
     approaches,
     gap_allowance,
-    gap_rate,
     known_of,
-    laws_of_sliding,
-    rate_noise,
-    rate_terms,
     refused,
     returns,
     sign,
@@ -36,24 +28,21 @@ from .contact_cases import (
     strikes,
     touching,
 )
-from .contact_system import compliance, load_accelerations, load_impact, solve_mode
+from .contact_impacts import hold, moves_in_mode, strike
+from .contact_system import compliance, load_accelerations, solve_mode
 from .contact_table import (
-    CLOSED,
     OPEN,
-    RESTITUTION,
     SLIP,
     STICK,
     ContactSpace,
     ContactTable,
     bias,
-    drift,
     mass,
-    number,
     opening_power,
     slope,
     velocity,
 )
-from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates
+from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
 from .mode_selection import select_mode
 
 __all__ = [
@@ -71,22 +60,15 @@ _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and the least one [m/s]."""
 
-_MAY_MOVE, _NOTHING = 1e-9, 1e-4
-"""Share of the terms of a velocity up to which it counts as zero where a phase starts, and the least size of these
-terms: a tenth of what `dalembert.reduction.starting` allows."""
-
 SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
-
-_MOST_IMPACTS = 10_000
-"""Impacts at one instant, after which they accumulate."""
 
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
-_ACCUMULATE, _AMBIGUOUS = int(Status.EVENTS_ACCUMULATE), int(Status.CONTACT_AMBIGUOUS)
+_AMBIGUOUS = int(Status.CONTACT_AMBIGUOUS)
 
 
 class DecisionArguments(NamedTuple):
@@ -152,115 +134,6 @@ def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases:
                 if a < table.width[i]:
                     row = table.constraints + table.first[i] + a
                     pick.given_along[i, a] = velocity(table, space, row) / speed
-
-
-@compiled_subset
-def _impact(arguments: DecisionArguments, case: int) -> int:
-    """Solve for the rates after an impact and take them; return a status."""
-    table, space, pick = arguments.table, arguments.space, arguments.candidates
-    cases, demand = arguments.cases, arguments.demand
-    cases.impacts[case] += 1
-    if cases.impacts[case] > _MOST_IMPACTS:
-        return _ACCUMULATE
-    for row in range(table.constraints):
-        demand[row] = 0.0
-    for i in range(table.constraint.size):
-        if pick.struck[i] == 1:
-            row = table.constraint[i]
-            demand[row] = -number(table, space, i, RESTITUTION) * velocity(table, space, row)
-        if pick.kind[i] == LIFTING:  # it still touches, and may be pushed
-            pick.kind[i] = TOUCHING
-            if laws_of_sliding(table, i):
-                pick.kind[i], pick.slides[i] = GRIPPED, 1 if pick.former[i] == SLIP else 0
-        if pick.kind[i] == SLIDING:
-            pick.kind[i], pick.slides[i] = GRIPPED, 1
-        pick.broken[i] = pick.turned[i] = pick.parted[i] = 0
-        pick.still[i] = pick.least[i] = 0.0
-    load_impact(table, space, demand)
-    status = select_mode(table, space, pick, False, False)
-    if status != _SUCCESS:
-        return status
-    n = table.coordinates
-    for j in range(n):
-        cases.x[case, n + j] = pick.best_motion[j]
-    for i in range(table.constraint.size):
-        cases.after[case, i] = _kind_after(table, space, pick, cases, case, i)
-        cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
-        if table.sided[i] != 0:
-            cases.sides[case, i] = pick.best_sides[i]
-    return status
-
-
-@compiled_subset
-def _rate_after(table: ContactTable, space: ContactSpace, pick: Candidates, row: int) -> float:
-    """Return the rate of a constraint, or a slip velocity, after an impact."""
-    rate = drift(table, space, row)
-    for j in range(table.coordinates):
-        rate += slope(table, space, row, j) * pick.best_motion[j]
-    return rate
-
-
-@compiled_subset
-def _kind_after(
-    table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int
-) -> int:
-    """Return what is known of a contact after an impact."""
-    if pick.kind[i] == FREE and cases.after[case, i] != HOVERING:
-        return FREE
-    if table.constraint[i] >= 0:
-        row = table.constraint[i]
-        terms, rate = 0.0, float(table.sense[i]) * _rate_after(table, space, pick, row)
-        for j in range(table.coordinates):
-            terms += abs(slope(table, space, row, j) * pick.best_motion[j])
-        least = max(rate_noise(table, space, i), NOISE * terms)
-        if rate > max(least, RESTING * cases.approach[case, i]):
-            return FREE
-        if pick.kind[i] == FREE or rate > max(least, STILL * cases.approach[case, i]):
-            return HOVERING
-    if not laws_of_sliding(table, i):
-        return TOUCHING
-    if pick.best_mode[i] == STICK:
-        return GRIPPED
-    total = 0.0
-    for a in range(table.width[i]):
-        slip = _rate_after(table, space, pick, table.constraints + table.first[i] + a)
-        total += slip * slip
-    return GRIPPED if sqrt(total) <= NOISE * cases.speeds[case, i] else SLIDING
-
-
-@compiled_subset
-def _moves(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Return whether a contact that is closed, or sticks, in the selected mode moves more than rounding makes of it.
-
-    What is rounding of fast motions may be all that is left of them: beside the present rates, too, it must be small,
-    or the phase could not start.
-    """
-    moves = False
-    for i in range(table.constraint.size):
-        if pick.best_mode[i] == STICK:
-            most = min(ROUNDED * cases.speeds[case, i], _MAY_MOVE * max(slip_terms(table, space, i), _NOTHING))
-            moves = moves or not slip_speed(table, space, i) <= most
-        if pick.best_mode[i] != OPEN and table.constraint[i] >= 0:
-            terms = rate_terms(table, space, table.constraint[i])
-            most = min(ROUNDED * cases.approach[case, i], _MAY_MOVE * max(terms, _NOTHING))
-            moves = moves or not abs(gap_rate(table, space, i)) <= most
-    return moves
-
-
-@compiled_subset
-def _hold(arguments: DecisionArguments, case: int) -> None:
-    """Give a case the rates nearest to the present ones, by kinetic energy, that its mode allows."""
-    table, space, pick = arguments.table, arguments.space, arguments.candidates
-    n, cases = table.coordinates, arguments.cases
-    for row in range(table.constraints):
-        arguments.demand[row] = 0.0
-    load_impact(table, space, arguments.demand)
-    for i in range(table.constraint.size):
-        state = pick.best_mode[i]
-        pick.mode[i] = state if state == OPEN or state == STICK else CLOSED
-    solve_mode(table, space, pick.mode, pick.best_along, pick.best_sides)
-    for j in range(n):
-        cases.x[case, n + j] = space.motion[j]
 
 
 @compiled_subset
@@ -436,7 +309,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     _remember(table, space, pick, cases, case)
     begins = cases.after[case, 0] == UNDECIDED
     if _learn(arguments, case, begins):
-        cases.status[case] = _impact(arguments, case)
+        cases.status[case] = strike(table, space, pick, cases, arguments.demand, case)
         return cases.status[case] == _SUCCESS
     known, meets, closing = _joined(arguments, case, begins)
     load_accelerations(table, space)
@@ -447,12 +320,12 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     if cases.status[case] != _SUCCESS:
         return False
     if cases.span[case] >= 0.0 and _stopped(table, space, pick, cases, case):
-        cases.status[case] = _impact(arguments, case)
+        cases.status[case] = strike(table, space, pick, cases, arguments.demand, case)
         return cases.status[case] == _SUCCESS
     sticking = _enter(arguments, case)
     _choose_rest_speeds(arguments, case)
-    if (closing or sticking) and _moves(table, space, pick, cases, case):
-        _hold(arguments, case)
+    if (closing or sticking) and moves_in_mode(table, space, pick, cases, case):
+        hold(table, space, pick, cases, arguments.demand, case)
     return False
 
 
