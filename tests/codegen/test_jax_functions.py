@@ -4,9 +4,11 @@ import pickle
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import OptionError, UnknownNameError
+from dalembert.errors import OptionError, UnknownNameError, ValueInputError
+from runtime.test_input_values import forced
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
@@ -92,3 +94,49 @@ def test_arguments(model, at):
         functions.energy(0.0, y, {name: value for name, value in PARAMETERS.items() if name != "m"})
     same = pickle.loads(pickle.dumps(functions))
     assert same == functions and hash(same) == hash(functions) and functions != model.vector_field
+
+
+def test_methods_of_the_model_take_what_jax_traces(model, at):
+    """One state, rows of states, parameters by name; numbers as before."""
+    q, qdot = (np.asarray(value) for value in model.functions.expand(0.0, *at))
+    calls = {
+        "mass_matrix": lambda q, p: model.mass_matrix(q, p),
+        "forcing": lambda q, p: model.forcing(0.0, q, qdot, p),
+        "constraint_jacobian": lambda q, p: model.constraint_jacobian(0.0, q, p),
+        "accelerations": lambda q, p: model.accelerations(0.0, q, qdot, p),
+    }
+    rows = np.stack([q, 1.1 * q, 0.9 * q])
+    every = jax.jit(lambda q, rows, p: [(call(q, p), call(rows, p)) for call in calls.values()])
+    for (one, several), call in zip(every(q, rows, PARAMETERS), calls.values(), strict=True):
+        np.testing.assert_allclose(one, call(q, PARAMETERS), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(several, call(rows, PARAMETERS), rtol=1e-12, atol=1e-12)
+        assert isinstance(call(q, PARAMETERS), np.ndarray)
+    slope = jax.grad(lambda m: model.mass_matrix(q, {**PARAMETERS, "m": m}).trace())(1.3)
+    shares = [model.mass_matrix(q, {**PARAMETERS, "m": m}).trace() for m in (1.0, 2.0)]
+    np.testing.assert_allclose(slope, shares[1] - shares[0], rtol=1e-12)
+    with pytest.raises(ValueInputError, match=r"q must have shape \(5,\) or \(k, 5\), not \(2,\)"):
+        jax.jit(calls["mass_matrix"])(q[:2], PARAMETERS)
+    with pytest.raises(ValueInputError, match=r"as many rows as each other.*q: 3, qdot: 2"):
+        jax.jit(lambda rows: model.forcing(0.0, rows, rows[:2], PARAMETERS))(rows)
+
+
+def test_methods_of_the_model_with_traced_inputs_and_states():
+    scene, z = forced(), dynamicsymbols("z")
+    scene.add_states({z: -z})
+    scene.add_loads((scene.bodies[0].masscenter, z * scene.frame.x))
+    model, p, rest = da.compile_model(scene, backend="jax"), {"m": 0.8, "k": 2.0}, {"z": 0.0}
+    knots, x = np.array([0.0, 1.0, 3.0]), np.array([0.5])
+
+    def force(values, t=1.5):
+        return model.forcing(t, x, [0.0], p, inputs={"u": da.samples(knots, values)}, states=rest)[..., 0]
+
+    np.testing.assert_allclose(jax.jit(force)(np.array([1.0, 2.0, 4.0])), 2.5 - 1.0)
+    np.testing.assert_allclose(jax.grad(force)(np.array([1.0, 2.0, 4.0])), [0.0, 0.75, 0.25])
+    times = np.array([0.5, 1.0, 2.0])
+    np.testing.assert_allclose(jax.jit(lambda v: force(v, times))(np.array([1.0, 2.0, 4.0])), [0.5, 1.0, 2.0])
+    both = jax.jit(lambda u, z: model.accelerations(0.0, x, [0.0], {**p, "u": u}, states={"z": z}))
+    np.testing.assert_allclose(both(1.0, 0.3), [(1.0 - 1.0 + 0.3) / 0.8], rtol=1e-14)
+    with pytest.raises(UnknownNameError, match="missing inputs: u"):
+        jax.jit(lambda x: model.forcing(0.0, x, [0.0], p, states=rest))(x)
+    with pytest.raises(ValueInputError, match="depends on the first-order states"):
+        jax.jit(lambda x: model.forcing(0.0, x, [0.0], p, inputs={"u": 1.0}))(x)

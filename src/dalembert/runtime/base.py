@@ -140,6 +140,11 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     # -- what functions over models read ---------------------------------------------------
 
     @property
+    def _traced_functions(self) -> Any:
+        """The kernels as functions that JAX traces, None for models that have none."""
+        return None
+
+    @property
     def _inputs(self) -> tuple[InputSymbol, ...]:
         """The inputs of the scene."""
         return self._equations.symbols.inputs

@@ -28,7 +28,7 @@ from ..scene import Scene
 from ..values import tolerances
 from . import inputs as run_input
 from .base import Given, Model
-from .capabilities import require
+from .capabilities import refusal, require
 from .derived import Derived
 from .engines import engine_of
 from .interface import motions, states, traced
@@ -223,6 +223,11 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         """
         require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
         return cast("TracedEngine", self.engine).state_functions
+
+    @property
+    def _traced_functions(self) -> Any:
+        served = not refusal(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
+        return cast("TracedEngine", self.engine).state_functions if served else None
 
     def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, final
 
+import jax
 import jax.numpy as jnp
 
-from ...errors import OptionError, list_names
+from ...errors import OptionError, ValueInputError, list_names
+from ...integrators.feedback import Feedback
 from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
 from ...once import once
-from .arguments import parameters_of
+from ...scene.model import InputSymbol
+from .arguments import parameters_of, vector
 from .modules import kernels_of
+from .run_inputs import inputs_of, parameters_at
 from .stepping import Stepper, control_by_name
 
 __all__ = ["StateFunctions", "VectorField"]
@@ -23,6 +28,35 @@ def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
     if array.shape != (len(names),):
         raise OptionError(f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def _rows(name: str, values: Any, size: int) -> Any:
+    """Return an array (size,) or (k, size) of what a user gave."""
+    array = jnp.asarray(values, dtype=float)
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
+    return array
+
+
+def _over_rows(function: Callable[..., Any], arguments: Mapping[str, tuple[Any, int]]) -> Any:
+    """Return a function of arguments, given with their ranks, for all rows of those that have one rank more.
+
+    Raises
+    ------
+    ValueInputError
+        For numbers of rows that differ; one row serves all.
+    """
+    sizes = {name: len(value) for name, (value, rank) in arguments.items() if jnp.ndim(value) > rank}
+    counts = set(sizes.values()) - {1}
+    if len(counts) > 1:
+        counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+        raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
+    if not sizes:
+        return function(*(value for value, _ in arguments.values()))
+    count = counts.pop() if counts else 1
+    axes = [0 if sizes.get(name) == count else None for name in arguments]
+    values = [value[0] if sizes.get(name, count) != count else value for name, (value, _) in arguments.items()]
+    return jax.vmap(function, axes)(*values)
 
 
 class _OfProgram:
@@ -169,6 +203,42 @@ class StateFunctions(_OfProgram):
         y = _checked("the state", y, layout.state)
         p = jnp.asarray(parameters_of(layout, p, control_by_name(layout, control)), dtype=y.dtype)
         return _stepper(program, method)(t, y, p, dt, int(substeps))
+
+    def at_coordinates(
+        self,
+        kernel: str,
+        shape: tuple[int, ...],
+        point: tuple[Any, Any, Any, Any],
+        further: tuple[Any, Mapping[Any, Any] | None],
+        symbols: Sequence[InputSymbol],
+    ) -> Any:
+        """Return what a kernel of the scene gives at (t, q, qdot, p) with (states, inputs), some of them traced.
+
+        Arguments are those of `dalembert.runtime.interface.evaluation`; `symbols` are the inputs of the scene.
+        """
+        (t, q, qdot, p), (states, inputs), layout = point, further, self._program.layout
+        t, q = jnp.asarray(t, dtype=float), _rows("q", q, len(layout.coordinates))
+        qdot = jnp.zeros_like(q) if qdot is None else _rows("qdot", qdot, len(layout.coordinates))
+        if isinstance(states, Mapping):
+            states = vector(
+                "state", {layout.aliases.get(str(key), str(key)): states[key] for key in states}, layout.states
+            )
+        z = jnp.zeros(len(layout.states)) if states is None else _rows("states", states, len(layout.states))
+        numbers, given = inputs_of(layout, symbols, inputs, t)
+        functions = [name for name, value in given.items() if isinstance(value, Feedback)]
+        if functions:
+            raise OptionError(f"input {functions[0]!r} is a function, and a value is wanted here: give what it gives")
+        p = parameters_of(layout, p, numbers, given)
+        if given:
+            p = parameters_at(layout, symbols, given, p, t.reshape(-1), 1.0)[0].reshape(*t.shape, -1)
+
+        def one(t: Any, q: Any, qdot: Any, z: Any, p: Any) -> Any:
+            if kernel not in self._kernels:
+                return jnp.zeros(shape)
+            x = jnp.concatenate([q, qdot, z])
+            return self._kernels[kernel](t, x, self._constants(t, p)).reshape(shape)
+
+        return _over_rows(one, {"t": (t, 0), "q": (q, 1), "qdot": (qdot, 1), "states": (z, 1), "inputs": (p, 1)})
 
     def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
         """Return what a kernel of coordinates, rates and first-order states gives, zeros where there is none."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import UnknownNameError, ValueInputError, list_names, nesting_named
+from ...integrators.samples import Samples
 from ...ir.input_parameters import coefficient_places
 from ...values import array_of, times_of
 from .. import inputs as run_input
@@ -26,6 +27,8 @@ def mass_matrix(
     self: Model[Any, Any], q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None, states: Any = None
 ) -> FloatArray:
     """Return the mass matrix.
+
+    Of a model on the jax backend, arguments may be traced by JAX, and what is returned is traced and differentiated.
 
     Parameters
     ----------
@@ -104,11 +107,15 @@ def _evaluate(
     shape: tuple[int, ...],
 ) -> FloatArray:
     """Return a kernel's outputs at (t, q, qdot, p) with (states, inputs), as users give them."""
+    _require_states(self, kernel, further[0])
+    functions = self._traced_functions
+    if functions is not None and _traced(*point, *further):
+        return cast("FloatArray", functions.at_coordinates(kernel, shape, point, further, self._inputs))
     (t, q, qdot, p), (states, inputs) = point, further
     size, at = len(self.layout.coordinates), times_of("t", t)
     q = rows_of("q", q, size)
     qdot = np.zeros_like(q) if qdot is None else rows_of("qdot", qdot, size)
-    z = _states(self, kernel, states)
+    z = _states(self, states)
     single = q.ndim == 1 and qdot.ndim == 1 and z.ndim == 1 and np.ndim(t) == 0
     q, qdot, z = np.atleast_2d(q), np.atleast_2d(qdot), np.atleast_2d(z)
     sizes = {"q": len(q), "qdot": len(qdot), "t": len(at), "states": len(z)}
@@ -132,6 +139,15 @@ def _evaluate(
     return out[0] if single else out
 
 
+def _traced(*given: Any) -> bool:
+    """Whether JAX traces something of what is given, mappings and records among it; for models in JAX."""
+    from ...integrators.jax.traced import is_traced
+
+    values = [each for value in given for each in (value.values() if isinstance(value, Mapping) else (value,))]
+    records = [array for value in values if isinstance(value, Samples) for array in (value.t, value.values)]
+    return is_traced(*values, *records)
+
+
 def _with_inputs(self: Model[Any, Any], p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
     """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
     places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
@@ -145,8 +161,22 @@ def _with_inputs(self: Model[Any, Any], p: FloatArray, t: FloatArray, inputs: Ma
     return rows if given.sampled else rows[0]
 
 
-def _states(self: Model[Any, Any], kernel: str, given: Any) -> FloatArray:
-    """Return first-order states (n_z,) or (k, n_z) for a kernel, zeros where nothing is given or needed."""
+def _require_states(self: Model[Any, Any], kernel: str, given: Any) -> None:
+    """Refuse to evaluate a kernel that depends on first-order states where none are given.
+
+    Raises
+    ------
+    ValueInputError
+    """
+    names = self.layout.states
+    if given is None and names and self._depends_on_states(kernel):
+        raise ValueInputError(
+            f"{kernel} depends on the first-order states of the scene; give states={{...}} for {list_names(names)}"
+        )
+
+
+def _states(self: Model[Any, Any], given: Any) -> FloatArray:
+    """Return first-order states (n_z,) or (k, n_z), zeros where nothing is given."""
     names = self.layout.states
     if isinstance(given, Mapping):
         values = run_input.resolve("state", given, names, self.layout.aliases)
@@ -154,13 +184,7 @@ def _states(self: Model[Any, Any], kernel: str, given: Any) -> FloatArray:
         if missing:
             raise UnknownNameError(f"missing states: {list_names(missing)}. The scene has: {list_names(names)}")
         return np.array([values[name] for name in names])
-    if given is not None:
-        return rows_of("states", given, len(names))
-    if names and self._depends_on_states(kernel):
-        raise ValueInputError(
-            f"{kernel} depends on the first-order states of the scene; give states={{...}} for {list_names(names)}"
-        )
-    return np.zeros(len(names))
+    return np.zeros(len(names)) if given is None else rows_of("states", given, len(names))
 
 
 def _refuse_contradictions(self: Model[Any, Any], q: FloatArray, p: FloatArray) -> None:
