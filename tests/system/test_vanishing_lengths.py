@@ -94,6 +94,61 @@ def test_slow_passage(line, rtol):
         np.testing.assert_allclose(run["x"], expected, rtol=0, atol=allowed, err_msg=str(speed))
 
 
+@pytest.mark.parametrize("method", ["dop853", "tsit5", "radau"])
+def test_slow_passage_between_the_stages_of_other_methods(line, plane, method):
+    """A dip below zero that is deeper than the tolerance, and shorter than the distance of two stages."""
+    for rtol in (1e-5, 1e-7, 1e-9):
+        for speed in np.geomspace(3e-4, 0.3, 25):
+            if speed**2 < 10 * rtol or (method == "radau" and rtol < 1e-7):
+                continue
+            for model, rest in ((line, {}), (plane, {"y": 0.0, "y_dot": 0.0})):
+                start = {"x": 1.0, "x_dot": -speed, **rest}
+                run = model.simulate((0, 6), start, P, method=method, rtol=rtol, atol=rtol / 100)
+                allowed = 100 * rtol * max(1.0, 0.01 / speed)
+                np.testing.assert_allclose(run["x"], exact(run.t, speed), rtol=0, atol=allowed, err_msg=str(speed))
+
+
+@pytest.mark.parametrize("backend, method", [("numpy", "dop853"), ("numpy", "radau"), ("numba", "dop853")])
+def test_slow_passage_on_other_backends(backend, method):
+    model = da.compile_model(spring(x), backend=backend)
+    for speed in (0.003, 0.02, 0.1):
+        run = model.simulate((0, 6), {"x": 1.0, "x_dot": -speed}, P, method=method, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(run["x"], exact(run.t, speed), rtol=0, atol=1e-4)
+
+
+def test_slow_passage_in_sweeps_backwards_and_in_jax(line):
+    speeds = np.geomspace(1e-3, 0.3, 30)
+    for method in ("dop853", "tsit5"):
+        cases = line.sweep((0, 6), {"x": 1.0, "x_dot": -speeds}, P, method=method, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(cases["x"], exact(6.0, speeds), rtol=0, atol=1e-5)
+        back = line.sweep((0, -6), {"x": 1.0, "x_dot": speeds}, P, method=method, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(back["x"], exact(6.0, speeds), rtol=0, atol=1e-5)
+    jax = pytest.importorskip("jax")
+    with jax.enable_x64(True):
+        solve = da.compile_model(spring(x), backend="jax").solve_fn(method="tsit5", rtol=1e-8, atol=1e-10)
+        ends = [solve([0.0, 6.0], {"x": 1.0, "x_dot": -speed}, P).y[-1, 0] for speed in (3e-3, 0.1)]
+    np.testing.assert_allclose(ends, exact(6.0, np.array([3e-3, 0.1])), rtol=0, atol=1e-4)
+
+
+def test_many_springs_in_one_sweep():
+    """A right-hand side that is called, and not repeated once a stage, has the limits too."""
+    q = dynamicsymbols("q1:9")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("apart", frame=N, origin=O, coordinates=q)
+    for i, each in enumerate(q):
+        place = O.locatenew(f"P{i}", each * N.x)
+        scene.add_bodies(Particle(f"ball{i}", place, 1))
+        r = sp.sqrt(each**2 + sp.sin(length - sp.Rational(1, 2)) ** 2)  # so that equal springs share nothing
+        scene.add_loads((place, -k * (r - length) / r * each * N.x))
+    model = da.compile_model(scene)
+    speeds = np.geomspace(1e-3, 0.3, 8)
+    start = {str(each.func): 1.0 for each in q} | {each.diff(): -np.roll(speeds, i) for i, each in enumerate(q)}
+    for method in ("dop853", "tsit5"):
+        cases = model.sweep((0, 6), start, P, method=method, rtol=1e-10, atol=1e-12)
+        for i, each in enumerate(q):
+            np.testing.assert_allclose(cases[each], exact(6.0, np.roll(speeds, i)), rtol=0, atol=1e-5)
+
+
 def test_sweeps_and_prepared_runs(line, plane):
     """Loops over lanes take the steps of single runs."""
     speeds = np.linspace(0.01, 0.9, 50)

@@ -33,7 +33,10 @@ class Kernels:
         Writes the derivatives of dy/dt by y, row by row (n_y * n_y,), into ``out``; implicit methods form differences
         where it is absent.
     knots
-        Writes the largest sizes (2,) of the next step that knots of tables allow, forward and backward in time.
+        Writes the largest sizes (2,) of the next step that knots of tables and zeros of lengths allow, forward and
+        backward in time.
+    tables
+        Whether steps end at knots of tables, beyond which rates may be NaN.
     """
 
     rhs: Kernel
@@ -41,6 +44,7 @@ class Kernels:
     project_velocity: Kernel | None = None
     jacobian: Kernel | None = None
     knots: Kernel | None = None
+    tables: bool = False
 
     @property
     def projected(self) -> bool:

@@ -122,6 +122,11 @@ class Program:
     conditions: Conditions | None = None
 
     @property
+    def stops_at_tables(self) -> bool:
+        """Whether steps end at knots of tables that rates depend on."""
+        return "knots" in self and any(line.op == "piece" for line in self.kernel("knots").body)
+
+    @property
     def tables(self) -> tuple[Table, ...]:
         """The tables that kernels read, in the order in which they occur."""
         functions = self.kernels if self.conditions is None else (*self.kernels, *self.conditions.kernels)

@@ -14,6 +14,7 @@ from ..transforms.conditions import decide
 from ..transforms.knot_limits import knot_limits
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
+from ..transforms.zero_limits import zero_limits
 
 if TYPE_CHECKING:
     from ..mechanics.equations import EquationsOfMotion
@@ -71,7 +72,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
     kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still), records=records)]
-    limits = knot_limits(graph, system.rhs, system.inputs, equations.time, ~graph.mask(symbols.parameters))
+    limits = _step_limits(system, ~graph.mask(symbols.parameters))
     if limits is not None:
         on_state["knots"] = limits
     kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
@@ -118,6 +119,17 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         decided(equations),
     )
     return PROGRAM_PASSES(unprepared, records)
+
+
+def _step_limits(system: ReducedSystem, moving: int) -> tuple[Node, ...] | None:
+    """Return the largest size of a step, forward and backward in time; None where nothing limits it."""
+    graph, own = system.equations.graph, (system.rhs, system.inputs, system.equations.time)
+    state = graph.mask(str(node.payload) for node in system.inputs)
+    found = [knot_limits(graph, *own, moving), zero_limits(graph, *own, state)]
+    known = [limits for limits in found if limits is not None]
+    if len(known) < 2:
+        return known[0] if known else None
+    return tuple(graph.call("min", a, b) for a, b in zip(*known, strict=True))
 
 
 def _energies(

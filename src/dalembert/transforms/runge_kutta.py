@@ -111,6 +111,8 @@ class Pieces:
         its evaluation: the components `moved`, then the time. k holds the slopes of stage i from i * n_y on.
     finish : Kernel
         The outputs, from (t, y, s, k).
+    knots : Kernel or None
+        What is called first where steps have limits: its two outputs, from (t, y, c), lie in k behind all slopes.
     """
 
     name: str
@@ -118,25 +120,43 @@ class Pieces:
     moved: tuple[int, ...]
     stages: tuple[tuple[int, Kernel], ...]
     finish: Kernel
+    knots: Kernel | None = None
+
+    @property
+    def slopes(self) -> int:
+        """Number of slopes of all stages in k."""
+        return (self.stages[-1][0] + 1) * len(self.rhs.outputs)
+
+    @property
+    def held(self) -> int:
+        """Number of values in k."""
+        return self.slopes if self.knots is None else self.slopes + len(self.knots.outputs)
 
 
-def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool) -> Pieces:
+def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> Pieces:
     """Return the attempt of `attempt_kernel` in pieces; together they compute the same bits."""
-    return _pieces("attempt", rhs, lambda: _Attempt(rhs, tableau, carried=carried, dense=dense))
+
+    def make(limits: tuple[str, str] | None = None) -> _Attempt:
+        return _Attempt(rhs, tableau, carried=carried, dense=dense, knots=limits)
+
+    return _pieces("attempt", rhs, make) if knots is None else _pieces("attempt", rhs, make, knots)
 
 
 def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Pieces:
     """Return the start of `start_kernel` in pieces; together they compute the same bits."""
-    return _pieces("start", rhs, lambda: _Start(rhs, tableau, carried=carried))
+    return _pieces("start", rhs, lambda limits: _Start(rhs, tableau, carried=carried))
 
 
-def _pieces(name: str, rhs: Kernel, make: Callable[[], _Parts]) -> Pieces:
-    n = len(rhs.outputs)
+def _pieces(
+    name: str, rhs: Kernel, make: Callable[[tuple[str, str] | None], _Parts], knots: Kernel | None = None
+) -> Pieces:
+    n, limits = len(rhs.outputs), None if knots is None else ("limit_forward", "limit_backward")
+    slopes = (make(limits).stages()[-1] + 1) * n
     moved = tuple(sorted({load.index for load in rhs.loads if load.array == "y" and load.index is not None}))
 
     def piece(label: str, build: Callable[[_Parts], Vector]) -> Kernel:
-        parts = make()
-        held: list[Load] = []
+        parts = make(limits)
+        held = [] if limits is None else [*_array(limits, "k", slopes)]
         for stage in parts.stages():
             parts.slopes[stage] = _names(f"k_{stage}", n)
             held += _array(parts.slopes[stage], "k", stage * n)
@@ -157,8 +177,9 @@ def _pieces(name: str, rhs: Kernel, make: Callable[[], _Parts]) -> Pieces:
         name=name,
         rhs=replace(PRODUCT_FUSION(rhs), loads=loads),
         moved=moved,
-        stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in make().stages()),
+        stages=tuple((stage, piece(f"stage{stage}", point(stage))) for stage in make(limits).stages()),
         finish=piece("finish", lambda parts: parts.outputs()),
+        knots=None if knots is None else replace(knots, name="attempt_limits"),
     )
 
 
@@ -245,7 +266,13 @@ class _Attempt(_Parts):
     """One attempt."""
 
     def __init__(
-        self, rhs: Kernel, tableau: Tableau, *, carried: bool, dense: bool, knots: Kernel | None = None
+        self,
+        rhs: Kernel,
+        tableau: Tableau,
+        *,
+        carried: bool,
+        dense: bool,
+        knots: Kernel | tuple[str, str] | None = None,
     ) -> None:
         super().__init__(rhs)
         self.tableau, self.carried, self.dense = tableau, carried, dense
@@ -264,10 +291,10 @@ class _Attempt(_Parts):
         self.h = lines.mul(self.size, _DIRECTION)
         self._points: dict[int, Vector] = {}
 
-    def _end_at_knot(self, knots: Kernel, least: Operand) -> None:
+    def _end_at_knot(self, knots: Kernel | tuple[str, str], least: Operand) -> None:
         """Cut the step at a knot of a table; `unlimited` is what was proposed where that comes to pass, else 0."""
         lines = self.lines
-        forward, backward = inlined(lines, knots)("t_", self.y)
+        forward, backward = inlined(lines, knots)("t_", self.y) if isinstance(knots, Kernel) else knots
         limit = lines.op("select", lines.op("less", _DIRECTION, 0.0), backward, forward)
         limit = lines.op("max", limit, lines.mul(least, 4.0))
         cut = lines.op("less", limit, self.size)

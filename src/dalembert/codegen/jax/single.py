@@ -67,7 +67,7 @@ def require_single(program: Program, method: str) -> None:
     """
     kernels = [kernel for kernel in program if kernel.name not in _UNUSED]
     found = {value: kernel.name for kernel in kernels for value in _beyond(kernel)}
-    if "knots" in program:
+    if program.stops_at_tables:
         raise OptionError(f"runs of scenes with tables take steps to knots, which need double precision: {_REMEDY}")
     if found:
         places = list_names(f"{value!r} in {name}" for value, name in sorted(found.items()))

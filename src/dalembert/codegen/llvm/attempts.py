@@ -32,20 +32,21 @@ def attempt_assembly(
 ) -> str:
     """Return a module with the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`.
 
-    `inline` says whether the right-hand side is repeated once a stage; by default, its length decides. It is where
-    steps end at `knots` of tables.
+    `inline` says whether the right-hand side is repeated once a stage; by default, its length decides. Steps end at
+    `knots` of tables.
     """
     if inline is None:
-        inline = knots is not None or len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
+        inline = len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
     if inline:
         attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
         return assembly([("attempt", attempt), ("start", start_kernel(rhs, tableau, carried=carried))], lanes)
     parts = (
-        attempt_pieces(rhs, tableau, dense=dense, carried=carried),
+        attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots),
         start_pieces(rhs, tableau, carried=carried),
     )
     kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
     kernels += [pieces.finish for pieces in parts]
+    kernels += [pieces.knots for pieces in parts if pieces.knots is not None]
     variables = {
         "prelude": prelude_variables(lanes),
         "vector": vector(lanes),
@@ -63,7 +64,8 @@ def _chain_variables(pieces: Pieces, n: int) -> dict[str, Any]:
         "name": pieces.name,
         "rhs": pieces.rhs.name,
         "finish": pieces.finish.name,
-        "slopes": (pieces.stages[-1][0] + 1) * n,
+        "held": pieces.held,
+        "limits": [] if pieces.knots is None else [{"name": pieces.knots.name, "place": pieces.slopes}],
         "point": clock + 1,
         "clock": clock,
         "stages": [{"name": kernel.name, "number": stage, "place": stage * n} for stage, kernel in pieces.stages],

@@ -92,12 +92,14 @@ def taylor_step(name: str, known: Recurrences, order: int, *, dense: bool) -> st
 
 def attempt(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> str:
     """Return the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
-    if knots is not None or len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
+    if len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
         made = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
         return joined(kernel("attempt", made), kernel("start", start_kernel(rhs, tableau, carried=carried)))
-    tries = attempt_pieces(rhs, tableau, dense=dense, carried=carried)
+    tries = attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots)
     starts = start_pieces(rhs, tableau, carried=carried)
     texts = [kernel(tries.rhs.name, tries.rhs, 1, ("t", "y", "c", "out"))]
+    if tries.knots is not None:
+        texts.append(kernel(tries.knots.name, tries.knots, 1, ("t", "y", "c", "out")))
     for pieces in (tries, starts):
         parts = [made for _, made in pieces.stages]
         texts += [kernel(made.name, made, 1, (*made.arguments, "out")) for made in (*parts, pieces.finish)]
@@ -113,13 +115,13 @@ def entries(functions: Sequence[tuple[str, str]]) -> str:
 
 def _chain(pieces: Pieces, n: int) -> dict[str, Any]:
     """Return what the function that calls the pieces in turn is made of."""
-    slopes = (pieces.stages[-1][0] + 1) * n
     return {
         "name": pieces.name,
         "doc": f"{len(pieces.finish.outputs)} values, {len(pieces.stages)} evaluations of the right-hand side.",
         "rhs": pieces.rhs.name,
-        "size": 8 * (slopes + len(pieces.moved) + 1),
-        "slopes": slopes,
+        "size": 8 * (pieces.held + len(pieces.moved) + 1),
+        "held": pieces.held,
+        "limits": [] if pieces.knots is None else [{"name": pieces.knots.name, "place": pieces.slopes}],
         "moved": len(pieces.moved),
         "stages": [{"piece": made.name, "slope": stage * n} for stage, made in pieces.stages],
         "finish": pieces.finish.name,

@@ -76,7 +76,8 @@ class NumpyEngine(Engine):
         named = self._kernels
         jacobian = self._derivative("rhs") if method in IMPLICIT else None
         projections = named.get("project_position"), named.get("project_velocity")
-        return Kernels(named["rhs"], *projections, jacobian, named.get("knots"))
+        tables = self._program.stops_at_tables
+        return Kernels(named["rhs"], *projections, jacobian, named.get("knots"), tables)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: decided before the run, for little beside it."""

@@ -83,7 +83,7 @@ def _check(kernels: Kernels, method: str) -> None:
         raise OptionError(
             f"{method} continues from past steps, which projection invalidates; use one of {', '.join(PROJECTABLE)}"
         )
-    if kernels.knots is not None and method not in PROJECTABLE:
+    if kernels.tables and method not in PROJECTABLE:
         raise OptionError(
             f"{method} continues from past steps, which end at the knots of the tables of this scene; use one of"
             f" {', '.join(PROJECTABLE)}"
@@ -193,7 +193,7 @@ class _Run:
 
     def _limit_at_knots(self, solver: Any) -> float:
         """Let the next step end at a knot of a table; return the size that was proposed where that cuts it, else 0."""
-        if self.kernels.knots is None:
+        if self.kernels.knots is None or self.method not in PROJECTABLE:
             return 0.0
         limits = np.zeros(2)
         self.kernels.knots(solver.t, solver.y, self.problem.constants, limits)
@@ -325,7 +325,7 @@ class _Run:
         explicit = self.method in _ATTEMPT_EVALUATIONS
         known = {} if explicit or self.kernels.jacobian is None else {"jac": self._jacobian}
         solver = classes[self.method](
-            self._guarded_rhs if explicit or self.kernels.knots is not None else self._checked_rhs,
+            self._guarded_rhs if explicit or self.kernels.tables else self._checked_rhs,
             problem.t0,
             y0,
             problem.t1,
