@@ -313,8 +313,10 @@ class _Run:
     def _solver(self, y0: FloatArray) -> Any:
         from scipy import integrate as scipy_integrate  # SciPy takes long to import
 
+        from .dop853 import GuardedDOP853
+
         classes: dict[str, Any] = {
-            "dop853": scipy_integrate.DOP853,
+            "dop853": GuardedDOP853,
             "rk45": scipy_integrate.RK45,
             "radau": scipy_integrate.Radau,
             "lsoda": scipy_integrate.LSODA,
