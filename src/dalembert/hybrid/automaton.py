@@ -14,6 +14,7 @@ from typing import final
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from .contact_data import ContactData, contact_data
 from .modes import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode, mode_equations
+from .normal_directions import require_normals_along_gaps
 
 __all__ = ["TRANSITIONS", "HybridAutomaton", "Transition"]
 
@@ -88,7 +89,14 @@ class HybridAutomaton:
 
     @classmethod
     def of(cls, equations: EquationsOfMotion) -> HybridAutomaton:
-        """Return the automaton of equations with contacts."""
+        """Return the automaton of equations with contacts.
+
+        Raises
+        ------
+        ConstraintError
+            When a normal reaction does not act along its gap.
+        """
+        require_normals_along_gaps(equations)
         return cls(equations, contact_data(equations))
 
     @property
