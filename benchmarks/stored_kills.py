@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from report import fill_page
-from stored_sweeps import PAGE, SLEIGH
+from stored_many import PAGE, SLEIGH
 
 import dalembert as da
 

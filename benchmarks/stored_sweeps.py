@@ -1,16 +1,15 @@
 """Stored sweeps: throughput by workers against a plain sweep, cost of a task, ten million cases, and a plan.
 
 ``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes the tables of docs/distributed.md, ``--quick`` takes
-fewer cases. Workers are processes of a LocalCluster on this machine.
+fewer cases. Workers are processes of a LocalCluster on this machine. With ``--repeat 3`` it takes some five minutes on
+two free cores.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import resource
 import shutil
-import subprocess
+import statistics
 import sys
 import tempfile
 import time
@@ -23,17 +22,17 @@ from typing import Any
 import numpy as np
 from measure import machine
 from report import fill_page
+from stored_many import PAGE, SLEIGH, many, told
+from stored_start import start_rows
 from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 from tables import describe_machine, markdown_table
 
 import dalembert as da
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "distributed.md"
 MARKERS = ("<!-- distributed: begin (written by benchmarks/stored_sweeps.py) -->", "<!-- distributed: end -->")
-SLEIGH = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
-WORKERS = (1, 2, 4)
+WORKERS, CORES_HERE = (1, 2, 4), 2
+"""Workers of clusters, and the cores that they and plain sweeps may share."""
 PENDULUM = "double pendulum"
 SETTINGS = {
     "distributed.worker.profile.enabled": False,
@@ -56,6 +55,7 @@ CORES = 32
 """Cores of a node, assumed."""
 
 Work = tuple[Any, Mapping[str, Any], Mapping[str, Any], float]
+Rows = list[list[str]]
 
 
 def sleigh(count: int) -> Work:
@@ -100,15 +100,30 @@ def least(costs: Sequence[Cost]) -> Cost:
     return Cost(min(c.cpu for c in costs), min(c.wall for c in costs))
 
 
-def stored(work: Work, chunk: int | None, folder: Path, client: Any = None, threads: int | None = 1) -> Any:
-    """Return what runs a sweep into a new store."""
-    model, start, parameters, end = work
+@dataclass(frozen=True)
+class Stored:
+    """What runs a sweep into a new store, and what it costs, without the removal of the store before."""
 
-    def run() -> None:
-        shutil.rmtree(folder / "s.zarr", ignore_errors=True)
-        model.sweep((0.0, end), start, parameters, to=folder / "s.zarr", chunk=chunk, client=client, threads=threads)
+    work: Work
+    chunk: int | None
+    folder: Path
+    client: Any = None
+    threads: int = 1
 
-    return run
+    def cost(self) -> Cost:
+        """Return the cost of one run."""
+        model, start, parameters, end = self.work
+        path = self.folder / "s.zarr"
+        shutil.rmtree(path, ignore_errors=True)
+        options = {"chunk": self.chunk, "client": self.client, "threads": self.threads}
+        return cost_of(lambda: model.sweep((0.0, end), start, parameters, to=path, **options), self.client)
+
+
+def first_case(work: Work) -> tuple[Any, dict[str, float], dict[str, float]]:
+    """Return model, initial values and parameters of the first case."""
+    model, *given, _ = work
+    start, parameters = ({name: float(np.ravel(v)[0]) for name, v in each.items()} for each in given)
+    return model, start, parameters
 
 
 def size_of(work: Work) -> int:
@@ -117,38 +132,43 @@ def size_of(work: Work) -> int:
     return max(len(v) for v in {**start, **parameters}.values() if np.ndim(v))
 
 
-def throughput(
-    works: Mapping[str, tuple[Work, int]], folder: Path, repeat: int
-) -> tuple[list[list[str]], dict[str, Cost]]:
-    """Return rows, and costs by the names of their runs: plain sweeps, stored ones, clusters, all in alternation."""
+def throughput(works: Mapping[str, tuple[Work, int]], folder: Path, repeat: int) -> tuple[Rows, dict[str, Cost]]:
+    """Return rows, and costs by the names of their runs; each stored one follows a plain one on as many cores."""
     found: dict[str, list[Cost]] = {}
     shares: dict[str, list[tuple[float, float]]] = {}
 
-    def measure(name: str, work: Work, run: Any, cores: int, client: Any = None) -> None:
-        model, start, parameters, end = work
-        run()  # compiles
+    def measure(name: str, case: str, run: Stored, cores: int) -> None:
+        model, start, parameters, end = run.work
+        run.cost()  # compiles
         for _ in range(repeat):
-            plain = cost_of(lambda: model.sweep((0.0, end), start, parameters, threads=1))
-            cost = cost_of(run, client)
-            found.setdefault(f"{name.split(':')[0]}: plain sweep, 1 thread", []).append(plain)
+            plain = cost_of(lambda: model.sweep((0.0, end), start, parameters, threads=cores))
+            cost = run.cost()
+            found.setdefault(f"{case}: plain sweep, {_counted(cores, 'thread')}", []).append(plain)
             found.setdefault(name, []).append(cost)
-            shares.setdefault(name, []).append((plain.cpu / cost.cpu, plain.wall / (cost.wall * cores)))
+            shares.setdefault(name, []).append((plain.cpu / cost.cpu, plain.wall / cost.wall))
 
-    for name, (work, chunk) in works.items():
-        measure(f"{name}: stored, 1 thread", work, stored(work, chunk, folder), 1)
-        measure(f"{name}: stored, 2 threads", work, stored(work, chunk, folder, threads=2), 2)
+    for case, (work, chunk) in works.items():
+        for threads in range(1, CORES_HERE + 1):
+            name = f"{case}: stored, {_counted(threads, 'thread')}"
+            measure(name, case, Stored(work, chunk, folder, threads=threads), threads)
     for workers in WORKERS:
         with cluster_of(workers) as client:
-            for name, (work, chunk) in works.items():
-                run = stored(work, chunk, folder, client)
-                measure(f"{name}: cluster, {workers} workers", work, run, min(workers, 2), client)
+            for case, (work, chunk) in works.items():
+                name = f"{case}: cluster, {_counted(workers, 'worker')}"
+                measure(name, case, Stored(work, chunk, folder, client), min(workers, CORES_HERE))
     rows = []
     for name in sorted(found, key=lambda text: (list(works).index(text.split(":")[0]), "plain" not in text)):
         work, _ = works[name.split(":")[0]]
-        cost = least(found[name])
-        cells = [f"{100 * max(s[k] for s in shares[name]):.0f} %" for k in (0, 1)] if name in shares else ["", ""]
-        rows.append([name, f"{1e6 * cost.cpu / size_of(work):.2f}", *cells])
+        told = [1e6 * least(found[name]).cpu / size_of(work), size_of(work) / least(found[name]).wall / 1e6]
+        cells = [
+            f"{100 * statistics.median(s[k] for s in shares[name]):.0f} %" if name in shares else "" for k in (0, 1)
+        ]
+        rows.append([name, *(f"{value:.3g}" for value in told), *cells])
     return rows, {name: least(costs) for name, costs in found.items()}
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" + "s" * (count > 1)
 
 
 @contextmanager
@@ -167,62 +187,36 @@ def cluster_of(workers: int) -> Iterator[Any]:
 
 def task_cost(client: Any, folder: Path) -> Cost:
     """Return what a task of one case costs beyond its work."""
-    run, once = stored(sleigh(61), 1, folder, client), stored(sleigh(61), 61, folder, client)
-    run()
-    one, few = (least([cost_of(each, client) for _ in range(2)]) for each in (run, once))
-    return Cost((one.cpu - few.cpu) / 60, (one.wall - few.wall) / 60)
+    one, once = (Stored(sleigh(61), chunk, folder, client) for chunk in (1, 61))
+    one.cost()
+    many, few = (least([each.cost() for _ in range(2)]) for each in (one, once))
+    return Cost((many.cpu - few.cpu) / 60, (many.wall - few.wall) / 60)
 
 
-def many(count: int, folder: Path) -> dict[str, float]:
-    """Return what a process needed for so many random sleighs, which ran them alone, and for a map of them."""
-    command = [sys.executable, __file__, "--alone", f"{count}", f"{folder}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
-
-
-def alone(count: int, folder: Path) -> dict[str, float]:
-    """Return seconds, bytes of the store, the most memory of the process [bytes], and seconds of a map."""
-    model, _, _, _ = sleigh(2)
-    cases = da.random_cases(count, 1, b=da.uniform(0.1, 0.5), theta_dot=da.uniform(1.0, 3.0))
-    start = {key: value for key, value in SLEIGH.items() if key != "theta_dot"}
-    found: list[Any] = []
-
-    def run() -> None:
-        found.append(model.sweep((0, 10), start, {"m": 1, "I_C": 0.5}, grid=cases, to=folder / "many.zarr"))
-
-    cost = cost_of(run)
-    memory = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    size = float(sum(path.stat().st_size for path in (folder / "many.zarr").rglob("*") if path.is_file()))
-    begin = time.perf_counter()
-    import dask.array as array
-
-    edges = [np.linspace(0.1, 0.5, 201), np.linspace(1.0, 3.0, 201)]
-    columns = [found[0][name].data for name in ("b", "theta_dot_given", "x")]
-    array.histogramdd(columns[:2], bins=edges, weights=columns[2])[0].compute()
-    drawn = time.perf_counter() - begin
-    shutil.rmtree(folder / "many.zarr")
-    return {"cpu": cost.cpu, "wall": cost.wall, "size": size, "memory": memory, "map": drawn}
+def case_cost(name: str, works: Mapping[str, tuple[Work, int]], costs: Mapping[str, Cost], task: Cost) -> float:
+    """Return CPU seconds of a case by one worker, without those of its task."""
+    work, chunk = works[name]
+    return costs[f"{name}: cluster, 1 worker"].cpu / size_of(work) - task.cpu / chunk
 
 
 def checked(
     costs: Mapping[str, Cost], works: Mapping[str, tuple[Work, int]], task: Cost, client: Any, folder: Path
-) -> list[list[str]]:
+) -> Rows:
     """Return rows of CPU seconds that the plan says and that were measured, of runs by which it was not fitted."""
     rows = []
     for name, (work, chunk) in works.items():
-        a_case = costs[f"{name}: stored, 1 thread"].cpu / size_of(work)
+        a_case = case_cost(name, works, costs, task)
         for part in (chunk // 5, chunk // 25):
             tasks = -(-size_of(work) // part)
             planned = size_of(work) * a_case + tasks * task.cpu
-            run = stored(work, part, folder, client)
-            measured = least([cost_of(run, client) for _ in range(2)])
+            run = Stored(work, part, folder, client)
+            measured = least([run.cost() for _ in range(2)])
             told = [f"{planned:.2f}", f"{measured.cpu:.2f}", f"{planned / measured.cpu:.2f}"]
             rows.append([f"{name}: {tasks} tasks of {part:,} cases", *told])
     return rows
 
 
-def plan(seconds_a_case: float, bytes_a_case: float, task: float) -> list[list[str]]:
+def plan(seconds_a_case: float, bytes_a_case: float, task: float) -> Rows:
     """Return what large sweeps take by this machine's figures, and where the bottleneck lies."""
     rows = []
     for cases in (1e9, 1e12):
@@ -250,26 +244,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--many", type=float, default=1e7, help="random sleighs of the large sweep; 70 bytes of disk each"
     )
-    parser.add_argument("--alone", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    if options.alone:
-        print(json.dumps(alone(int(options.alone[0]), Path(options.alone[1]))))
-        return 0
     scale, count = (10, 1_000_000) if options.quick else (1, int(options.many))
     folder = Path(tempfile.mkdtemp(prefix="stored-"))
     works = {
-        "sleigh": (sleigh(1_600_000 // scale), 400_000 // scale),
-        PENDULUM: (double_pendulum(300_000 // scale), 75_000 // scale),
+        "sleigh": (sleigh(3_200_000 // scale), 400_000 // scale),
+        PENDULUM: (double_pendulum(480_000 // scale), 60_000 // scale),
     }
     try:
         rows, costs = throughput(works, folder, 1 if options.quick else options.repeat)
         with cluster_of(1) as client:
             task = task_cost(client, folder)
             checks = checked(costs, works, task, client, folder)
+        starts = start_rows({"sleigh": first_case(sleigh(2)), PENDULUM: first_case(double_pendulum(2))})
         large = many(count, folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    text = written(rows, costs, works, task, checks, count, large)
+    text = written(rows, costs, works, task, checks, starts, count, large)
     print(text)
     if options.save:
         fill_page(PAGE, MARKERS, text)
@@ -277,31 +268,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def written(
-    rows: list[list[str]],
+    rows: Rows,
     costs: Mapping[str, Cost],
     works: Mapping[str, tuple[Work, int]],
     task: Cost,
-    checks: list[list[str]],
+    checks: Rows,
+    starts: Rows,
     count: int,
     large: Mapping[str, float],
 ) -> str:
     """Return the text of the page."""
-    a_case = costs[f"{PENDULUM}: stored, 1 thread"].cpu / size_of(works[PENDULUM][0])
+    a_case = case_cost(PENDULUM, works, costs, task)
     return "\n\n".join(
         [
-            f"Measured on {describe_machine(machine())}. Times are CPU times of all processes together, the scheduler"
-            " and the client among them, because other programs ran; every stored run follows a plain one, and the"
-            " shares are the best of the pairs. By the clock, shares are of a plain run in one thread per core taken,"
-            " of which there were two at most.",
-            markdown_table(["", "us of CPU a case", "of the plain sweep", "by the clock"], rows),
+            f"Measured on {describe_machine(machine())}. CPU times are those of all processes together, the scheduler"
+            " and the client among them. Every stored run follows a plain one by as many threads as it may take cores,"
+            f" {CORES_HERE} at most; shares are of its CPU time and of its time by the clock, the medians of the pairs."
+            " Where other programs ran, only shares of CPU time mean something. Laying out the store and trying how"
+            " long a case takes need some 0.1 s in each run.",
+            markdown_table(
+                ["", "us of CPU a case", "million cases a second", "of the plain sweep, CPU", "by the clock"], rows
+            ),
             f"A task of one case takes {1e3 * task.cpu:.1f} ms of CPU, {1e3 * task.wall:.1f} ms by the clock with one"
             " worker: sending it, its sweep, and writing a dozen files. Chunks of seconds make that less than 1 %.",
-            f"{count:,} sleighs with random parameters, in a process of their own: {large['cpu']:.0f} s of CPU,"
-            f" {large['wall']:.0f} s by the clock, {large['size'] / 1e9:.2f} GB of store,"
-            f" {large['memory'] / 1e6:.0f} MB of memory at most, Python and packages among them. A map of 200 by"
-            f" 200 fields made of the store with dask: {large['map']:.1f} s.",
-            "What the plan below says, cases times their cost in one thread and tasks times theirs, against runs by"
-            " one worker with smaller chunks [CPU s]:",
+            "What a new worker needs [CPU s]: its imports, its model from the program, beside that the same from the"
+            " scene, as models were sent before, and a first sweep that compiles, or that finds the code in the cache:",
+            markdown_table(
+                ["", "program [kB]", "imports", "from the program", "from the scene", "empty cache", "cached"], starts
+            ),
+            told(count, large),
+            "What the plan below says, cases times their cost by one worker, as above, and tasks times theirs, against"
+            " runs with smaller chunks [CPU s]:",
             markdown_table(["", "planned", "measured", "ratio"], checks),
             f"A plan past this machine, of double pendulums of {1e6 * a_case:.0f} us: seconds by what they are spent"
             f" on, and the bottleneck. Nodes with {CORES} cores like these, {1e3 * SCHEDULER:g} ms a task in the"

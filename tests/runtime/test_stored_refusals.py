@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from dalembert.runtime.stored.chunks import ChunkJob
 from dalembert.runtime.stored.jax_device import device_of
 from dalembert.runtime.stored.machines import machine
 
-pytest.importorskip("zarr")
+zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -151,6 +152,89 @@ def test_limits_of_files_and_memory_end_with_a_message(model, tmp_path, limit, c
         many = {**MANY, "b": np.linspace(0.1, 0.5, count)}
         stored = model.sweep((0, 1), START, many, to=path, chunk=chunk)
         np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, many).final["x"])
+
+
+def test_a_chunk_whose_workers_die_again_and_again(model, tmp_path, monkeypatch):
+    """As where it needs more memory than workers have: it is sent again some times, the others are computed."""
+    distributed, real, tried = pytest.importorskip("distributed"), on_cluster._run_remotely, []
+    path = tmp_path / "s.zarr"
+
+    def run(wanted, text, chunk, given):
+        if chunk == 1:
+            raise distributed.KilledWorker("task", SimpleNamespace(address="inproc"), 3)
+        real(wanted, text, chunk, given)
+
+    with (
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        submit = client.submit
+
+        def submit_instead(_, *given, **options):
+            tried.append(given[2])
+            return submit(run, *given, **options)
+
+        monkeypatch.setattr(client, "submit", submit_instead)
+        with pytest.raises(StoredSweepError, match=r"2 of 3 chunks are in .*Chunk 1 could not be computed: KilledWor"):
+            model.sweep((0, 1), START, MANY, to=path, chunk=20, client=client)
+    assert sorted(tried) == [0, *[1] * (1 + on_cluster._MOST_DEATHS), 2]
+    stored = model.sweep((0, 1), START, MANY, to=path, chunk=20)
+    np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, MANY).final["x"])
+
+
+def test_workers_in_other_folders_find_the_store(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert on_cluster._from_anywhere("s.zarr") == on_cluster._from_anywhere(tmp_path / "s.zarr") == tmp_path / "s.zarr"
+    assert on_cluster._from_anywhere("s3://bucket/s.zarr") == "s3://bucket/s.zarr"
+
+
+def test_a_worker_that_sees_another_store_is_named(model, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(on_cluster, "_from_anywhere", lambda where: tmp_path / "elsewhere.zarr")
+    monkeypatch.setattr(on_cluster, "_MODELS", {})
+    with (
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+        pytest.raises(StoredSweepError, match=r"does not see the store '.*elsewhere.zarr'.*all machines must share it"),
+    ):
+        model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=20, client=client)
+
+
+class SmallStore(zarr.storage.LocalStore):
+    """A store on a disk that becomes full."""
+
+    room = 0
+
+    async def set(self, key, value, *rest):
+        if len(value) > type(self).room:
+            raise OSError(28, "No space left on device")
+        type(self).room -= len(value)
+        await super().set(key, value, *rest)
+
+
+@pytest.mark.parametrize("on_a_cluster", [False, True])
+def test_a_disk_that_becomes_full(model, tmp_path, on_a_cluster):
+    """At the layout, then after some chunks; with more room the same call comes to its end."""
+    distributed, many = pytest.importorskip("distributed"), {**MANY, "b": np.linspace(0.1, 0.5, 4000)}
+    store, given = SmallStore(tmp_path / "s.zarr"), ((0, 1), START, many)
+    with (
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        options = {"to": store, "chunk": 500, "client": client if on_a_cluster else None, "threads": 1}
+        SmallStore.room = 5_000
+        with pytest.raises(StoredSweepError, match=r"could not be laid out: .*No space left.*same call goes on"):
+            model.sweep(*given, **options)
+        if on_a_cluster:  # no room for the program of the model
+            SmallStore.room = 20_000
+            with pytest.raises(StoredSweepError, match=r"0 of 8 chunks are in .*No space left.*same call goes on"):
+                model.sweep(*given, **options)
+        SmallStore.room = 100_000 + 80_000 * on_a_cluster
+        with pytest.raises(StoredSweepError, match=r"[1-7] of 8 chunks are in .*No space left.*same call goes on"):
+            model.sweep(*given, **options)
+        SmallStore.room = 10_000_000
+        stored = model.sweep(*given, **options)
+    np.testing.assert_array_equal(stored["x"], model.sweep(*given).final["x"])
 
 
 DEVICES = """

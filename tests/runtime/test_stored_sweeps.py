@@ -13,10 +13,12 @@ import sympy
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import OptionError, StoredSweepError, ValueInputError
+from dalembert.errors import OptionError, StoredSweepError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
+from dalembert.options import StoreOptions, SweepOptions
 from dalembert.results import sampler
 from dalembert.runtime.stored.chunks import ChunkJob
+from dalembert.runtime.stored.sweep import _most_cases
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -64,6 +66,47 @@ def test_a_grid_labels_its_axes(model, tmp_path):
     for name, values in whole.data_vars.items():
         np.testing.assert_array_equal(stored[name], values)
     assert float(stored["x"].sel(b=0.1, theta_dot=2.0)) == float(whole["x"].sel(b=0.1, theta_dot=2.0))
+
+
+def test_stores_of_other_kinds_and_a_bar(model, tmp_path, monkeypatch, capsys):
+    """A name in the present folder, and a store of zarr in memory."""
+    pytest.importorskip("tqdm")
+    monkeypatch.chdir(tmp_path)
+    for store in ("results.zarr", zarr.storage.MemoryStore()):
+        stored = model.sweep((0, 1), START, MANY, to=store, chunk=40, progress=True)
+        assert_same(stored, model.sweep((0, 1), START, MANY))
+        assert "3.00/3.00" in (shown := capsys.readouterr().err) and "chunk/s" in shown
+    assert (tmp_path / "results.zarr").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "size", "cases"), [(2.0**-16, 80, 1 << 18), (1e-7, 80, (128 << 20) // 80), (10.0, 80, 1)]
+)
+def test_chunks_of_seconds_or_of_128_MiB(seconds, size, cases):
+    """What a pilot found decides: between 1 and 10 s of one thread, or less where the results would take more."""
+    found = {"x": np.zeros((10, size // 8))}
+    most = _most_cases(SweepOptions(threads=1), StoreOptions(to="s"), seconds)(found)
+    assert most == cases and most * size <= 128 << 20 and (most == 1 or most * seconds <= 10)
+
+
+def test_units_are_those_of_labelled_arrays(model, tmp_path):
+    """Those of an axis go to its values too, and a later call may change them, or leave them."""
+    path, units = tmp_path / "s.zarr", {"x": "m", "theta_dot": "seconds", "m": "kg", "b": "m", "X": "N"}
+    grid = {"grid": da.grid(b=[0.2, 0.3], theta_dot=[1.0, 2.0])}
+    given = ((0, 1), {k: v for k, v in START.items() if k != "theta_dot"}, {"m": 1, "I_C": 0.5})
+    with pytest.raises(UnknownNameError, match="unknown variable 'z'"):
+        model.sweep(*given, **grid, to=path, units={"z": "m"})
+    assert not path.exists()
+    stored, whole = model.sweep(*given, **grid, to=path, units=units), model.sweep(*given, **grid).to_xarray(units)
+    for name in whole.variables:
+        assert stored[name].attrs.get("units", "") == whole[name].attrs.get("units", ""), name
+        np.testing.assert_array_equal(stored[name], whole[name])
+    assert stored.attrs["parameter_units"] == whole.attrs["parameter_units"]
+    again = model.sweep(*given, **grid, to=path, units={"x": "mm"})
+    assert (again["x"].units, again["X"].units) == ("mm", "N")
+    assert model.sweep(*given, **grid, to=path)["x"].units == "mm"
+    with pytest.raises(OptionError, match=r"to_xarray\(units=\.\.\.\)"):
+        model.sweep(*given, **grid, units=units)
 
 
 def test_samples_reductions_events_and_estimates(model, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -26,6 +27,8 @@ class StoreOptions:
         The cluster that computes the chunks; None stands for this process.
     resume : bool
         Whether an existing store of the same sweep is completed.
+    units : mapping of symbols or names to str, or None
+        Units of arrays and parameters; None leaves those that a store has.
 
     Raises
     ------
@@ -37,6 +40,7 @@ class StoreOptions:
     chunk: int | None = None
     client: Any = None
     resume: bool = True
+    units: Mapping[Any, str] | None = None
 
     def __post_init__(self) -> None:
         if self.chunk is not None:

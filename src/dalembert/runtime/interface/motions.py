@@ -146,6 +146,7 @@ def sweep(
     chunk: int | None = None,
     client: Any = None,
     resume: bool = True,
+    units: Mapping[Any, str] | None = None,
 ) -> SweepT | Any:
     """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
@@ -194,6 +195,8 @@ def sweep(
         A cluster that computes the chunks; by default this process does.
     resume : bool
         Whether to go on with a store of the same sweep; otherwise an existing store is an error.
+    units : mapping of symbols or names to str, optional
+        Units of what the store holds, and of parameters, as ``to_xarray(units=...)`` of a sweep takes them.
 
     Returns
     -------
@@ -229,8 +232,12 @@ def sweep(
     if to is None:
         if chunk is not None or client is not None:
             raise OptionError("chunk and client belong to sweeps that are stored: give to= too, or leave them out")
+        if units is not None:
+            raise OptionError(
+                "units= are of sweeps that are stored (to=); give them to to_xarray(units=...) of this one"
+            )
         return self._sweep(t_span, initial, parameters, options)
-    where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume)
+    where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     return self._stored_sweep((t_span, initial, parameters, inputs), options, where)
 
 

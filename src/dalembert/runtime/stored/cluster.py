@@ -12,6 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Event, Thread
 from typing import Any, final
 from uuid import uuid4
@@ -98,9 +99,14 @@ def by_cluster(job: ChunkJob, missing: Sequence[int], client: Any, wanted: Mappi
 
     program = packed(job.model)
     digest, request = digest_of(program), job.request.without_arrays()
-    job.store.keep_program(digest, program)
+    try:
+        job.store.keep_program(digest, program)
+    except OSError as full:
+        yield missing[0], full
+        return
     backend = job.model.model.backend
-    text = pickle.dumps(_SentJob(digest, backend, job.options, request, job.leaders, job.store.where, uuid4().hex))
+    where = _from_anywhere(job.store.where)
+    text = pickle.dumps(_SentJob(digest, backend, job.options, request, job.leaders, where, uuid4().hex))
     waiting: Any = as_completed()  # type: ignore[no-untyped-call]
     rest, deaths, chunks = iter(missing), Counter[int](), dict[Any, int]()
 
@@ -133,6 +139,12 @@ def by_cluster(job: ChunkJob, missing: Sequence[int], client: Any, wanted: Mappi
         watch.set()
         if chunks and client.status == "running":
             client.cancel(list(chunks))
+
+
+def _from_anywhere(where: Any) -> Any:
+    """Return the place of a store such that processes in other folders find it."""
+    here = isinstance(where, Path) or (isinstance(where, str) and "://" not in where)
+    return Path(where).absolute() if here else where
 
 
 def _watch(client: Any) -> Event:

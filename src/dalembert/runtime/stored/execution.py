@@ -46,7 +46,7 @@ def compute_missing(
         from .cluster import by_cluster
 
         outcomes = by_cluster(job, missing, client, machine)
-    with meter(len(missing), progress) as advance:
+    with meter(len(missing), progress, "chunk") as advance:
         for chunk, error in outcomes:
             advance(1)
             finished += error is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from ...errors import MissingExtraError, OptionError
 from .digests import checksum, digest_of
 from .request import Request
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["COORDINATES", "DIGEST", "Store", "StoreLayout", "packages"]
 
@@ -226,8 +229,21 @@ class Store:
         for name in [name for name in progress.array_keys() if name.startswith(_PROGRAM)]:
             del progress[name]
 
+    def label(self, found: xarray.Dataset) -> None:
+        """Write the units of the variables and parameters of a data set, that of this store."""
+        for name, variable in found.variables.items():
+            unit = variable.attrs.get("units")
+            if unit != self.group[str(name)].attrs.get("units"):
+                self.group[str(name)].attrs["units"] = unit
+        for group in (self.group, self.group[_PROGRESS]):
+            if "parameter_units" in found.attrs:
+                group.attrs["parameter_units"] = found.attrs["parameter_units"]
+
     def dataset(self) -> Any:
-        """Return the results as an ``xarray.Dataset`` that reads the store when it is asked."""
+        """Return the results as an ``xarray.Dataset`` that reads the store when it is asked.
+
+        Units are texts: those of times do not make dates.
+        """
         _, xarray = packages()
-        found = xarray.open_zarr(self.where, consolidated=False)
+        found = xarray.open_zarr(self.where, consolidated=False, decode_times=False)
         return found.set_coords(list(self.group.attrs[COORDINATES]))

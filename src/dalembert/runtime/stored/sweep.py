@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import MissingExtraError, OptionError, StoredSweepError
 from ...options import StoreOptions, SweepOptions
+from ...results.labels import with_units
 from ...version import __version__
 from ..cases import available_threads
 from .chunks import ChunkJob, columns_of, results_of
@@ -69,17 +70,15 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
     leaders = model.leading_cases(request, each)
     each = replace(each, chosen=model.methods(request, each))
     pilot, seconds = _pilot(model, request, leaders, each)
-    columns, attributes = columns_of(pilot, request), _attributes(model, request, each, pilot)
-    if store is None:
-        attributes[COORDINATES] = sorted(set(map(str, pilot.coords)) & set(columns))
-        threads = 1 if where.client is not None else options.threads or available_threads()
-        most = max(_FEWEST_BYTES, _BYTES // threads)
-        store = Store.create(where.to, _rows(where.chunk, request, columns, seconds, most), attributes)
-    _refuse_other(store, where, attributes)
-    told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
-    layout = StoreLayout(columns, _coordinates(request, pilot), told)
+    attributes = _attributes(model, request, each, pilot)
+    names = model.model.layout.aliases, json.loads(attributes["parameters"])
+    with_units(pilot, where.units, *names)  # refuses units before anything is written
+    if store is not None:
+        _refuse_other(store, where, attributes)
     try:
-        store.lay_out(request, layout)
+        store = _laid_out(store, request, where, pilot, attributes, _most_cases(options, where, seconds))
+        if where.units is not None:
+            store.label(with_units(store.dataset(), where.units, *names))
     except OSError as error:
         raise StoredSweepError(
             f"the store {str(where.to)!r} could not be laid out: {error}. The same call goes on where this one ended"
@@ -90,6 +89,25 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
         job = ChunkJob(model, each, request, leaders, store)
         compute_missing(job, missing, where, options.progress, attributes[_MACHINE])
     return store.dataset()
+
+
+def _laid_out(
+    store: Store | None,
+    request: Request,
+    where: StoreOptions,
+    pilot: xarray.Dataset,
+    attributes: Mapping[str, Any],
+    most: Callable[[Columns], int],
+) -> Store:
+    """Return the store with all its arrays; a new one has chunks of as many cases as `most` says of some results."""
+    columns = columns_of(pilot, request)
+    if store is None:
+        coordinates = sorted(set(map(str, pilot.coords)) & set(columns))
+        rows = int(min(max(1, most(columns) // request.row), request.shape[0]))
+        store = Store.create(where.to, rows, {**attributes, COORDINATES: coordinates})
+    told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
+    store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), told))
+    return store
 
 
 def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
@@ -141,12 +159,16 @@ def _coordinates(request: Request, pilot: xarray.Dataset) -> Columns:
     return axes | ({"time": np.asarray(pilot["time"])} if "time" in pilot.coords else {})
 
 
-def _rows(chunk: int | None, request: Request, columns: Columns, seconds: float, most: int) -> int:
-    """Return how many rows of the first axis a chunk has, for seconds of a case and most bytes of a chunk."""
-    if chunk is None:
+def _most_cases(options: SweepOptions, where: StoreOptions, seconds: float) -> Callable[[Columns], int]:
+    """Return a function that tells how many cases a chunk has, for seconds of a case, from results of some cases."""
+    threads = 1 if where.client is not None else options.threads or available_threads()
+    most = max(_FEWEST_BYTES, _BYTES // threads)
+
+    def cases(columns: Columns) -> int:
         size = sum(values.nbytes for values in columns.values()) / len(next(iter(columns.values())))
-        chunk = max(1, int(min(_SECONDS / max(seconds, 1e-9), most / size)))
-    return int(min(max(1, chunk // request.row), request.shape[0]))
+        return where.chunk or max(1, int(min(_SECONDS / max(seconds, 1e-9), most / size)))
+
+    return cases
 
 
 def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilot: xarray.Dataset) -> dict[str, Any]:
