@@ -1,9 +1,11 @@
 """Sweeps, grids, prepared runs and error estimates through the public API."""
 
 import contextlib
+import gc
 import os
 import subprocess
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -35,6 +37,21 @@ def test_sweep_equals_single_runs(backend):
         for name in ("x", "theta_dot", "energy", "X"):
             assert sweep[name][i] == pytest.approx(single[name][-1], rel=1e-8, abs=1e-9)
         assert sweep.final["y"][i] == pytest.approx(single["y"][-1], rel=1e-8)
+
+
+@pytest.mark.parametrize("t_eval", [None, [0.0, 0.5, 1.0]])
+def test_a_sweep_is_freed_with_its_last_reference(model, t_eval):
+    """No values keep it alive until Python looks for cycles: large ones in a row would fill the memory."""
+    gc.collect()
+    gc.disable()
+    try:
+        sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": LENGTHS}, t_eval=t_eval)
+        sweep.to_xarray()
+        kept = weakref.ref(sweep)
+        del sweep
+        assert kept() is None
+    finally:
+        gc.enable()
 
 
 def test_threads_and_neighbours_do_not_change_a_bit(model):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -362,30 +362,23 @@ class Sweep(CaseResults):
                 continue
             found.append(np.empty(y.shape[:2]))
             sources.append((found[-1], *self._source(name, str(key))))
+        needed = dict.fromkeys(kernel for _, kernel, _ in sources)
+        if "energy" in needed:
+            needed = {"expand": None, **needed}
         width = max(1, y.shape[1])
         step = max(1, _BLOCK // width)
         for first in range(0, len(y) if sources and y.shape[1] else 0, step):
             block = slice(first, first + step)
             count = len(y[block])
-            kernels = self._kernels_at(y[block].reshape(count * width, -1), t[block], self._constants(block, t[block]))
+            c = self._constants(block, t[block])
+            states, times, outputs = y[block].reshape(count * width, -1), t[block].ravel(), dict[str, FloatArray]()
+            for kernel in needed:
+                at = outputs["expand"] if kernel == "energy" else states
+                outputs[kernel] = interpret_rows(self._program.kernel(kernel), times, at, c)
             for values, kernel, column in sources:
-                out = kernels(kernel)
-                chosen = out.sum(axis=1) if column is None else out[:, column]
+                chosen = outputs[kernel].sum(axis=1) if column is None else outputs[kernel][:, column]
                 values[block] = chosen.reshape(count, width)
         return found
-
-    def _kernels_at(self, y: FloatArray, t: FloatArray, c: FloatArray) -> Callable[[str], FloatArray]:
-        """Return a function of the name of a kernel that computes its outputs (k, n_out), once for each name."""
-        known: dict[str, FloatArray] = {}
-        times = t.ravel()
-
-        def outputs(kernel: str) -> FloatArray:
-            if kernel not in known:
-                states = outputs("expand") if kernel == "energy" else y
-                known[kernel] = interpret_rows(self._program.kernel(kernel), times, states, c)
-            return known[kernel]
-
-        return outputs
 
     def _source(self, name: str, text: str) -> tuple[str, int | None]:
         """Return the kernel that computes `name`, and its output; None for the sum of all."""
