@@ -31,6 +31,8 @@ JUMPING = ("less", "less_equal", "sign", "floor")
 """Operations with jumps."""
 _KINKED = {*_CHOOSING, *JUMPING, "abs"}
 _STEEP = {"exp", "sinh", "cosh", "tanh"}
+_BRANCHED = {"acos", "asin", "atan2"}
+"""Operations with several branches, of which a power series keeps one: a kink where |x| is 1, a jump at the cut."""
 
 LEAST_POWER, LEAST_INVERSE = 6, 5
 """Exponents from which powers and inverse powers are steep; of the latter, sums with a square in them count twice.
@@ -68,7 +70,12 @@ def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
         parts = (part for arg in line.args for part in factors.get(arg, {}).items())
         if line.op in ("add", "sub") and any(exponent >= 2.0 or name in squares for name, exponent in parts):
             squares.add(line.target)
-        if line.op in _KINKED or line.op in _STEEP or (line.op == "pow" and isinstance(line.args[1], str)):
+        if (
+            line.op in _KINKED
+            or line.op in _STEEP
+            or line.op in _BRANCHED
+            or (line.op == "pow" and isinstance(line.args[1], str))
+        ):
             found[line.target] = line.op
         elif any(exponent >= LEAST_POWER for exponent in own.values()):
             found[line.target] = "high powers"
@@ -109,7 +116,7 @@ def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> 
     mask = 0
     for node in moving:
         mask |= node.deps
-    return any(node.op in (*_KINKED, *_STEEP) and node.deps & mask for node in graph.topological(nodes))
+    return any(node.op in (*_KINKED, *_STEEP, *_BRANCHED) and node.deps & mask for node in graph.topological(nodes))
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:
