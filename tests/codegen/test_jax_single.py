@@ -1,6 +1,7 @@
 """Traced runs in a process of single precision: its numbers all through, its tolerances, and what it refuses."""
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError, PrecisionWarning
 from dalembert.methods.status import Status
+from runtime.test_input_values import forced
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
 jnp = jax.numpy
 
 T = np.array([0.0, 0.5, 1.0])
+QUICK = {"xla_backend_optimization_level": 0}
 PARAMETERS, INITIAL, OUTPUTS = MOTIONS["chaplygin_sleigh"]
 
 
@@ -72,6 +75,30 @@ def test_steps_end_where_conditions_on_time_change():
     run = model.simulate((0.0, 1.0), INITIAL, PARAMETERS, t_eval=T, rtol=1e-11)
     assert int(found.status) == Status.SUCCESS
     np.testing.assert_allclose(found.y, run.y, rtol=1e-5, atol=1e-5)
+
+
+def test_inputs_are_followed_and_differentiated():
+    """Samples and a function; double precision has the reference."""
+    model, p = da.compile_model(forced(), backend="jax"), {"m": 0.8, "k": 2.0}
+    knots, values, start = np.array([0.0, 0.31, 0.5, 1.0]), np.array([0.4, -1.1, 0.7, 1.6]), [0.2, -0.1]
+
+    def found(values, p, solve):
+        run = solve(T, start, p, inputs={"u": da.samples(knots, values)})
+        drag = solve(T, start, p, inputs={"u": da.feedback(lambda t, q, qdot, c: -c * qdot[0] * t, p["k"])})
+        return jnp.concatenate([run.y.ravel(), run.outputs.ravel(), drag.y.ravel()])
+
+    rows = {}
+    for double in (False, True):
+        with jax.enable_x64(double):
+            ends = partial(found, solve=model.solve_fn(method="tsit5"))
+            along = jax.jit(lambda *at, f=ends: jax.jvp(f, at, at), compiler_options=QUICK)
+            rows[double] = along(jnp.asarray(values), jax.tree.map(jnp.asarray, p))
+    for one, other in zip(rows[False], rows[True], strict=True):
+        assert one.dtype == np.float32
+        np.testing.assert_allclose(one, other, rtol=2e-5, atol=2e-5)
+    late = {"u": da.samples(knots + 1e4, values)}
+    with pytest.warns(PrecisionWarning, match=r"rounds the knots of input 'u' by up to 0\.0006 s.*0\.2 s apart"):
+        jax.make_jaxpr(lambda t: model.solve_fn(method="tsit5")(t, start, p, inputs=late).y)(T + 1e4)
 
 
 def test_projection_of_a_state():

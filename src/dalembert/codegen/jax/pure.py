@@ -36,7 +36,7 @@ from .modules import kernels_of
 from .pieces import SERVED, pieces_of, pieces_with, place_of
 from .records import register_samples
 from .run_inputs import Given, failed, feedback_kernels, inputs_of, refuse_given, run_inputs
-from .single import require_double_for_inputs, require_single, warn_below_single, with_tolerances
+from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
@@ -170,8 +170,7 @@ class Solve:
             return
         require_single(self._program, self._options.method)
         warn_below_single(self._options)
-        if given:
-            require_double_for_inputs()
+        warn_of_rounded_knots(given)
 
     def motion(self, t: Any, initial: Any, p: Any, given: Given | None = None) -> Solved:
         """Return the motion from arrays."""

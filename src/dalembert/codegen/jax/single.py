@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
-import jax
+import numpy as np
 
 from ...errors import OptionError, PrecisionWarning, list_names, warn_caller
 from ...integrators.jax.precision import SINGLE, Precision
+from ...integrators.jax.traced import is_traced
+from ...integrators.samples import Samples
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...options import SolveOptions
 from ...transforms.recurrences import recurrences
 
-__all__ = ["require_double_for_inputs", "require_single", "warn_below_single", "with_tolerances"]
+__all__ = ["require_single", "warn_below_single", "warn_of_rounded_knots", "with_tolerances"]
 
 _SMALLEST, _LARGEST = 1e-12, 1e30
 """Sizes of numbers in equations that single precision serves: thresholds of ranks and of tables lie beyond."""
 
 _REMEDY = 'set jax.config.update("jax_enable_x64", True), or call inside "with jax.enable_x64(True):"'
+_HALF = 2.0**-24
+_MOVED = 1e-4
+"""Share of the distance between knots by which rounding may move them without a warning."""
+
 _UNUSED = ("energy", "knots")
 
 
@@ -44,16 +52,19 @@ def warn_below_single(options: SolveOptions) -> None:
         )
 
 
-def require_double_for_inputs() -> None:
-    """Refuse inputs that are functions of time in single precision.
-
-    Raises
-    ------
-    OptionError
-        In a process of single precision.
-    """
-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-        raise OptionError(f"steps to the knots of samples and functions of time need double precision: {_REMEDY}")
+def warn_of_rounded_knots(given: Mapping[str, Any]) -> None:
+    """Warn of records of inputs whose knots lie so close that single precision moves them, where they are known."""
+    for name, record in given.items():
+        if not isinstance(record, Samples) or is_traced(record.t) or len(record.t) < 2:
+            continue
+        knots = np.asarray(record.t, dtype=float)
+        rounding, spacing = _HALF * float(np.max(np.abs(knots))), float(np.min(np.diff(knots)))
+        if rounding > _MOVED * spacing:
+            warn_caller(
+                f"single precision rounds the knots of input {name!r} by up to {rounding:.1g} s, and they lie"
+                f" {spacing:.1g} s apart: count time from nearer by, or, for more digits, {_REMEDY}",
+                PrecisionWarning,
+            )
 
 
 def require_single(program: Program, method: str) -> None:
