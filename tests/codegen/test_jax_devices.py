@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("jax")
 
-PROGRAM = """
+SLEIGH = """
 import jax, jax.numpy as jnp, numpy as np
 from jax.sharding import AxisType, NamedSharding, PartitionSpec as P
 import dalembert as da
@@ -18,20 +18,116 @@ parameters = {"m": 1.0, "b": 0.3, "I_C": 0.5}
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 y, p = (jnp.asarray(v) for v in (model.state(start, parameters), model.parameter_vector(parameters)))
 rows = y * (1.0 + 0.01 * jnp.arange(8.0)[:, None])
-solve = model.solve_fn(method="tsit5", rtol=1e-6)
-end = lambda y: solve(jnp.array([0.0, 1.0]), y, p).y[-1]
-mesh = jax.make_mesh((2,), ("cases",), axis_types=(AxisType.Auto,))
-for function in (jax.vmap(end), jax.vmap(jax.grad(lambda y: end(y).sum()))):
+automatic = jax.make_mesh((2,), ("cases",), axis_types=(AxisType.Auto,))
+explicit = jax.make_mesh((2,), ("cases",), axis_types=(AxisType.Explicit,))
+
+
+def on_two(function, rows, kinds):
+    for kind in kinds:
+        if kind in ("checked", "unchecked"):
+            yield kind, jax.jit(
+                jax.shard_map(
+                    function, mesh=automatic, in_specs=P("cases"), out_specs=P("cases"), check_vma=kind == "checked"
+                )
+            )(rows)
+        elif kind == "automatic":
+            yield kind, jax.jit(function)(jax.device_put(rows, NamedSharding(automatic, P("cases"))))
+        elif kind == "explicit":
+            yield kind, jax.jit(function)(jax.device_put(rows, NamedSharding(explicit, P("cases"))))
+        elif kind == "set":
+            with jax.set_mesh(explicit):
+                yield kind, function(jax.device_put(rows, P("cases")))
+        else:
+            yield kind, jax.pmap(function)(rows.reshape(2, 4, *rows.shape[1:]))
+
+
+def check(function, rows, kinds=("checked", "explicit"), tolerance=0.0):
     one = np.concatenate([jax.jit(function)(rows[:4]), jax.jit(function)(rows[4:])])
-    spread = jax.device_put(rows, NamedSharding(mesh, P("cases")))
-    sharded = jax.shard_map(function, mesh=mesh, in_specs=P("cases"), out_specs=P("cases"), check_vma=False)
-    for found in (jax.jit(function)(spread), jax.pmap(function)(rows.reshape(2, 4, -1)), jax.jit(sharded)(rows)):
-        assert len(found.sharding.device_set) == 2
-        np.testing.assert_array_equal(np.asarray(found).reshape(8, -1), one)
+    assert np.isfinite(one).all()
+    for kind, found in on_two(function, rows, kinds):
+        assert len(found.sharding.device_set) == 2, kind
+        found = np.asarray(found).reshape(one.shape)
+        np.testing.assert_allclose(found, one, rtol=tolerance, atol=tolerance, err_msg=kind)
+"""
+
+EVERYWHERE = """
+solve = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64)
+end = lambda y: solve(jnp.array([0.0, 1.0]), y, p).y[-1]
+everywhere = "automatic", "mapped", "unchecked", "checked", "explicit", "set"
+for function in (jax.vmap(end), jax.vmap(jax.grad(lambda y: end(y).sum()))):
+    check(function, rows, everywhere)
+"""
+
+KINDS = """
+times = jnp.linspace(0.0, 1.0, 4)
+blocks = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, adjoint="recomputed")
+check(jax.vmap(jax.grad(lambda y: jnp.sum(blocks(times, y, p).y ** 2))), rows, tolerance=1e-13)
+dense = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, dense=True)
+check(jax.vmap(lambda y: dense(times, y, p).dense(jnp.array([0.7, 0.2])).q), rows)
+check(jax.vmap(lambda y: model.functions.step(y, (), 0.1, p, substeps=2)), rows, tolerance=1e-14)
+check(jax.vmap(lambda y: model.functions.energy(0.0, y, p)), rows, ("checked", "explicit", "set"))
+"""
+
+SHARED = """
+solve = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64)
+end = lambda y, p: solve(jnp.array([0.0, 1.0]), y, p).y[-1]
+gradient = jax.grad(lambda rows, p: jnp.sum(jax.vmap(end, (0, None))(rows, p) ** 2), 1)
+one = jax.jit(gradient)(rows, p)
+checked = jax.shard_map(gradient, mesh=automatic, in_specs=(P("cases"), P()), out_specs=P())
+np.testing.assert_allclose(jax.jit(checked)(rows, p), one, rtol=1e-14)
+laid = jax.device_put(rows, NamedSharding(explicit, P("cases")))
+np.testing.assert_allclose(jax.jit(gradient)(laid, p), one, rtol=1e-14)
+many = 0.3 * (1.0 + 0.1 * jnp.arange(3.0))
+check(jax.vmap(lambda y: jax.vmap(lambda b: end(y, dict(parameters, b=b)))(many)), rows)
+"""
+
+INPUTS = """
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+z, u = dynamicsymbols("z u")
+N, O = ReferenceFrame("N"), Point("O")
+block = O.locatenew("block", z * N.x)
+scene = da.Scene("pushed", frame=N, origin=O, coordinates=[z])
+scene.add_bodies(Particle("block", block, 1))
+scene.add_loads((block, (u - z) * N.x))
+scene.add_inputs(u)
+solve = da.compile_model(scene, backend="jax").solve_fn(["z", "z_dot"], method="tsit5", rtol=1e-6, max_steps=64)
+
+
+def squares(given):
+    solved = solve([0.0, 1.0, 2.0], {"z": 0.4, "z_dot": 0.1}, {}, inputs={u: given})
+    return jnp.sum(solved.y ** 2)
+
+
+def law(t, q, qdot, theta):
+    return -theta[0] * qdot[0] - theta[1] * qdot[0] ** 3
+
+
+values = jnp.ones(5) * (1.0 + 0.1 * jnp.arange(8.0)[:, None])
+knots = np.linspace(0, 2, 5)
+check(jax.vmap(jax.grad(lambda v: squares(da.samples(knots, v, "hold")))), values)
+check(jax.vmap(jax.grad(lambda v: squares(da.feedback(law, v)))), values[:, :2], tolerance=1e-13)
+"""
+
+REFUSED = """
+solve = model.solve_fn(method="kvaerno5", rtol=1e-5)
+end = jax.vmap(lambda y: solve(jnp.array([0.0, 0.2]), y, p).y[-1])
+for kind in ("checked", "explicit"):
+    try:
+        list(on_two(end, rows, [kind]))
+    except da.errors.OptionError as error:
+        assert "kvaerno5" in str(error) and "check_vma=False" in str(error) and "tsit5" in str(error), error
+    else:
+        raise AssertionError(kind)
 """
 
 
-def test_runs_and_gradients_over_two_devices():
+@pytest.mark.parametrize(
+    "program",
+    [EVERYWHERE, KINDS, SHARED, INPUTS, REFUSED],
+    ids=["meshes", "kinds of runs", "what cases share", "inputs", "refused"],
+)
+def test_runs_and_gradients_over_two_devices(program):
     environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=False)
+    command = [sys.executable, "-c", SLEIGH + program]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr

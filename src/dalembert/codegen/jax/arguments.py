@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import OptionError, UnknownNameError, ValueInputError, list_names, unknown_name
 from ...integrators.feedback import Feedback
+from ...integrators.jax.mesh_axes import stack
 from ...integrators.samples import Samples
 from ...ir.input_parameters import WIDTH, hidden_parameters
 from ...ir.program import Layout
@@ -120,4 +121,4 @@ def vector(
         wrong.append(f"missing {kind}s: {list_names(missing)}")
     if wrong:
         raise UnknownNameError("\n".join(wrong))
-    return jnp.stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)
+    return stack([jnp.asarray(table[name], dtype=float) for name in names]) if names else jnp.zeros(0)

@@ -20,6 +20,7 @@ from jax import lax
 
 from ...integrators.jax.adjoint import Pull
 from ...integrators.jax.kernels import Function, stacked
+from ...integrators.jax.mesh_axes import varying_like
 from ...ir.kernel import Assignment, Kernel, Load
 from ...transforms.nonsmooth import only_in_branches
 from ...transforms.partials import cotangent_kernel
@@ -191,7 +192,7 @@ def _on_memory(function: Function, places: list[int], width: int) -> Function:
 
     def block(memory: Any) -> Any:
         values = [jnp.asarray(value, dtype=float) for value in function([memory[place] for place in places])]
-        return jnp.stack(values + [jnp.zeros(())] * (width - len(values)))
+        return varying_like(jnp.stack(values + [jnp.zeros(())] * (width - len(values))), memory)
 
     return block
 
@@ -208,10 +209,14 @@ def _held(go: Any, function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ..
     """Return the outputs of a block, computed under a condition."""
 
     def block(*values: Any) -> tuple[Any, ...]:
-        return tuple(jnp.asarray(output, dtype=float) for output in function(values))
+        return varying_like(tuple(jnp.asarray(output, dtype=float) for output in function(values)), values)
 
+    def none(*values: Any) -> tuple[Any, ...]:
+        return varying_like(tuple(jnp.zeros(shape.shape) for shape in shapes), values)
+
+    inputs = varying_like(inputs, (go, inputs))
     shapes = jax.eval_shape(block, *inputs)
-    found: tuple[Any, ...] = lax.cond(go, block, lambda *_: tuple(jnp.zeros(s.shape) for s in shapes), *inputs)
+    found: tuple[Any, ...] = lax.cond(go, block, none, *inputs)
     return found
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from ...integrators.jax.kernels import Function, OnArrays
 from ...integrators.jax.lanes import Rows
+from ...integrators.jax.mesh_axes import stack
 
 __all__ = ["FeedbackKernels"]
 
@@ -62,7 +63,7 @@ class FeedbackKernels:
 
     def values(self, t: Any, q: Any, qdot: Any, weights: Any) -> Any:
         """Return the values of the inputs (n_functions,) at one time."""
-        return jnp.stack([function(t, q, qdot, weights) for function in self.functions])
+        return stack([function(t, q, qdot, weights) for function in self.functions])
 
     def at_times(self, t: Any, q: Any, qdot: Any, rows: Any, weights: Any) -> Any:
         """Return constants of kernels (n_t, n) with the values at times t (n_t,), q and qdot (n_t, n_q)."""
@@ -76,7 +77,7 @@ class FeedbackKernels:
         time = given[self.start] + t
         shape = jnp.broadcast_shapes(jnp.shape(time), *map(jnp.shape, x))
         flat = [jnp.ravel(jnp.broadcast_to(row, shape)) for row in (time, *x)]
-        q, qdot = jnp.stack(flat[1 : self.n + 1], axis=-1), jnp.stack(flat[self.n + 1 :], axis=-1)
+        q, qdot = stack(flat[1 : self.n + 1], axis=-1), stack(flat[self.n + 1 :], axis=-1)
         of_cases = 0 if jnp.ndim(weights) == 2 else None
         values = jax.vmap(self.values, (0, 0, 0, of_cases))(flat[0], q, qdot, weights)
         for i, place in enumerate(self.places):

@@ -13,6 +13,7 @@ from ...errors import OptionError, list_names
 from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
+from ...integrators.jax.mesh_axes import has_explicit_axes, laid_on_mesh, mesh_of, varies, varying_alike
 from ...integrators.jax.motion import Limits, Motion, Path, Pieces, Reached, middles
 from ...integrators.jax.precision import process_precision
 from ...integrators.jax.run_constants import RunConstants
@@ -271,6 +272,8 @@ class Solve:
             y0 = started(lambda elapsed, y, c: self._elapsed["rhs"](elapsed, y, c), y0, t[0] - start, fixed)
         t = t - start
         if self._implicit:
+            if has_explicit_axes() or varies((t, y0, c)):
+                raise OptionError(_LAID)
             if decisions(self._program) is not None:
                 y0, c = refusing(_JUMPS_UNSEEN, y0), refusing(_JUMPS_UNSEEN, c)
             return implicit_motion(self._elapsed, t, y0, c, options), None
@@ -292,7 +295,7 @@ class Solve:
             return jnp.concatenate(steps.rates(at)) if len(y) else y
 
         still = jax.lax.stop_gradient(t)
-        middle = middles(still - still[0], course.breaks)[0] if len(course.breaks) else 0.0
+        middle = middles(still - still[0], course.breaks)[0] if len(course.breaks) else jnp.zeros_like(still[0])
         return started(rates, y0, t[0] - still[0], jnp.append(course.run, middle))
 
     @property
@@ -319,13 +322,19 @@ class Solve:
 @partial(jax.jit, static_argnums=0)
 def _solved(solve: Solve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
     """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
-    return solve.motion(t, initial, p, given)
+    with mesh_of((t, initial, p, given)):
+        return solve.motion(*laid_on_mesh(varying_alike((t, initial, p, given))))
 
 
 _JUMPS_UNSEEN = (
     "the rates of this scene may jump with its state, across which derivatives are not those of the steps, and"
     ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
     " jump, or smooth the jump (tanh)"
+)
+_LAID = (
+    "kvaerno5 is integrated by diffrax, which runs neither on meshes of explicit axes nor in jax.shard_map with its"
+    ' check: take method="dopri8", "tsit5" or "taylor", or a mesh of axes of AxisType.Auto and'
+    " jax.shard_map(..., check_vma=False)"
 )
 _JUMPS_IN_DENSE = (
     "the rates of this scene may jump with its state, or with parameters in time, and derivatives of its dense output"

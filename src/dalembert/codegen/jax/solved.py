@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import RunFailedError, ValueInputError
+from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_alike
 from ...integrators.jax.motion import Path
 from ...integrators.jax.run_constants import RunConstants
 from ...methods.status import Status
@@ -129,7 +130,8 @@ jax.tree_util.register_pytree_node(Dense, _children, _whole)
 @partial(jax.jit, static_argnums=0)
 def _states(solve: Solve, dense: Dense, t: Any) -> States:
     """Return the motion at times t (n_t,): compiled once for each number of times."""
-    return solve.states(dense, t)
+    with mesh_of((dense, t)):
+        return solve.states(*laid_on_mesh(varying_alike((dense, t))))
 
 
 def raise_failure(solved: Solved, formulation: str, method: str) -> Solved:

@@ -12,6 +12,7 @@ from jax import lax
 from ...errors import OptionError, UnknownNameError, list_names, unknown_name
 from ...integrators.jax.kernels import CORRECTIONS
 from ...integrators.jax.lanes import Projections, Rows, project
+from ...integrators.jax.mesh_axes import stack, varying_like
 from ...integrators.jax.pairs import slopes_of
 from ...ir.program import Layout, Program
 from ..printers import JAX
@@ -88,9 +89,9 @@ class Stepper:
                 c = jnp.unstack(self.constants(p.at[self.place].set(time + 0.5 * h)))
             return (time + h, self._step(time, rows, c, h)), None
 
-        start = jnp.asarray(t, dtype=y.dtype), tuple(jnp.unstack(y))
+        start = varying_like((jnp.asarray(t, dtype=y.dtype), tuple(jnp.unstack(y))), (t, y, p, h))
         (_, rows), _ = one(start, None) if substeps == 1 else lax.scan(one, start, None, length=substeps)
-        return jnp.stack(rows) if rows else y
+        return stack(rows) if rows else y
 
     def _step(self, t: Any, y: Rows, c: Rows, h: Any) -> Rows:
         rows, weights, nodes = self.tableau

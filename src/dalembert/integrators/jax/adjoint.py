@@ -16,6 +16,7 @@ from jax import lax
 
 from ...methods.tableau import Tableau
 from .derivatives import Over, Record
+from .mesh_axes import varying_like
 from .products import product
 
 __all__ = ["InTurn", "Pull"]
@@ -135,7 +136,7 @@ class InTurn:
             return slopes, lax.dynamic_update_index_in_dim(ends, y + h * product(weights, slopes), step, 0)
 
         first = jnp.zeros((stages, states.shape[1])), jnp.zeros(states.shape)
-        ends: Any = lax.fori_loop(0, len(states) * stages, one, first)[1]
+        ends: Any = lax.fori_loop(0, len(states) * stages, one, varying_like(first, (over, states, c)))[1]
         return ends
 
     def __call__(
@@ -167,13 +168,14 @@ class InTurn:
     def _through(self, rows: _Rows, end: Any, c: Any) -> tuple[Any, Any, Any]:
         """Return the cotangent of the first state, the memory, and what is kept of steps to times."""
         pull, chunks = self.pulling(), -(-rows.count // _CHUNK)
+        begin = varying_like((end, pull.begin(c), rows.kept), (rows.record, end, c))
 
         def chunk(number: Any, carry: Any) -> Any:
             first = (chunks - 1 - number) * _CHUNK
             count = jnp.minimum(rows.count - first, _CHUNK)
             return self._back(rows, (first, count, self._points(rows, first, count, c)), carry)
 
-        found: tuple[Any, Any, Any] = lax.fori_loop(0, chunks, chunk, (end, pull.begin(c), rows.kept))
+        found: tuple[Any, Any, Any] = lax.fori_loop(0, chunks, chunk, begin)
         return found
 
     def _stage(self, slopes: Any, stage: Any, step: Any, c: Any) -> tuple[Any, Any]:
@@ -198,7 +200,7 @@ class InTurn:
             return slopes, lax.dynamic_update_index_in_dim(points, point, number, 0)
 
         kept = jnp.zeros((stages, n)), jnp.zeros((_CHUNK * stages, n))
-        points: Any = lax.fori_loop(0, count * stages, one, kept)[1]
+        points: Any = lax.fori_loop(0, count * stages, one, varying_like(kept, (rows.record, c)))[1]
         return points
 
     def _back(self, rows: _Rows, chunk: tuple[Any, Any, Any], carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
@@ -224,7 +226,7 @@ class InTurn:
             return jnp.where(done, start, end), start, within, memory, kept
 
         ahead, _, _, memory, kept = lax.fori_loop(
-            0, count * stages, one, (ahead, ahead, jnp.zeros((stages, len(ahead))), memory, kept)
+            0, count * stages, one, varying_like((ahead, ahead, jnp.zeros((stages, len(ahead))), memory, kept), carry)
         )
         return ahead, memory, kept
 

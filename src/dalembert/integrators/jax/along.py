@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from .derivatives import CHUNK, Linear, Over, Record, Steps, Turns, pulled, pushed
 from .lanes import Rows
 from .linear_maps import LinearMap, apply
+from .mesh_axes import stack
 from .row_maps import Given, PushedRows
 
 __all__ = ["Along", "Course", "Differentiable", "PulledStep", "PushedStep", "Step"]
@@ -71,7 +72,7 @@ class Step:
         safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
         rows = self.linear.constants.rows(c, t + 0.5 * h)
         ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows, go[0] > 0.0))
-        return jnp.where(moves, jnp.stack(ends, axis=1), y)
+        return jnp.where(moves, stack(ends, axis=1), y)
 
 
 @final

@@ -18,6 +18,7 @@ from ...methods.status import Status
 from ...methods.tableau import Tableau
 from .first_order import FirstOrder
 from .lanes import RUNNING, Batch, Rows, advanced, begun
+from .mesh_axes import varying_like
 from .pairs import PairAttempts
 
 __all__ = ["Continuous", "Field", "Passed"]
@@ -82,7 +83,7 @@ class Continuous(FirstOrder):
             after = self._integrated(rates, n, t0, t1, jnp.concatenate([y, change]), held.c)[n:]
             return after, after
 
-        _, rows = lax.scan(segment, dy, (held.t[:-1], held.t[1:], held.y[:-1]))
+        _, rows = lax.scan(segment, varying_like(dy, held), (held.t[:-1], held.t[1:], held.y[:-1]))
         return jnp.concatenate([dy[None], rows])
 
     def pulled(self, held: Passed, given: Any) -> tuple[Any, Any]:
@@ -101,7 +102,7 @@ class Continuous(FirstOrder):
             z = self._integrated(rates, n, t1, t0, jnp.concatenate([y, ahead]), held.c)
             return jnp.where(self._returned(z[:n], begin), z[n:], jnp.nan), None
 
-        begin = jnp.zeros(n + len(held.c))
+        begin = varying_like(jnp.zeros(n + len(held.c)), (held, given))
         ends = held.t[:-1], held.t[1:], held.y[:-1], held.y[1:], given[1:]
         total, _ = lax.scan(segment, begin, ends, reverse=True)
         return given[0] + size * total[:n], size * total[n:]
@@ -125,6 +126,6 @@ class Continuous(FirstOrder):
         end = lax.while_loop(
             lambda state: state.status == RUNNING,
             lambda state: advanced(attempts, (), batch, t1, state)[0],
-            begun(attempts, batch),
+            varying_like(begun(attempts, batch), batch),
         )
         return jnp.where(end.status == int(Status.SUCCESS), end.y[0], jnp.nan)

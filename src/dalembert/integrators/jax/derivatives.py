@@ -15,6 +15,7 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from .lanes import Rows
+from .mesh_axes import varying_like
 from .run_constants import RunConstants
 
 __all__ = [
@@ -149,7 +150,7 @@ class Linear(Protocol):
 def instantiate(tangent: Any) -> Any:
     """Return a tangent or cotangent as an array, also where JAX knows that it is zero."""
     if isinstance(tangent, SymbolicZero):
-        return jnp.zeros(tangent.shape, tangent.dtype)
+        return varying_like(jnp.zeros(tangent.shape, tangent.dtype), tangent)
     return tangent
 
 
@@ -158,7 +159,7 @@ def jacobians(function: Any, y: Rows) -> Any:
 
     def column(direction: Any) -> Rows:
         tangents = tuple(jnp.broadcast_to(d, row.shape) for d, row in zip(direction, y, strict=True))
-        along: Rows = jax.jvp(lambda *y: function(y), y, tangents)[1]
+        along: Rows = jax.jvp(lambda *y: function(y), y, varying_like(tangents, y))[1]
         return along
 
     columns = jnp.stack(jax.vmap(column)(jnp.eye(len(y))))  # (n_out, n_y, *shape)
@@ -202,7 +203,8 @@ def pushed(
         return lax.fori_loop(0, CHUNK, one, carry)
 
     kept = jnp.zeros(record.y.shape if keep else (0, len(dy)))
-    end, kept = lax.fori_loop(0, -(-record.count // CHUNK), chunk, (dy, kept))
+    begin = varying_like((dy, kept), (record, c, dy, dc, sources))
+    end, kept = lax.fori_loop(0, -(-record.count // CHUNK), chunk, begin)
     return kept, end
 
 
@@ -253,7 +255,8 @@ def pulled(
         return ahead, linear.constants.summed(total, share, c, _middles(steps)), kept
 
     kept = jnp.zeros_like(record.y) if sources else ()
-    first, share, kept = lax.fori_loop(0, chunks, chunk, (end, jnp.zeros_like(c), kept))
+    begin = varying_like((end, jnp.zeros_like(c), kept), (record, c, given, end))
+    first, share, kept = lax.fori_loop(0, chunks, chunk, begin)
     return (first, share, kept) if sources else (first, share)
 
 

@@ -14,6 +14,7 @@ from jax import lax
 
 from .derivatives import CHUNK, Record
 from .lanes import Rows
+from .mesh_axes import varying_like
 from .precision import precision_of
 from .run_constants import RunConstants
 
@@ -50,7 +51,7 @@ def sure_until(decided: OnRows, rates: OnRows, constants: RunConstants, record: 
         jumps = _jumps(decided, rates, t, y, rows, number == 0)
         return jnp.minimum(until, jnp.min(jnp.where(jumps, direction * begins, jnp.inf)))
 
-    return direction * lax.fori_loop(0, -(-record.count // CHUNK), chunk, jnp.inf)
+    return direction * lax.fori_loop(0, -(-record.count // CHUNK), chunk, varying_like(jnp.inf, (record, c, direction)))
 
 
 def moved_until(
@@ -119,7 +120,7 @@ def _jumps(decided: OnRows, rates: OnRows, t: Any, y: Any, c: Rows, begins: Any)
             return (carry[0] < _HALVINGS) & jnp.any(open_)
 
         open_ = differ(made(jnp.ones_like(low)), first)
-        _, low, high = lax.while_loop(wanted, halve, (0, low, jnp.ones_like(low)))
+        _, low, high = lax.while_loop(wanted, halve, varying_like((0, low, jnp.ones_like(low)), (t, y, c)))
         return open_, low, high
 
     low = jnp.zeros(len(t) - 1)

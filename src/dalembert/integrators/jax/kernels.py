@@ -12,6 +12,7 @@ from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...methods.step_constants import BRANCH, SLOW
+from .mesh_axes import stack
 from .precision import precision_of
 
 __all__ = ["CORRECTIONS", "Function", "Kernels", "OnArrays", "stacked"]
@@ -30,7 +31,7 @@ def stacked(kernel: Function) -> OnArrays:
         y, c = jnp.asarray(y), jnp.asarray(c)
         kind = jnp.result_type(y, c)
         outputs = kernel(t, jnp.unstack(y), jnp.unstack(c))
-        return jnp.stack([jnp.asarray(output, dtype=kind) for output in outputs]) if outputs else jnp.zeros(0, kind)
+        return stack([jnp.asarray(output, dtype=kind) for output in outputs]) if outputs else jnp.zeros(0, kind)
 
     return on_arrays
 
@@ -72,7 +73,7 @@ class Kernels:
         p = jnp.asarray(p)
         if self._prepare is None or not self.program.layout.constants:
             return p
-        return jnp.stack([jnp.asarray(output, dtype=p.dtype) for output in self._prepare(jnp.unstack(p))])
+        return stack([jnp.asarray(output, dtype=p.dtype) for output in self._prepare(jnp.unstack(p))])
 
     @property
     def projected(self) -> bool:

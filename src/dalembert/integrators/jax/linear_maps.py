@@ -8,6 +8,7 @@ again, and the derivative by what it hangs on is made of such operations, so tha
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol, final
 
 import jax
@@ -15,6 +16,8 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive, jaxpr_as_fun
 from jax.interpreters import ad as _ad
 from jax.interpreters import batching, mlir
+
+from .mesh_axes import axes_of_cases, laid_alike, mesh_of, on_devices, varying_alike, varying_like
 
 __all__ = ["LinearMap", "apply"]
 
@@ -45,13 +48,19 @@ class LinearMap(Protocol):
 
 def apply(function: LinearMap, held: Any, moving: Any) -> Any:
     """Return the value of a linear map."""
+    held, moving = varying_alike((held, moving))
     held_leaves, held_tree = jax.tree.flatten(held)
     moving_leaves, moving_tree = jax.tree.flatten(moving)
-    code, shapes = jax.make_jaxpr(function, return_shape=True)(held, moving)
-    trees = held_tree, moving_tree, jax.tree.structure(shapes)
-    return jax.tree.unflatten(
-        trees[2], _applied.bind(*held_leaves, *moving_leaves, map=function, code=code, trees=trees)
-    )
+    with mesh_of((held_leaves, moving_leaves)):
+        code, shapes = jax.make_jaxpr(partial(_alike, function), return_shape=True)(held, moving)
+        trees = held_tree, moving_tree, jax.tree.structure(shapes)
+        found = _applied.bind(*held_leaves, *moving_leaves, map=function, code=code, trees=trees)
+    return jax.tree.unflatten(trees[2], found)
+
+
+def _alike(function: LinearMap, held: Any, moving: Any) -> Any:
+    """Return the value, which varies over the mesh axes that its arguments vary over."""
+    return varying_like(function(held, moving), (held, moving))
 
 
 @final
@@ -67,7 +76,13 @@ class _Batched:
         def one(leaves: Any, moving: Any) -> Any:
             return self.map(jax.tree.unflatten(self.tree, leaves), moving)
 
-        return jax.vmap(one, (list(self.axes), 0))(jax.tree.leaves(held), moving)
+        many, leaves = jax.vmap(one, (list(self.axes), 0)), jax.tree.leaves(held)
+        rows = [leaf for leaf, axis in zip(leaves, self.axes, strict=True) if axis is not None]
+        spread = axes_of_cases((rows, moving))
+        if not spread:
+            return many(leaves, moving)
+        batched = [axis is not None for axis in self.axes], jax.tree.map(lambda _: True, moving)
+        return on_devices(many, spread, batched, True, leaves, moving)
 
     @property
     def transposed(self) -> LinearMap:
@@ -139,6 +154,9 @@ def _vectorised(leaves: Any, axes: Any, *, map: LinearMap, code: Any, trees: Any
     for i in range(count, len(rows)):
         if not mapped[i]:
             rows[i] = jnp.broadcast_to(rows[i], (size, *rows[i].shape))
+    cases = [i for i in range(len(rows)) if i >= count or mapped[i]]
+    for i, row in zip(cases, laid_alike([rows[i] for i in cases]), strict=True):
+        rows[i] = row
     own = tuple(0 if yes else None for yes in mapped[:count])
     found = jax.tree.leaves(apply(_Batched(map.in_batches, own, trees[0]), *_split(rows, trees)))
     return found, [0] * len(found)

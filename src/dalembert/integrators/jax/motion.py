@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
 import jax
@@ -23,7 +24,8 @@ from .derivatives import CHUNK, Over, Record, Steps, instantiate
 from .jumping import moved_until, sure_until
 from .lanes import Attempts, Batch, Function, Projections, Rows
 from .linear_maps import apply
-from .recomputed import Blocks, Recomputed, with_blocks
+from .mesh_axes import stack, vectorised
+from .recomputed import Blocks, Kept, Recomputed, with_blocks
 from .recording import course_of
 from .timed import At, Timed
 from .unknown import Known, OrNan
@@ -137,11 +139,17 @@ def in_order(t: Any) -> tuple[Any, Any]:
 def middles(t: Any, breaks: Any) -> Any:
     """Return the middles (n_t,) between the breaks (n,) around times, of which the first is 0 and the last the end."""
     direction, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(breaks)
-    passed = jnp.searchsorted(direction * breaks, direction * t, side="right")
+    passed = _places(direction * breaks, direction * t)
     behind = jnp.where(passed > 0, breaks[jnp.maximum(passed - 1, 0)], t[0])
     ahead = breaks[jnp.minimum(passed, count - 1)]
     ahead = jnp.where((passed < count) & jnp.isfinite(ahead), ahead, t[-1])
     return behind + 0.5 * (ahead - behind)
+
+
+def _places(rows: Any, values: Any) -> Any:
+    """Return how many of the rising `rows` (n,) are at most each of the values (k,)."""
+    still = jax.lax.stop_gradient
+    return vectorised(partial(jnp.searchsorted, side="right"), True, still(rows), still(values))
 
 
 def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
@@ -211,7 +219,7 @@ class Motion:
         forward, taken = path.direction, path.taken
         inside = jnp.arange(len(taken)) < path.count
         starts = jnp.where(inside, forward * taken[:, 0], jnp.inf)
-        at = jnp.maximum(jnp.searchsorted(starts, forward * still(t), side="right") - 1, 0)
+        at = jnp.maximum(_places(starts, forward * t) - 1, 0)
         known = (forward * t >= 0.0) & (forward * t <= forward * path.reached) & (path.count > 0.0)
         known |= (t == 0.0) & (path.reached == 0.0)
         begins = jnp.where(known, still(taken[at, 0]), 0.0)
@@ -220,7 +228,7 @@ class Motion:
         rows = self._pieces.steps.constants.rows(c, begins + 0.5 * still(size))
         ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, path.count > 0.0))
         zeros = jnp.zeros(len(t))
-        moving = jnp.stack(ends, axis=1), (t, path.end, c)
+        moving = stack(ends, axis=1), (t, path.end, c)
         return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
 
     # -- the run --------------------------------------------------------------------------
@@ -264,12 +272,17 @@ class Motion:
         @many.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            count, *rest = self._many(room, *(row.reshape(size * row.shape[1], *row.shape[2:]) for row in rows))
-            split = [value.reshape(size, -1, *value.shape[1:]) for value in rest]
+            own = rows[0].shape[1]
+            count, *rest = self._many(room, *(row.reshape(size * own, *row.shape[2:]) for row in rows))
+            split = [value.reshape(size, own, *value.shape[1:]) for value in rest]
             return Record(count, *split), Record(False, *[True] * 6)
 
         found: Record = many(*given)
         return found
+
+    def _plain(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
+        """Return how the run went, in floating point numbers."""
+        return vectorised(lambda *values: self._run(0, *values)[0], True, t, y0, c, breaks)
 
     # -- its derivatives ------------------------------------------------------------------
 
@@ -277,25 +290,19 @@ class Motion:
     def _passing(self) -> Callable[..., Reached]:
         """The function (t, y0, c, breaks, moved) -> how the run went, in floating point numbers."""
 
-        def plain(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-            return self._run(t, y0, c, breaks, 0)[0]
-
         def push(values: Any, tangents: Any) -> Any:
             full = self._full(*values)
             dy = self._changes(full, values, tangents, kept=False)[0]
             reached = Reached(*full[:4])
             return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
 
-        passing = jax.custom_jvp(plain)
+        passing = jax.custom_jvp(self._plain)
         passing.defjvp(push, symbolic_zeros=True)
         return passing
 
     @once_property
     def _unrecorded(self) -> Callable[..., Reached]:
         """What `_passing` is, with derivatives for which no record of the whole run is kept; first ones alone."""
-
-        def plain(t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-            return self._run(t, y0, c, breaks, 0)[0]
 
         def push(values: Any, tangents: Any) -> Any:
             (t, y0, c, breaks, _), (dt, dy, dc) = values, tangents[:3]
@@ -309,17 +316,19 @@ class Motion:
             dy = apply(OrNan(()), held, (changes, (times, dy, dc)))
             return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
 
-        unrecorded = jax.custom_jvp(plain)
+        unrecorded = jax.custom_jvp(self._plain)
         unrecorded.defjvp(push, symbolic_zeros=True)
         return unrecorded
 
     def _along_field(self, t: Any, y0: Any, c: Any, breaks: Any, moving: Any) -> tuple[Reached, Any, Any]:
         """Return how a run went, which times it reached, and the changes of the states there, by `Continuous`."""
         still = jax.lax.stop_gradient
-        reached, _, known, _ = self._run(still(t), still(y0), still(c), still(breaks), 0)
+        given = still(t), still(y0), still(c), still(breaks)
+        reached, known = vectorised(lambda *values: self._run(0, *values)[::2], True, *given)
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         times = forward * jax.lax.cummax(jnp.where(known, forward * t, 0.0))
-        held = Passed(times, jnp.where(known[:, None], reached.y, y0).at[0].set(y0), c)
+        later = jnp.where(known[1:, None], reached.y[1:], y0)
+        held = Passed(times, jnp.concatenate([y0[None], later]), c)
         limits, make = self._limits, self._pieces.field
         assert make is not None
         settings = limits.rtol, limits.atol, limits.max_step, limits.max_steps
@@ -330,19 +339,27 @@ class Motion:
         limits, pieces, still = self._limits, self._pieces, jax.lax.stop_gradient
         settings = limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps
         blocks = Blocks(pieces.one, pieces.one_projections, settings)
-        times, ordered = in_order(still(t))
-        end, kept = with_blocks(blocks, times, still(y0), still(c))
-        kept = kept._replace(states=kept.states._replace(y=(kept.states.y[0].at[0].set(y0),)), c=c)
-        forward = jnp.where(times[-1] >= times[0], 1.0, -1.0)
-        known = ordered & (forward * (times - end.t) <= 0.0)
+        kept, reached, known = vectorised(partial(self._in_blocks, blocks), True, still(t), still(y0), still(c))
+        states = jnp.concatenate([y0[None], kept.states.y[0][1:]])
+        kept = kept._replace(states=kept.states._replace(y=(states,)), c=c)
         last, changes = apply(Recomputed(pieces.steps, blocks), kept, moving)
         if len(t) <= 2:
-            changes, y = jnp.stack([moving[0], last])[: len(t)], jnp.stack([y0, end.y[0]])[: len(t)]
+            changes = stack([moving[0], last])[: len(t)]
+        return reached, known, changes
+
+    def _in_blocks(self, blocks: Blocks, t: Any, y0: Any, c: Any) -> tuple[Kept, Reached, Any]:
+        """Return what is kept of a run, how it went, and which times were reached."""
+        times, ordered = in_order(t)
+        end, kept = with_blocks(blocks, times, y0, c)
+        forward = jnp.where(times[-1] >= times[0], 1.0, -1.0)
+        known = ordered & (forward * (times - end.t) <= 0.0)
+        if len(t) <= 2:
+            y = jnp.stack([y0, end.y[0]])[: len(t)]
         else:
-            steps = Steps(kept.begins, kept.sizes, tuple(kept.states_there.T), tuple(still(c)), kept.count > 0.0)
-            y = jnp.stack(pieces.steps(steps), axis=1)
+            steps = Steps(kept.begins, kept.sizes, tuple(kept.states_there.T), tuple(c), kept.count > 0.0)
+            y = jnp.stack(self._pieces.steps(steps), axis=1)
         status = jnp.where(ordered, end.status.astype(float), float(Status.TIMES_IN_NO_ORDER))
-        return Reached(jnp.where(known[:, None], y, jnp.nan), status, end.steps, end.attempts), known, changes
+        return kept, Reached(jnp.where(known[:, None], y, jnp.nan), status, end.steps, end.attempts), known
 
     @once_property
     def _full(self) -> Callable[..., _Full]:
@@ -355,7 +372,11 @@ class Motion:
             taken = jnp.concatenate([still.taken[:, :2], rows], axis=1)
             return full, still._replace(y=dy, taken=taken, end=end)
 
-        full = jax.custom_jvp(self._recorded)
+        def recorded(*values: Any) -> Any:
+            whole = _Full(True, True, True, True, False, True, True, True, (True, True, True), True, True)
+            return vectorised(self._recorded, whole, *values)
+
+        full = jax.custom_jvp(recorded)
         full.defjvp(push, symbolic_zeros=True)
         return full
 
@@ -366,7 +387,7 @@ class Motion:
         timed = len(t) > 2
         course = Course(full.count, full.taken, full.end, *full.passing, c)
         end, over, *rows = apply(Along(self._pieces.steps, kept), course, (dy, dc))
-        changes = over if timed else jnp.stack([dy, end])[: len(t)]
+        changes = over if timed else stack([dy, end])[: len(t)]
         changes = apply(Timed(self._rates), At(t, full.y, c, breaks), (changes, dc))
         if not isinstance(dt, SymbolicZero):
             changes = changes + dt[:, None] * self._rates(t, full.y, c, breaks)
@@ -376,7 +397,7 @@ class Motion:
 
     def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> _Full:
         """Return a run with its record; what lies behind a jump is not known to those who differentiate."""
-        reached, record, known, passing = self._run(t, y0, c, breaks, self._room)
+        reached, record, known, passing = self._run(self._room, t, y0, c, breaks)
         decided, moved_by = self._pieces.decided, self._pieces.moved_by
         behind = jnp.zeros(len(t))
 
@@ -398,7 +419,7 @@ class Motion:
         constants = self._pieces.steps.constants
         rows = constants.rows(c, middles(jax.lax.stop_gradient(t), breaks) if constants.broken else t)
         steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
-        return jnp.stack(self._pieces.steps.rates(steps), axis=1)
+        return stack(self._pieces.steps.rates(steps), axis=1)
 
     def _ends(self, over: Over, states: Any, c: Any, go: Any) -> Any:
         """Return the ends (n_t, n_y) of steps to wanted times, one stage after the other where that is faster."""
@@ -420,7 +441,7 @@ class Motion:
 
         return alone(over, states, c, go)
 
-    def _run(self, t: Any, y0: Any, c: Any, breaks: Any, room: int) -> tuple[Reached, Record, Any, Any]:
+    def _run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, Record, Any, Any]:
         """Return how the run went, its record, which times were reached, and what passes over them, as in `_Full`."""
         t, ordered = in_order(t)
         record = self._one(room, t[0], t[-1], y0, c, breaks, t if len(t) > 2 else t[:0])

@@ -20,6 +20,7 @@ from jax import lax
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Rows
+from .mesh_axes import varying_like
 from .precision import precision_of
 from .products import contracted
 from .step_limits import limit_at_knots
@@ -51,7 +52,7 @@ def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any,
         rates = slopes_of(rhs, t + nodes[i] * h, point, c)
         return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
 
-    slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, begin)
+    slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, varying_like(begin, (start, h, c, first)))
     return slopes
 
 

@@ -18,6 +18,7 @@ from .along import Along, Course, PulledStep, PushedStep, Step
 from .derivatives import CHUNK, Record, pushed
 from .first_order import FirstOrder
 from .lanes import RUNNING, Attempts, Batch, Projections, State, advanced, begun
+from .mesh_axes import varying_like
 
 __all__ = ["Blocks", "Kept", "Recomputed", "attempts_of_a_block", "with_blocks"]
 
@@ -92,7 +93,7 @@ class Blocks:
             row = jnp.concatenate([jnp.stack([state.t, size]), state.y[0]])
             return i + 1, after, lax.dynamic_update_index_in_dim(taken, row, i, 0)
 
-        first = 0, state, jnp.zeros((self.length, 2 + len(state.y[0])))
+        first = varying_like((0, state, jnp.zeros((self.length, 2 + len(state.y[0])))), (batch, state))
         count, end, taken = lax.while_loop(
             lambda carry: (carry[0] < self.length) & (carry[1].status == RUNNING), body, first
         )
@@ -128,6 +129,7 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any) -> tuple[State, Kept]:
 
     first = jnp.concatenate([jnp.stack([t[0], 0.0]), y])
     carry = 0, start, states, jnp.zeros(len(wanted), dtype=int), jnp.tile(first, (len(wanted), 1))
+    carry = varying_like(carry, batch)
     number, end, states, at, rows = lax.while_loop(lambda carry: carry[1].status == RUNNING, body, carry)
     reached = direction * (wanted - end.t) <= 0.0
     sizes = jnp.where(reached, wanted - rows[:, 0], 0.0)
@@ -175,7 +177,7 @@ class Recomputed(FirstOrder):
                 starts = jnp.where(inside[:, None], rows[jnp.clip(own, 0, self.blocks.length - 1)], starts)
             return after, starts
 
-        end, starts = lax.fori_loop(0, held.count.astype(int), one, (dy, starts))
+        end, starts = lax.fori_loop(0, held.count.astype(int), one, varying_like((dy, starts), (held, moving)))
         if not timed:
             return end, starts
         rows = held.states_there, starts
@@ -205,6 +207,6 @@ class Recomputed(FirstOrder):
             before, added = against(course, (ahead, jnp.zeros((0, len(end))), *kept))
             return before, share + added
 
-        first, share = lax.fori_loop(0, held.count.astype(int), one, (end, share))
+        first, share = lax.fori_loop(0, held.count.astype(int), one, varying_like((end, share), (held, given)))
         # Where no step was taken, every time is the first.
         return jnp.where(held.count > 0.0, first, first + jnp.sum(starts, 0)), share

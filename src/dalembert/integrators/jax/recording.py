@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun, direction_of
+from .mesh_axes import varying_like
 
 __all__ = ["course_of"]
 
@@ -37,6 +38,7 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
 
     width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
     first = (0, start, jnp.zeros((room, width, *shape)))
+    first = varying_like(first, batch)
     count, end, taken = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, first)
     return jnp.asarray(count), taken, end
 
@@ -71,13 +73,14 @@ def _passing(attempts: Attempts, projections: Projections, room: int, batch: Bat
 
     def body(carry: Any) -> Any:
         total, state, block, begins = carry
-        count, state, block = lax.while_loop(goes_on, attempt, (0, state, block))
+        count, state, block = lax.while_loop(goes_on, attempt, varying_like((0, state, block), batch))
         return total + count, state, block, found(count, block, t, direction, begins)
 
     start = begun(attempts, batch)
     first = row(start)
     begins = jnp.broadcast_to(first, (len(t), *first.shape))
     carry = (0, start, jnp.zeros((room, *first.shape)), begins)
+    carry = varying_like(carry, batch)
     count, end, _, begins = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, carry)
     return jnp.asarray(count), begins, end
 

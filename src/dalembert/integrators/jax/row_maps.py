@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .linear_maps import LinearMap, apply
+from .mesh_axes import varying_like
 
 __all__ = ["Given", "PushedRows", "RowFunction"]
 
@@ -85,7 +86,7 @@ def _in_chunks(size: int, given: Given, moving: Any, one: Callable[..., Any]) ->
         jax.tree.map(lambda row: jnp.zeros((room, *row.shape[1:])), some),
         jax.tree.map(lambda value: jnp.zeros(value.shape), sums),
     )
-    return lax.fori_loop(0, given.chunks.astype(int), chunk, begin)
+    return lax.fori_loop(0, given.chunks.astype(int), chunk, varying_like(begin, (given, moving)))
 
 
 def _changed(function: RowFunction, size: int, held: Given, dheld: Given, moving: Any) -> Any:
