@@ -132,9 +132,31 @@ def test_faults():
         model.sensitivity((0, 1), start, {}, inputs={u: 1.0}, wrt=["u[0]"])
     with pytest.raises(UnknownNameError, match="unknown parameter or given initial value 'v'"):
         model.sensitivity((0, 1), start, {}, inputs=record, wrt=["v"])
-    many = {u: da.samples(np.linspace(0, 1, 300), np.zeros(300))}
-    with pytest.raises(OptionError, match=r"derivatives by 300 values of inputs.*at most 200.*'u\[0\]'.*solve_fn"):
+    many = {u: da.samples(np.linspace(0, 1, 2001), np.zeros(2001))}
+    with pytest.raises(OptionError, match=r"derivatives by 2001 values of inputs.*2000 at most.*'u\[0\]'.*solve_fn"):
         model.sensitivity((0, 1), start, {}, inputs=many, wrt=[u])
+
+
+@pytest.mark.parametrize("times", [None, [0.0, 2.5, 5.0]])
+def test_many_values_are_taken_in_blocks(times):
+    """A mass of 2 under a force by lines between 250 knots: the double integral of each hat, in closed form."""
+    model, knots = da.compile_model(pushed(u)), np.linspace(0, 5, 250)
+    given = {u: da.samples(knots, np.cos(knots))}
+    for start in (0.0, 7.0):
+        moved = {u: da.samples(knots + start, np.cos(knots))}
+        t_eval = None if times is None else start + np.array(times)
+        run = model.sensitivity(
+            (start, start + 5), {"x": 0, "x_dot": 0}, {}, inputs=moved, of=["x"], wrt=["x_dot", u], t_eval=t_eval
+        )
+        assert run.success and run.wrt == ("x_dot", *(f"u[{i}]" for i in range(250)))
+        assert run.jacobians.shape == (len(run.t), 1, 251)
+        np.testing.assert_allclose(run.jacobians[-1, 0, 0], 5.0, rtol=1e-12)
+        width = knots[1]
+        inner = width * (5.0 - knots[1:-1]) / 2
+        np.testing.assert_allclose(run.jacobians[-1, 0, 2:-1], inner, rtol=1e-9)
+        np.testing.assert_allclose(run.jacobians[-1, 0, 1], width / 4 * (5.0 - width / 3), rtol=1e-9)
+    alone = model.sensitivity((0, 5), {"x": 0, "x_dot": 0}, {}, inputs=given, of=["x"], wrt=["u[130]"], t_eval=[5.0])
+    np.testing.assert_allclose(run.jacobian("x", "u[130]")[-1], alone.jacobians[-1, 0, 0], rtol=1e-10)
 
 
 def test_kinks_of_inputs_are_refused():

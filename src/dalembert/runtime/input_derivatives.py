@@ -15,8 +15,8 @@ from .input_values import GivenInputs
 
 __all__ = ["value_names", "with_weights_of"]
 
-_MOST = 200
-"""Largest number of values of inputs by which one run is differentiated: each is another column of equations."""
+_MOST = 2000
+"""Largest number of values of inputs to differentiate by: each is another column of equations."""
 
 
 def value_names(inputs: GivenInputs, symbols: SymbolTable, wrt: Sequence[str]) -> list[str]:
@@ -25,7 +25,7 @@ def value_names(inputs: GivenInputs, symbols: SymbolTable, wrt: Sequence[str]) -
     Raises
     ------
     OptionError
-        For more values of inputs than one run is differentiated by.
+        For more values of inputs than are differentiated by.
     UnknownNameError
         For values that an input does not have.
     """
@@ -46,7 +46,7 @@ def value_names(inputs: GivenInputs, symbols: SymbolTable, wrt: Sequence[str]) -
     count = sum(input_of(name, symbols) is not None for name in found)
     if count > _MOST:
         raise OptionError(
-            f"derivatives by {count} values of inputs, of which a run has at most {_MOST}: name some of them, such as"
+            f"derivatives by {count} values of inputs, of which there are {_MOST} at most: name some of them, such as"
             f" {next(name for name in found if input_of(name, symbols))!r}; or take the gradient of a number by all of"
             ' them with the solve function of model.solve_fn(...), backend="jax"'
         )

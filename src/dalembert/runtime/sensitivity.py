@@ -30,6 +30,9 @@ __all__ = ["differentiate_run"]
 
 Given = Mapping[Any, Any]
 
+_BLOCK = 100
+"""Number of values of inputs and others by which one run is differentiated; for more there are several runs."""
+
 
 def differentiate_run(
     model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
@@ -40,6 +43,37 @@ def differentiate_run(
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
         options = replace(options, wrt=_wanted(model, options))
+        if len(options.wrt) > _BLOCK:
+            return _in_blocks(model, (t0, t1), initial, parameters, options)
+    return _one_run(model, (t0, t1), initial, parameters, options)
+
+
+def _in_blocks(
+    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
+) -> Sensitivity:
+    """Return the derivatives by many values, from a run for each block of them, at the times of the first run."""
+    runs: list[Sensitivity] = []
+    for first in range(0, len(options.wrt), _BLOCK):
+        times = runs[0].t if runs and options.t_eval is None else options.t_eval
+        block = replace(options, wrt=options.wrt[first : first + _BLOCK], t_eval=times)
+        runs.append(_one_run(model, t_span, initial, parameters, block))
+    count = min(len(run.t) for run in runs)
+    return replace(
+        runs[0],
+        t=runs[0].t[:count],
+        wrt=tuple(name for run in runs for name in run.wrt),
+        values=runs[0].values[:count],
+        jacobians=np.concatenate([run.jacobians[:count] for run in runs], axis=2),
+        status=next((run.status for run in runs if not run.success), runs[0].status),
+        steps=sum(run.steps for run in runs),
+    )
+
+
+def _one_run(
+    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
+) -> Sensitivity:
+    """Return one trajectory with derivatives; inputs are among the parameters."""
+    t0, t1 = t_span
     other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
     if other is None:
         return _in_own_time(model, (t0, t1), initial, parameters, options)
