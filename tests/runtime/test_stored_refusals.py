@@ -16,7 +16,7 @@ from dalembert.runtime.stored import cluster as on_cluster
 from dalembert.runtime.stored import sweep as stored_sweep
 from dalembert.runtime.stored.chunks import ChunkJob
 from dalembert.runtime.stored.jax_device import device_of
-from dalembert.runtime.stored.machines import machine
+from dalembert.runtime.stored.machines import difference, machine
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -59,6 +59,10 @@ def test_a_store_begun_with_other_code_is_not_completed_but_opened(model, tmp_pa
     next((path / "x" / "c").iterdir()).unlink()
     with pytest.raises(OptionError, match=rf"lacks chunks.*has the {what} 'another', and the sweep was begun with"):
         model.sweep(*given, to=path, chunk=20)
+
+
+def test_a_package_that_a_machine_lacks_is_named():
+    assert "the no_such_package 'none'" in difference({"no_such_package": "1.0"}, machine(["no_such_package"]))
 
 
 @pytest.mark.parametrize("what", ["instruction set", "dalembert", "numpy"])

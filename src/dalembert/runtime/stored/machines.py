@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 from ...codegen.llvm.target import target
 from ...version import __version__
@@ -29,7 +29,10 @@ def machine(names: Iterable[str]) -> dict[str, str]:
 
 @cache
 def _version(package: str) -> str:
-    return version(package)
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
 
 
 def difference(wanted: Mapping[str, str], has: Mapping[str, str]) -> str:
