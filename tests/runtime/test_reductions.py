@@ -147,6 +147,18 @@ def test_short_forms_failures_and_empty_spans(backend):
     assert [float(still.reduced[name][0]) for name in "abd"] == [3.0, 1.0, 0.0] and np.isnan(still.reduced["c"][0])
 
 
+def test_names_and_expressions_that_were_given():
+    """As `events` of single runs have them; what was not asked for is named, with what was."""
+    start = {x: 0.0, y: 1.0, x.diff(): 1.0, y.diff(): np.zeros(2)}
+    sweep = model(ball).sweep((0, 1), start, FALL, events=[x - 0.5, x.diff()], reduce=[x])
+    assert list(sweep.events[x - 0.5].count) == [1, 1] and sweep.events[x.diff()] is sweep.events["x_dot"]
+    np.testing.assert_array_equal(sweep.reduced[x], sweep.final["x"])
+    with pytest.raises(UnknownNameError, match="unknown event 'hit'"):
+        sweep.events["hit"]
+    with pytest.raises(UnknownNameError, match="unknown reduction 'top'"):
+        sweep.reduced["top"]
+
+
 def test_xarray():
     pytest.importorskip("xarray")
     grid = da.grid(theta=ANGLES[:3], theta_dot=[0.1, 0.2])

@@ -1,25 +1,26 @@
-"""Arrays by name, with an error that lists the names."""
+"""Arrays and other values by name, with an error that lists the names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, final
+from typing import Any, Generic, TypeVar, final
 
-from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
 
 __all__ = ["NamedValues"]
 
+T = TypeVar("T")
+
 
 @final
-class NamedValues(dict[str, FloatArray]):
-    """Arrays by name.
+class NamedValues(dict[str, T], Generic[T]):
+    """Arrays, or other values, by name.
 
     Parameters
     ----------
     kind : str
         What the values are, for messages.
-    values : mapping of str to ndarray
+    values : mapping of str
     aliases : mapping of str to str, optional
         Names by the texts of SymPy symbols, which may be given in place of them.
 
@@ -29,11 +30,11 @@ class NamedValues(dict[str, FloatArray]):
         For a name that is not there.
     """
 
-    def __init__(self, kind: str, values: Mapping[str, FloatArray], aliases: Mapping[str, str] | None = None) -> None:
+    def __init__(self, kind: str, values: Mapping[str, T], aliases: Mapping[str, str] | None = None) -> None:
         super().__init__(values)
         self._kind, self._aliases = kind, aliases or {}
 
-    def __missing__(self, key: Any) -> FloatArray:
+    def __missing__(self, key: Any) -> T:
         name = self._aliases.get(str(key), str(key))
         if name in self:
             return self[name]

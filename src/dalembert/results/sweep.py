@@ -97,8 +97,8 @@ class CaseResults(ABC):
         self.initial, parameters = varied
         own = {*layout.parameters} - {*layout.given}  # what runs set themselves
         self.parameters = {name: values for name, values in parameters.items() if name not in own}
-        self.events: dict[str, EventCounts] = {}
-        self.reduced = NamedValues("reduction", {})
+        self.events: NamedValues[EventCounts] = NamedValues("event", {})
+        self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = t_eval
         self._own_t, self._own_t_eval = self.t, t_eval
@@ -121,11 +121,13 @@ class CaseResults(ABC):
 
     def with_events(self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray) -> Self:
         """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
-        self.reduced = NamedValues("reduction", {name: reduced[:, i] for i, name in enumerate(kept)})
-        self.events = {
+        aliases = self._layout.aliases
+        self.reduced = NamedValues("reduction", {name: reduced[:, i] for i, name in enumerate(kept)}, aliases)
+        counts = {
             name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
             for i, name in enumerate(names)
         }
+        self.events = NamedValues("event", counts, aliases)
         return self
 
     def counted_from(
@@ -145,7 +147,7 @@ class CaseResults(ABC):
         """
         self.t, self.t_eval = starts + self._own_t, t_eval
         self.parameters = {name: values for name, values in self.parameters.items() if name in parameters}
-        self.events = {
+        self.events |= {
             name: EventCounts(each.count, starts + each.first, starts + each.last) for name, each in self.events.items()
         }
         self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
@@ -165,7 +167,7 @@ class CaseResults(ABC):
         ]
 
     @property
-    def final(self) -> NamedValues:
+    def final(self) -> NamedValues[FloatArray]:
         """Final values (n_case,) of coordinates, rates, states and outputs, by name."""
         return NamedValues("final value", {name: self._final(name) for name in self._lasting()}, self._layout.aliases)
 
@@ -270,8 +272,8 @@ class Sweep(CaseResults):
     y : ndarray (n_case, n_y)
         Final state of the formulation.
     stats : SweepStatistics
-    events : dict of str to EventCounts
-        How often each event occurred in each case, and when first and last.
+    events : mapping of str to EventCounts
+        How often each event occurred in each case, and when first and last; by name or by expression.
     reduced : dict of str to ndarray (n_case,)
         What was to be kept of every motion; NaN for cases that failed.
     """
