@@ -10,6 +10,7 @@ from unittest import mock
 import jinja2
 import jinja2.meta
 import jinja2.nodes
+import numpy as np
 import pytest
 
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
@@ -18,6 +19,7 @@ from dalembert.codegen import rendering
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import order_loops
 from dalembert.codegen.llvm.assembly import assembly
+from dalembert.codegen.llvm.foreign import foreign_arguments, handler_assembly
 from dalembert.codegen.llvm.tables import with_tables
 from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.tables import table_definitions
@@ -42,6 +44,7 @@ def render_everything():
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
+    handler_assembly(foreign_arguments((1, 2, 3, 4, 5), (2, 3, 4), np.array([1e-8, 1e-10]), (1.0, 10)), (0, 3), 6)
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
     with mock.patch.object(order_loops, "_LARGEST_FRAME", 0):

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..integrators.taylor_runs import StepCode
     from ..methods.tableau import Tableau
     from ..reduction.starting import Start
+    from .llvm.foreign import ForeignCode
 
 __all__ = ["METHODS", "CompiledEngine", "default_source"]
 
@@ -270,10 +271,27 @@ class CompiledEngine(Engine):
         from .llvm.prepared import prepared_run
 
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
-        codes, memory, _, settings = self._stepping(method, problem.rtol, problem.atol, 1, dense=False)
+        codes, memory, settings = self._codes_of_one(method, problem.rtol, problem.atol)
+        return prepared_run((self.steps.prepare(), *codes), sizes, memory, settings, problem, self.steps)
+
+    def foreign(
+        self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]
+    ) -> ForeignCode:
+        """Return the handler of runs that XLA calls, by an explicit method; see `dalembert.codegen.llvm.foreign`."""
+        from .llvm.foreign import foreign_code
+
+        codes, memory, settings = self._codes_of_one(method, *tolerances)
+        layout = self._program.layout
+        sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), memory)
+        return foreign_code((0, *codes), sizes, settings, limits, version, self.steps)
+
+    def _codes_of_one(
+        self, method: str, rtol: float, atol: float
+    ) -> tuple[tuple[int, int, int, int], int, list[float]]:
+        """Return addresses of steps of one case, of their start and projections, how much they remember and read."""
+        codes, memory, _, settings = self._stepping(method, rtol, atol, 1, dense=False)
         position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        addresses = (self.steps.prepare(), *codes, position, velocity)
-        return prepared_run(addresses, sizes, memory, settings, problem, self.steps)
+        return (*codes, position, velocity), memory, settings
 
     def start_code(self, start: Start) -> StartCode | None:
         """See `Engine.start_code`."""

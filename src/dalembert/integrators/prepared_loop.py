@@ -16,7 +16,7 @@ from .input_steps import InputTable, begin_inputs, pass_knots
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, largest_step, status_after
 
-__all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress"]
+__all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress", "attempt"]
 
 
 class PreparedKernels(NamedTuple):
@@ -98,7 +98,7 @@ def LOOP(arguments: PreparedArguments) -> int:
     status = RUNNING if limits.going else _begin(arguments)
     pause = min(limits.attempts, progress.attempts + limits.patience)
     while status == RUNNING and progress.attempts < pause:
-        status = _attempt(arguments)
+        status = attempt(arguments)
     if status != RUNNING and progress.row == 1:
         for m in range(arguments.n):
             states[0, m] = states[1, m]
@@ -126,7 +126,7 @@ def _begin(arguments: PreparedArguments) -> int:
 
 
 @compiled_subset
-def _attempt(arguments: PreparedArguments) -> int:
+def attempt(arguments: PreparedArguments) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     limits, progress, states = arguments.limits, arguments.progress, arguments.states
     constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n

@@ -32,6 +32,7 @@ from ...transforms.taylor import series_kernel, step_kernel
 from ..printers import JAX, JAX_SERIES
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .feedback_kernels import FeedbackKernels
+from .foreign import ForeignRuns
 from .kernels import compile_kernel
 
 __all__ = ["PAIRS", "SERVED", "pieces_of", "pieces_with", "place_of"]
@@ -79,6 +80,9 @@ def pieces_with(
     def rows(kernel: Function) -> Function:
         return kernel if feedback is None else feedback.on_rows(kernel)
 
+    foreign = None
+    if constants is None and feedback is None and program.conditions is None and program.layout.state:
+        foreign = ForeignRuns(program, method)
     if constants is None:
         constants = RunConstants(place_of(program))
     corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
@@ -98,7 +102,7 @@ def pieces_with(
         series = _series(series_kernel(known, order))
         taylors = TaylorAttempts(compile_kernel(step), step_growth_limited=known.step_growth_limited)
         steps = _SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants)
-        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by, field)
+        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by, field, foreign)
     whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
     rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or constants.broken
     limits: tuple[Function | None, ...] = None, None
@@ -114,7 +118,8 @@ def pieces_with(
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
     in_steps, decided = blocked(rhs), _decided(program)
     steps_of_pair = _PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants)
-    return Pieces(one, whole, many, on_rows, steps_of_pair, None if decided is None else rows(decided), moved_by, field)
+    decided = None if decided is None else rows(decided)
+    return Pieces(one, whole, many, on_rows, steps_of_pair, decided, moved_by, field, foreign)
 
 
 def place_of(program: Program) -> int | None:

@@ -43,6 +43,19 @@ class Stepping(Differentiable, Protocol):
         """Return the rates of the states at the starts of steps, n_y rows (k,)."""
 
 
+class Foreign(Protocol):
+    """Runs of one case as calls of machine code."""
+
+    @property
+    def serves(self) -> bool:
+        """Whether the present trace may have such calls."""
+        ...
+
+    def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
+        """Return how a run went, which `traced`, a function of (t, y, c), does in a traced loop."""
+        ...
+
+
 @final
 @dataclass(frozen=True)
 class Pieces:
@@ -62,6 +75,8 @@ class Pieces:
         Numbers of the constants on which the times of breaks depend.
     field
         What makes the rates and their cotangents for continuous adjoints.
+    foreign
+        Runs of one case as calls of machine code; None where there are none.
     """
 
     one: Attempts
@@ -72,6 +87,7 @@ class Pieces:
     decided: Function | None = None
     moved_by: tuple[int, ...] = ()
     field: Callable[[], Field] | None = None
+    foreign: Foreign | None = None
 
 
 @final
@@ -241,17 +257,24 @@ class Motion:
         return batch._replace(breaks=breaks, between=constants.reading(c, breaks, t0, t1))
 
     def _one(self, room: int, *given: Any) -> Record:
-        """Run one case from t0 to t1, y, c, breaks and times t, as one of a batch where it is vectorised."""
+        """Run one case at times t, from y, with c and breaks, as one of a batch where it is vectorised."""
         pieces = self._pieces
 
+        def traced(t: Any, y: Any, c: Any, breaks: Any = ()) -> Record:
+            return _single(pieces, room, self._batch(t[0], t[-1], y, c, breaks), t if len(t) > 2 else t[:0])
+
         @jax.custom_batching.custom_vmap
-        def one(*given: Any) -> Record:
-            return _single(pieces, room, self._batch(*given[:-1]), given[-1])
+        def one(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+            if pieces.foreign is not None and pieces.foreign.serves:
+                return pieces.foreign(self._limits, room, traced, t, y, c)
+            return traced(t, y, c, breaks)
 
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            return self._many(room, *rows), Record(False, *[True] * 6)
+            t, *rest = rows
+            between = t if t.shape[1] > 2 else t[:, :0]
+            return self._many(room, t[:, 0], t[:, -1], *rest, between), Record(False, *[True] * 6)
 
         found: Record = one(*given)
         return found
@@ -444,7 +467,7 @@ class Motion:
     def _run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, Record, Any, Any]:
         """Return how the run went, its record, which times were reached, and what passes over them, as in `_Full`."""
         t, ordered = in_order(t)
-        record = self._one(room, t[0], t[-1], y0, c, breaks, t if len(t) > 2 else t[:0])
+        record = self._one(room, t, y0, c, breaks)
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)
