@@ -139,6 +139,21 @@ def test_failures_are_statuses(model):
         jax.grad(lambda g: solve([0.0, 0.1], [1.0, 0.0], {"m": 1.0, "g": g}).reduced["h"])(9.0)
 
 
+def test_a_failed_run_ends_where_it_did_and_has_no_derivative_there(model):
+    solve = model.solve_fn(events=[h], method="tsit5", max_step=0.1, max_steps=4)
+
+    def found(g):
+        run = solve([0.0, 1e-6, 5.0], [1.0, 2.0], {"m": 1.0, "g": g})
+        return jax.numpy.stack([run.q[1, 0], run.end.t])
+
+    run = solve([0.0, 1e-6, 5.0], [1.0, 2.0], {"m": 1.0, "g": 9.81})
+    values, slopes = jax.jit(lambda g: (found(g), jax.jacrev(found)(g)), compiler_options=QUICK)(9.81)
+    assert int(run.status) == Status.MAX_STEPS and 0.0 < float(run.end.t) < 5.0
+    np.testing.assert_array_equal(values, [run.q[1, 0], run.end.t])
+    np.testing.assert_allclose(slopes[0], -0.5e-12, rtol=1e-6)
+    assert np.isnan(slopes[1])
+
+
 def test_contacts_run_in_traced_code_forward(bouncing):
     times, start = np.linspace(0.0, 1.5, 4), {"x": 0.0, "y": 1.0, "x_dot": 1.0, "y_dot": 0.0}
     solve = bouncing.solve_fn(start, events=["y_dot"], reduce={"top": da.maximum("y")}, **OPTIONS)

@@ -204,15 +204,15 @@ class HostedSolve:
             here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
             end = jnp.where(here & terminal, moved[count + i], end)
         whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
-        end = jnp.where(whole, end, without_derivative(held.numbers[0], whole, (t, initial, p, given)))
+        end = jnp.where(whole, end, held.numbers[0])
         reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
         wanted = jnp.append(jnp.where(reached, t, end), end)
         rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p, given), axis=1)
         known = jnp.isfinite(held.rows)
         found_there = held._replace(
             rows=jnp.where(known, rows[:-1], jnp.nan),
-            end=rows[-1],
-            numbers=held.numbers.at[0].set(end),
+            end=_of_whole(rows[-1], whole, (t, initial, p, given)),
+            numbers=held.numbers.at[0].set(_of_whole(end, whole, (t, initial, p, given))),
             happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
         )
         return found_there, held
@@ -249,6 +249,11 @@ def _at(
     solved = native.motion(every[order], initial, p, given)
     back = jnp.argsort(order)
     return solved.y[back], solved.q[back], solved.qdot[back], solved.outputs[back]
+
+
+def _of_whole(values: Any, whole: Any, sources: Any) -> Any:
+    """Return where a run ended, with derivatives NaN by `sources` where it failed, that is, where it is not `whole`."""
+    return jnp.where(whole, values, without_derivative(jax.lax.stop_gradient(values), whole, sources))
 
 
 def _refuse_functions(given: Given) -> None:
