@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from sympy import cos
+from sympy import Piecewise, cos
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -165,6 +165,30 @@ def test_phases_of_contacts(plainly, scene):
         model = da.compile_model(getattr(da.scenes, scene)())
         done = model.sweep(span, start, parameters, method="taylor", **LOOSE)
         return [done["x"], done["y"], done["y_dot"], done.status, done.t]
+
+    compiled, found, names = plainly(run)
+    assert "phase_loop" in names
+    assert_same_bits(compiled, found)
+
+
+def test_stops_of_phases(plainly):
+    """Knots, conditions on time and instants of controllers, which lift a ball that bounces."""
+    ball, wind, push = da.scenes.bouncing_ball(), dynamicsymbols("wind"), dynamicsymbols("push")
+    place, frame, (_, y), t = ball.bodies[0].point, ball.frame, ball.coordinates, dynamicsymbols._t
+    ball.add_inputs(wind, push)
+    ball.add_loads((place, wind * frame.x + (push + Piecewise((0, t < 0.4), (9, True))) * frame.y))
+    ball.add_controllers(da.Controller("push", period=0.15, inputs={push: 4 - 30 * y}))
+    records = {"wind": da.samples(np.linspace(0, 1, 11), np.sin(np.arange(11.0)), "linear")}
+    start = {"x": 0, "y": [0.1, 0.0], "x_dot": 1, "y_dot": 0}
+
+    def run():
+        model = da.compile_model(ball)
+        low = da.Event("push", name="low", terminal=False)
+        options = {"inputs": records, "events": [low], **LOOSE}
+        done = model.sweep((0, 1), start, {"m": 2.0, "e": 0.5, "g": 10.0}, **options)
+        one = model.simulate((0, 1), {**start, "y": 0.1}, {"m": 2.0, "e": 0.5, "g": 10.0}, **options)
+        assert len(one.phases) > 2 and done["x"][0] == one["x"][-1]
+        return [done["x"], done["y"], done.status, done.events["low"].count, one["y_dot"], one.events["low"].t]
 
     compiled, found, names = plainly(run)
     assert "phase_loop" in names

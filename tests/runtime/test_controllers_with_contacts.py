@@ -45,8 +45,8 @@ def hand(**options):
     return da.Controller("hand", **{"period": T, "inputs": {u: 3 - 4 * y}, **options})
 
 
-def block(backend="llvm"):
-    """A block on a floor that it may leave, pulled by what a controller holds."""
+def block(backend="llvm", way="controllers"):
+    """A block on a floor that it may leave, pulled and lifted by controllers, by inputs, or by conditions on time."""
 
     def make():
         N, O = ReferenceFrame("N"), Point("O")
@@ -58,14 +58,19 @@ def block(backend="llvm"):
         scene.add_joints(da.Joint("floor", body="P", at=P, force=n * N.y + f * N.x))
         scene.add_contacts(da.UnilateralContact(normal=n, gap=y))
         scene.add_friction(da.CoulombFriction(normal=n, tangential=f, mu=mu))
-        scene.add_inputs(u, v)
-        scene.add_loads((P, u * N.x + (v - c * t) * N.y))
-        pull = da.Controller("pull", period=T, states={count: count + 1}, inputs={u: a * count})
-        lift = da.Controller("lift", period=T, inputs={v: sp.Piecewise((30, sp.And(count > 5, count < 8)), (0, True))})
-        scene.add_controllers(pull, lift)
+        if way != "conditions":
+            scene.add_inputs(u, v)
+        lifted = sp.And(t >= sp.Rational(1, 2), t < sp.Rational(7, 10))
+        steps = a * sp.floor(10 * t), sp.Piecewise((30, lifted), (0, True))
+        forces = steps if way == "conditions" else (u, v)
+        scene.add_loads((P, forces[0] * N.x + (forces[1] - c * t) * N.y))
+        if way == "controllers":
+            pull = da.Controller("pull", period=T, states={count: count + 1}, inputs={u: a * count})
+            held = sp.Piecewise((30, sp.And(count > 5, count < 8)), (0, True))
+            scene.add_controllers(pull, da.Controller("lift", period=T, inputs={v: held}))
         return scene
 
-    return model_of("block", make, backend)
+    return model_of(way, make, backend)
 
 
 def bounced(height, speed, push, period, restitution=0.6):
@@ -289,3 +294,60 @@ def test_python_functions_and_what_is_refused():
     compare({name: alone[name][:1] for name in ("y", "y_dot", "u")}, loop(20, 0.05)[-1:])
     open_run = plain.mode(n="open").simulate((0, 0.2), DROP, BALL, t_eval=[0, 0.05, 0.1, 0.15], **TIGHT)
     compare(open_run, loop(4, 0.05)[:4])
+
+
+def samples(kind="hold"):
+    knots = np.arange(13) / 10
+    return {u: da.samples(knots, 3.0 * np.arange(13), kind), v: da.samples(knots, [0] * 5 + [30] * 2 + [0] * 6, kind)}
+
+
+@pytest.mark.parametrize("way", ["samples", "conditions"])
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_knots_and_conditions_do_not_return_to_python(way, method, monkeypatch):
+    """The same forces by records, and by conditions on time: compiled code alone, and a sweep has the bits of a run."""
+    model, start = block("llvm", way), {x: 0, y: 0, "x_dot": 0, "y_dot": 0}
+    values, given = {m: 2.0, g: 10.0, mu: 0.5, c: 4.0}, {"inputs": samples()} if way == "samples" else {}
+    values |= {a: 3.0} if way == "conditions" else {}
+    times = np.linspace(0, 1.2, 49)
+
+    def refuse(*given, **named):
+        raise AssertionError("a phase was run by Python")
+
+    monkeypatch.setattr("dalembert.runtime.hybrid.simulate.simulate_in_own_time", refuse)
+    monkeypatch.setattr("dalembert.runtime.hybrid.rounds.begin_sweep", refuse)
+    run = model.simulate((0, 1.2), start, values, method=method, **given, **TIGHT)
+    at, expected = run(times), pulled(times)
+    for i, name in enumerate(("x", "x_dot", "y", "y_dot")):
+        np.testing.assert_allclose(at[name], expected[:, i], rtol=0, atol=1e-9, err_msg=name)
+    if way == "samples":
+        np.testing.assert_allclose(at["v"][1::4], expected[1::4, 5], rtol=0, atol=1e-12)
+    assert [phase.modes["n"] for phase in run.phases] == ["stick", "slip", "open", "slip"]
+    sweep = model.sweep((0, 1.2), start, {**values, mu: np.array([0.3, 0.5])}, method=method, **given, **TIGHT)
+    np.testing.assert_array_equal([sweep[name][1] for name in "xy"], [run[name][-1] for name in "xy"])
+    np.testing.assert_array_equal(sweep.phases[1], 4)
+    assert sweep.steps[1] == run.stats.steps + 2  # those in which guards fired at once are not recorded
+    sampled = model.sweep((0, 1.2), start, {**values, mu: [0.5]}, method=method, t_eval=times, **given, **TIGHT)
+    np.testing.assert_allclose(sampled["x"][0], expected[:, 0], rtol=0, atol=1e-9)
+    if way == "samples":
+        final = model.prepare((0, 1.2), method=method, **given, **TIGHT)(
+            model.state(start, values, inputs={u: 0.0, v: 0.0}), model.parameter_vector(values)
+        )
+        np.testing.assert_array_equal(final[:2], [run["x"][-1], run["y"][-1]])
+
+
+def test_each_case_its_own_record_and_backwards():
+    model, start = block("llvm", "samples"), {x: 0, y: 0, "x_dot": 0, "y_dot": 0}
+    values, knots, sizes = {m: 2.0, g: 10.0, mu: 0.5, c: 0.0}, np.linspace(0, 2, 41), np.array([11.0, 14.0, 9.0])
+    pulls = sizes[:, np.newaxis] * np.sin(5 * knots)
+    inputs = {u: da.samples(knots, pulls, "linear"), v: 0.0}
+    sweep = model.sweep((0, 2), {name: np.zeros(3) for name in start}, values, inputs=inputs, **TIGHT)
+    for i, pull in enumerate(pulls):
+        run = model.simulate((0, 2), start, values, inputs={u: da.samples(knots, pull, "linear"), v: 0.0}, **TIGHT)
+        np.testing.assert_array_equal([sweep["x"][i], sweep["x_dot"][i]], [run["x"][-1], run["x_dot"][-1]])
+        np.testing.assert_allclose(run(knots)["u"], pull, rtol=0, atol=1e-12)
+        assert (len(run.phases) > 2) == (i < 2)
+    flying = {x: 0, y: 5, "x_dot": 1, "y_dot": 0}
+    there = model.simulate((0, 0.9), flying, values, inputs=samples("linear"), **TIGHT)
+    end = {name: there[name][-1] for name in ("x", "y", "x_dot", "y_dot")}
+    back = model.simulate((0.9, 0), end, values, inputs=samples("linear"), **TIGHT)
+    np.testing.assert_allclose([back[name][-1] for name in ("x", "y", "x_dot", "y_dot")], [0, 5, 1, 0], atol=1e-9)

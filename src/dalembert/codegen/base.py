@@ -172,6 +172,11 @@ class Engine(ABC):
         return 0, 0
 
     @property
+    def uncut(self) -> Engine | None:
+        """The engine of segments of a run, whose ends others see to; None where states jump at these ends."""
+        return self
+
+    @property
     def phases(self) -> Callable[..., int] | None:
         """The loop of `dalembert.integrators.phase_loop`, for engines that have it."""
         return None

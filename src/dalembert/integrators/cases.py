@@ -75,6 +75,8 @@ class CaseColumns:
         From given values to states.
     recorded : int
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
+    carried : ndarray (k, n_events) or None
+        Signs of events from which cases go on, and with which they end (`EventWorkspace.carried`).
     bounded : bool
         Whether the error of the polynomials of steps decides about these, too, where it is known.
     """
@@ -92,6 +94,7 @@ class CaseColumns:
     watch: EventCode | None = None
     inputs: InputRecords | None = None
     recorded: int = 0
+    carried: FloatArray | None = None
     bounded: bool = False
 
 

@@ -13,7 +13,7 @@ from .event_search import count_occurrence, occur
 from .event_series import happens_alone
 from .workspace import EventKernels, EventWorkspace
 
-__all__ = ["begin_signs", "resolve", "starts", "zeros_at_end"]
+__all__ = ["begin_signs", "go_on", "resolve", "starts", "zeros_at_end"]
 
 
 @compiled_subset
@@ -49,6 +49,24 @@ def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, dir
     for e in range(events.directions.size):
         space.residual[0, e] = 0.0
     begin_signs(events, space, lane, t, direction, one)
+
+
+@compiled_subset
+def go_on(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, case: int) -> None:
+    """Give a case that has begun in a lane the signs from which it goes on, see ``EventWorkspace.carried``.
+
+    An armed event that is not zero has that of its side, wherever its expression is now.
+    """
+    for e in range(events.directions.size):
+        before, rule = space.carried[case, e], events.directions[e]
+        if math.isnan(before):
+            continue
+        if abs(rule) > 1:
+            value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
+            sign, zero = start_sign(value, rate, noise, 0.0, t, direction, 0)
+            before = 0.0 if zero or sign == 0.0 else -0.5 * rule
+        if before != 0.0:
+            space.signs[lane, e], space.zero[lane, e] = before, 0.0
 
 
 @compiled_subset

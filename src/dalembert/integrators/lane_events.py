@@ -6,7 +6,7 @@ import numpy as np
 
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
-from .event_resolution import begin_signs, resolve, starts, zeros_at_end
+from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .projection import FAILED, NONE, WANTED, correct
@@ -31,7 +31,10 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
             space.constants[lane * count + m, point] = space.own[lane, m]
     for m in range(arguments.shape.n):
         space.one_point[0, m] = state.begun[m, place]
-    starts(events, space, lane, state.clock[NOW, lane], state.settings[1, lane], row(space.own, lane))
+    t, direction = state.clock[NOW, lane], state.settings[1, lane]
+    starts(events, space, lane, t, direction, row(space.own, lane))
+    if space.carried.shape[0] > 0:
+        go_on(events, space, lane, t, direction, state.numbers.case[lane])
 
 
 @compiled_subset
@@ -72,6 +75,18 @@ def handle_events(arguments: SweepArguments) -> None:
         _reduce(arguments, lane, searched, found, theta)
         if searched and _stops(arguments, lane, found, theta):
             _stop(arguments, lane, found, theta)
+        if arguments.workspace.carried.shape[0] > 0:
+            _carry(arguments, lane, searched)
+
+
+@compiled_subset
+def _carry(arguments: SweepArguments, lane: int, searched: bool) -> None:
+    """Take down the signs with which the case of a lane has come to its end, where they are known."""
+    space, case = arguments.workspace, arguments.state.numbers.case[lane]
+    if arguments.state.numbers.status[lane] == Status.SUCCESS:
+        for e in range(arguments.events.directions.size):
+            unknown = searched and space.zero[lane, e] != 0.0
+            space.carried[case, e] = 0.0 if unknown else space.signs[lane, e]
 
 
 @compiled_subset

@@ -17,6 +17,7 @@ from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
 from .contact_decisions import SOON, SOON_IN_A_ROW
 from .lane_loop import SweepArguments
+from .phase_stops import begin_stops, goes_to, pass_stops
 from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, ThreadWorkspace
 from .workspace import RUNNING
 
@@ -55,6 +56,9 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
         gathered[1, place] = table.t1[i]
         if following < table.t_eval.size:
             gathered[1, place] = table.t_eval[following]
+        if table.stops.first.size > 0:
+            begin_stops(table.stops, table.p, i, table.t[i], table.t1[i])
+            gathered[1, place] = goes_to(table.stops, i, gathered[1, place], table.t1[i], table.t[i])
         for m in range(p):
             gathered[2 + m, place] = table.p[i, m]
         first = 2 + p
@@ -80,6 +84,9 @@ def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
         for m in range(asked, events, 3):
             space.happened[first + m] = 0.0
             space.happened[first + m + 1] = space.happened[first + m + 2] = math.nan
+        if table.carried.shape[0] > 0:
+            for e in range(plan.runners.events[runner]):
+                space.carried[place * plan.runners.events[runner] + e] = table.carried[i, e]
     space.turns[runner] = 0
     space.packed_args[runner, _COUNT] = size
 
@@ -162,6 +169,11 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
     if status == _SUCCESS:
         if t == table.t1[i]:
             numbers.state[i] = _SUCCESS
+        elif table.carried.shape[0] > 0:
+            for e in range(plan.runners.events[runner]):
+                table.carried[i, e] = space.carried[place * plan.runners.events[runner] + e]
+            if numbers.steps[i] >= plan.most_steps:
+                numbers.state[i] = _MAX_STEPS
         return False
     if status != _EVENT or over:
         numbers.state[i] = status
@@ -181,6 +193,13 @@ def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
         numbers.phases[i] += 1
         numbers.history[i] = next_history(numbers.history[i], _mode_number(table, i))
     return not jumps
+
+
+@compiled_subset
+def _pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
+    """Let the cases in ``reaching`` pass the stops that they have reached."""
+    reaching, clock, posed, scene, acted = space.reaching, space.clock, space.posed, space.scene, space.acted
+    pass_stops(table.stops, table.cases, table.t, table.t1, table.p, reaching, clock, posed, scene, acted)
 
 
 # -- decisions ---------------------------------------------------------------------------------
@@ -242,6 +261,8 @@ def _forget(table: CaseTable, i: int) -> None:
 def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
     """Let a case go on in the mode that was selected."""
     numbers, table.begun[i] = table.numbers, table.t[i]
+    for e in range(table.carried.shape[1]):
+        table.carried[i, e] = math.nan
     if table.cases.status[i] != _SUCCESS:
         numbers.state[i] = table.cases.status[i]
         _forget(table, i)
@@ -302,8 +323,12 @@ def _begin(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, first: int
                 space.scene[m, lane] = table.p[i, m]
             for m in range(table.cases.x.shape[1]):
                 space.posed[m, lane] = table.cases.x[i, m]
+            space.reaching[0, lane] = NOBODY
             if place + lane < last and numbers.runner[i] == NOT_BEGUN:
-                space.wanted[lane], deciding = i, True
+                space.wanted[lane], space.reaching[0, lane], deciding = i, i, True
+                begin_stops(table.stops, table.p, i, table.t[i], table.t1[i])
+        if deciding and table.stops.first.size > 0:
+            _pass_stops(table, space)
         if deciding:
             _decide(plan, table, space)
         for lane in range(min(lanes, last - place)):
@@ -334,10 +359,14 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
     here = min(lanes, size - first)
     _expand(plan, table, space, runner, first, size)
     for lane in range(lanes):
-        space.wanted[lane] = NOBODY
+        space.wanted[lane] = space.reaching[0, lane] = NOBODY
         if lane < here and _ended(plan, table, space, runner, first + lane, lane):
             space.wanted[lane] = space.chosen[first + lane]
             deciding = True
+        if lane < here and table.numbers.state[space.chosen[first + lane]] == RUNNING:
+            space.reaching[0, lane] = space.chosen[first + lane]
+    if table.stops.first.size > 0:
+        _pass_stops(table, space)
     if deciding:
         for lane in range(here):
             if space.wanted[lane] >= 0:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .arguments import Address, IntMatrix, IntVector, Matrix, Record, Vector
 from .contact_cases import ContactCases
+from .phase_stops import StopTable
 
 __all__ = [
     "JUMPS",
@@ -142,6 +143,9 @@ class CaseTable(NamedTuple):
     log : (n_lines, n)
         For a case that is alone, a line for each phase that begins: its time, whether it is too soon, modes,
         directions, sides and rest speeds of the contacts, coordinates and rates. A full log ends the work.
+    stops : StopTable
+    carried : (k, n) or (0, 0)
+        Where there are stops, signs of the events of a case in its present phase (`EventWorkspace.carried`).
     """
 
     t: Vector
@@ -163,6 +167,8 @@ class CaseTable(NamedTuple):
     sampled_sides: Matrix
     sampled_rest: Matrix
     log: Matrix
+    stops: StopTable
+    carried: Matrix
 
 
 class PhaseProgress(Record):
@@ -188,6 +194,10 @@ class ThreadWorkspace(NamedTuple):
         Loops over lanes of the runners, their arguments, and their turns.
     y, ends, happened, totals
         Results of these loops.
+    carried
+        Signs of events from which cases go on in them, and with which they end.
+    reaching, acted
+        Cases that reach stops, one a lane, with the controllers that act there; and what these set.
     chosen
         The cases at hand.
     clock, states, constants, scene, posed, data
@@ -206,6 +216,9 @@ class ThreadWorkspace(NamedTuple):
     ends: Matrix
     happened: Vector
     totals: Matrix
+    carried: Vector
+    reaching: IntMatrix
+    acted: Matrix
     chosen: IntVector
     clock: Matrix
     states: Matrix

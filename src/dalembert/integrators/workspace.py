@@ -217,6 +217,9 @@ class EventWorkspace(NamedTuple):
 
     Where ``occurrences`` has rows, it gets event, time and sign of each occurrence, from the second row on; the first
     has their number.
+
+    Where ``carried`` (n_cases, n_events) has rows, it has the signs from which cases go on, NaN for those that begin, 0
+    where a sign is not known; it gets those at their ends.
     """
 
     own: Matrix
@@ -250,6 +253,7 @@ class EventWorkspace(NamedTuple):
     may_change: Matrix
     powers: Matrix
     occurrences: Matrix
+    carried: Matrix
 
 
 def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
@@ -288,6 +292,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
         occurrences=np.zeros((0, OCCURRENCE)),
+        carried=np.zeros((0, k)),
     )
 
 

@@ -108,9 +108,11 @@ def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | No
     """Return the jumps of rates of a program; None where no prescribed velocity can jump."""
     if program.conditions is None or not program.conditions.decides or not program.layout.state:
         return None
-    graph = equations.graph
-    moved = bool(equations.kinetic_energy.deps & graph.input(CONDITION_TIME).deps)
-    return Impulses(program, moved) if moved or "velocity_residual" in program else None
+    decided = equations.graph.input(CONDITION_TIME).deps
+    moved = bool(equations.kinetic_energy.deps & decided)
+    rows = [node for row in equations.constraints for node in (row.position, row.drift, *row.jacobian)]
+    constrained = any(node is not None and node.deps & decided for node in rows)
+    return Impulses(program, moved) if moved or constrained else None
 
 
 def landing_of(

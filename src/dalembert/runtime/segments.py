@@ -127,6 +127,16 @@ class SegmentedEngine(Engine):
             self._kept[key] = found
         return found if problem.inputs is None else replace(found, inputs=problem.inputs)
 
+    @property
+    def uncut(self) -> Engine | None:
+        """See `Engine.uncut`."""
+        return self.inner if self.landing is None else None
+
+    @property
+    def phases(self) -> Callable[..., int] | None:
+        """See `Engine.phases`."""
+        return self.inner.phases
+
     def course(self, problem: IntegrationProblem) -> Segments:
         """See `Engine.course`."""
         return self.segments(problem)

@@ -98,6 +98,8 @@ def case_run(
         workspace = event_workspace(events, *sizes) if watched else no_event_workspace()
         if cases.recorded:
             workspace = workspace._replace(occurrences=np.zeros((1 + cases.recorded, OCCURRENCE)))
+        if cases.carried is not None:
+            workspace = workspace._replace(carried=cases.carried)
         return SweepArguments(
             kernels=kernels,
             shape=CaseShape(n, more - n, shape.degree, shape.memory, parameters, given, checks, k, shape.share),

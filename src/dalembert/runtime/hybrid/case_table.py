@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.phase_stops import no_stops
 from ...integrators.phase_tables import CaseTable, case_numbers
 from ...results.hybrid_sweep import States
 from .reductions import PhaseReductions
@@ -57,4 +58,6 @@ def case_table(
         samples.sides,
         samples.rest,
         log,
+        no_stops(),
+        np.zeros((0, 0)),
     )

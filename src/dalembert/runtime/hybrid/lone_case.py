@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.phase_stops import BEHIND, no_stops
 from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
@@ -21,6 +22,7 @@ from .output_values import BROKEN, OutputValues
 from .phases import PhaseExecutor
 from .reductions import PhaseReductions
 from .state import HybridState
+from .stops import Stops
 
 __all__ = ["LoneCase"]
 
@@ -62,6 +64,7 @@ class LoneCase:
         nothing = States.nothing_yet(0, n, contacts)
         self.table = table = case_table(self.state, zero.copy(), watched, None, nothing, self.log)
         known = modes, layout, options, 0, watched, self.state, table
+        self.stops: Stops | None = None
         self.executor = PhaseExecutor(*known, fits=fits, recorded=lines > 0)
         changing = (*self.state.cases, *table.numbers, table.occurred)
         self._begins = [(values, values.copy()) for values in changing]
@@ -78,11 +81,20 @@ class LoneCase:
         self.executor.forget_methods()
         self.executor.compile_seconds = 0.0
 
+    def stop_at(self, stops: Stops | None) -> None:
+        """Let the motion that begins next stop at the stops of one case."""
+        self.stops = stops
+        if stops is not None or len(self.executor.table.stops.first):
+            self.executor.stop_at(no_stops() if stops is None else stops.table)
+
     def begin_from(self, state: HybridState, t1: float) -> None:
         """Begin in the middle of a motion, in a mode that is known."""
         self.begin(0.0, t1, state.x[0], state.c[0])
         self.state.copied_from(state)
         self.table.begun[0] = state.t[0]
+        if self.stops is not None:
+            self.stops.table.next[0] = BEHIND
+            self.executor.table.carried[:] = np.nan
         self.table.numbers.runner[0] = NOBODY
 
     @property

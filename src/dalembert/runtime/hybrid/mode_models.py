@@ -68,6 +68,11 @@ class ModeModels:
         """The conditions on time alone, in the parameters of the scene."""
         return decided(self.equations)
 
+    @property
+    def changes(self) -> bool:
+        """Whether there are conditions on time or controllers."""
+        return self.conditions is not None or bool(self.equations.controllers)
+
     def breaks(self, p: FloatArray, t0: FloatArray, t1: FloatArray) -> CaseBreaks | None:
         """Return when conditions change in cases of parameters (k, n_p) between t0 and t1 (k,); None without any."""
         if self.conditions is None:

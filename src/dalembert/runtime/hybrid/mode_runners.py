@@ -76,10 +76,13 @@ class ModeRunner:
         """Components of the state."""
         return len(self.model.layout.state)
 
-    def call(self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64], recorded: bool) -> LoopCall | None:
+    def call(
+        self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64], recorded: bool, stops: bool
+    ) -> LoopCall | None:
         """Return the call that runs the cases that are gathered in a memory, None where the engine has none.
 
-        Its next case is `turn` (1,). If `recorded`, it records the steps of a case that is alone.
+        Its next case is `turn` (1,). If `recorded`, it records the steps of a case that is alone. With `stops`, cases
+        go on where their last run has stopped.
         """
         model, names, gathered, k = self.model, tuple(rows.states), memory.gathered, memory.gathered.shape[1]
         start = model.derived.start(names)
@@ -95,13 +98,15 @@ class ModeRunner:
             atol=self.options.atol,
             max_step=self.options.max_step,
             max_steps=self.options.max_steps,
+            carried=memory.carried[: k * len(self.events)].reshape(k, -1) if stops else None,
             recorded=max(_FEWEST_ROWS, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
             bounded=True,  # guards are located on them
         )
         happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = memory.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, memory.ends, np.empty((k, 0, self.size)), happened, memory.totals)
-        run = model.engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
+        engine = model.engine.uncut
+        run = None if engine is None else engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         return None if run is None or run.call is None else run.call(turn)
 
 
@@ -110,7 +115,11 @@ def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions, *, 
 
     With ``fits`` the method that is chosen automatically is the one that fits some of the cases.
     """
-    if not runs_unchecked(model) or any(name not in cases.parameters for name in model.layout.parameters):
+    if (
+        model.engine.uncut is None
+        or not runs_unchecked(model)
+        or any(name not in cases.parameters for name in model.layout.parameters)
+    ):
         return None
     chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
     if fits:
@@ -130,6 +139,7 @@ class _Memory:
     ends: FloatArray
     happened: FloatArray
     totals: FloatArray
+    carried: FloatArray
 
 
 def thread_workspace(
@@ -173,10 +183,11 @@ def thread_workspace(
         np.zeros((together, 3)),
         np.zeros(together * 3 * events),
         np.zeros((together, table.totals.shape[1])),
+        np.full(together * events, np.nan),
     )
     turns, calls = np.zeros(len(runners), np.int64), []
     for i, runner in enumerate(runners):
-        call = runner.call(rows, memory, turns[i : i + 1], recorded)
+        call = runner.call(rows, memory, turns[i : i + 1], recorded, len(table.stops.first) > 0)
         if call is None:
             return None
         if patience:
@@ -194,6 +205,9 @@ def thread_workspace(
         ends=memory.ends,
         happened=memory.happened,
         totals=memory.totals,
+        carried=memory.carried,
+        reaching=np.full((2, lanes), -1, np.int64),
+        acted=aligned(int(max(np.diff(table.stops.columns), default=1)), lanes),
         chosen=np.zeros(together, np.int64),
         clock=aligned(1, lanes),
         states=aligned(max(size, 1), lanes),

@@ -18,6 +18,7 @@ from .mode_models import ModeModels
 from .motion_recorder import RecordedPhase, trajectories
 from .phase_events import PhaseEvents, after_jump, event_history
 from .request import MotionRequest
+from .stops import Stops
 
 __all__ = ["MotionLog"]
 
@@ -83,7 +84,7 @@ class MotionLog:
         for event in self.request.events:
             self.counts[event.label] += len(run.events[event.label])
 
-    def add_recorded(self, phases: Sequence[RecordedPhase], status: Status | None) -> None:
+    def add_recorded(self, phases: Sequence[RecordedPhase], status: Status | None, stops: Stops | None) -> None:
         """Take down the phases that compiled code has run; those that took no time leave none but the last."""
         kept = [phase for phase in phases if phase.t0 != phase.t1 or phase.after is not None]
         if status is not None and not (status.success and (kept or self.parts)):
@@ -91,7 +92,7 @@ class MotionLog:
         options, labels = self.request.options, [event.label for event in self.request.events]
         ended = Status.SUCCESS if status is None else status
         dense = options.dense or options.t_eval is not None
-        runs = trajectories(self.modes, kept, self.request.parameters, ended, labels, dense=dense)
+        runs = trajectories(self.modes, kept, self.request.parameters, ended, labels, stops, dense=dense)
         for phase, run in zip(kept, runs, strict=True):
             self.add(run, phase.mode, phase.t1, phase.after)
 

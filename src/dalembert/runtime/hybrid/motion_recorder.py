@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,9 +17,11 @@ from ...integrators.event_code import Event
 from ...integrators.events import Occurrence
 from ...integrators.problem import PiecewisePolynomial
 from ...integrators.projected_states import projected
+from ...integrators.segments import Constants, Segments, constants_at
 from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
 from ...integrators.workspace import ROUNDING
 from ...interrupts import check
+from ...ir.conditions import CONDITION_TIME
 from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import StepOptions
@@ -32,6 +34,7 @@ from .lone_case import LoneCase
 from .mode_models import ModeModels
 from .mode_runners import ModeRunner
 from .reductions import PhaseReductions
+from .stops import Stops
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -94,10 +97,11 @@ class RecordedPhase:
 
 @contextmanager
 def recorder_of(
-    modes: ModeModels, layout: Layout, options: StepOptions, events: Sequence[Event]
+    modes: ModeModels, layout: Layout, options: StepOptions, events: Sequence[Event], stops: Stops | None
 ) -> Iterator[MotionRecorder]:
     """Context with a recorder for these options and events, which is kept for the next run that is given the same."""
-    key = repr((options.method, options.rtol, options.atol, options.max_step, options.max_steps, tuple(events)))
+    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps
+    key = repr((*steps, tuple(events), stops is not None))
     if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
         modes.recorders.clear()
     kept = modes.recorders.setdefault(key, [])
@@ -105,6 +109,7 @@ def recorder_of(
         recorder = kept.pop()
     except IndexError:
         recorder = MotionRecorder(modes, layout, options, PhaseReductions({}, tuple(events)))
+    recorder.case.stop_at(stops)
     yield recorder
     kept.append(recorder)
 
@@ -198,6 +203,7 @@ def trajectories(
     given: Mapping[str, float],
     status: Status,
     labels: Sequence[str],
+    stops: Stops | None,
     *,
     dense: bool,
 ) -> list[Trajectory]:
@@ -213,46 +219,70 @@ def trajectories(
         How the last of them ended.
     labels : sequence of str
         Names of the events that users watch.
+    stops : Stops or None
+        Where constants change, and controllers act, within phases.
     dense : bool
         Whether they can be evaluated between their steps.
     """
     found: list[Trajectory | None] = [None] * len(phases)
     for mode in dict.fromkeys(phase.mode for phase in phases):
         some, model = [i for i, phase in enumerate(phases) if phase.mode == mode], modes.model(mode)
-        c = inputs.prepare_rows(
-            model.stages.program, np.array([phases[i].parameters(modes, given) for i in some]).reshape(len(some), -1)
-        )
+        p = np.array([phases[i].parameters(modes, given) for i in some]).reshape(len(some), -1)
+        c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
+        if stops is not None:
+            c = [_course(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
+        acts = stops is not None and stops.acts
         for row, i in zip(c, some, strict=True):
             ended = status if i == len(phases) - 1 else Status.SUCCESS
-            found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense)
+            found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense, acts)
     return [motion for motion in found if motion is not None]
+
+
+def _course(model: CompiledModel, phase: RecordedPhase, p: FloatArray, stops: Stops) -> Segments:
+    """Return the constants along a phase, for the parameters (n_p,) of the model of its mode."""
+    program, breaks = model.stages.program, stops.breaks
+    edges = np.array([phase.t0, phase.t1])
+    if breaks is not None:
+        inside = (breaks.times - phase.t0) * (phase.t1 - breaks.times) > 0.0
+        edges = np.concatenate([edges[:1], breaks.times[inside], edges[1:]])
+    rows = np.tile(p, (len(edges) - 1, 1))
+    if breaks is not None and breaks.place is not None:
+        place = program.layout.parameters.index(CONDITION_TIME)
+        rows[:, place] = breaks.middles(np.zeros(len(rows), np.intp), edges[:-1])
+    records = None if stops.inputs is None else stops.inputs.records(program.layout)
+    return Segments(edges, inputs.prepare_rows(program, rows), records)
 
 
 def _trajectory(
     modes: ModeModels,
     model: CompiledModel,
     phase: RecordedPhase,
-    c: FloatArray,
+    c: Constants,
     status: Status,
     labels: Sequence[str],
     dense: bool,
+    acts: bool,
 ) -> Trajectory:
-    """Return the motion of one phase with constants c (n_c,)."""
+    """Return the motion of one phase with its constants; where controllers act, behind each instant what follows it."""
     n, program = len(model.layout.state), model.stages.program
     rows = phase.steps if phase.rows else np.empty((0, FIRST_AT + 6 * n))
     polynomials = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1) if len(rows) else np.empty((0, n, 4))
     if len(rows):
         first = polynomials[0, :, 0]
     else:
-        first = modes.states(phase.mode, np.array([phase.t0]), phase.x[np.newaxis], c[np.newaxis])[0]
+        begin = np.array([phase.t0])
+        first = modes.states(phase.mode, begin, phase.x[np.newaxis], constants_at(c, begin).reshape(1, -1))[0]
     t = np.concatenate([[phase.t0], rows[:, ENDED_AT]])
     y = np.concatenate([first[np.newaxis], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
+    if acts and len(rows) > 1:
+        y[1:-1] = polynomials[1:, :, 0]
     method = "" if phase.runner is None else phase.runner.method
     if len(rows):
         output = PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
     else:
         output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), first.reshape(1, 1, n))
-    attempts = int(rows[-1, ATTEMPTS_AT]) if len(rows) else 0
+    counted = rows[:, ATTEMPTS_AT]  # anew behind every stop
+    attempts = int(counted[np.append(counted[1:] <= counted[:-1], True)].sum()) if len(rows) else 0
     stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
     run = Trajectory(program, c, status, t, y, stats, output if dense else None)
     run.ended_at(phase.t1)

@@ -18,6 +18,7 @@ from ...errors import ValueInputError
 from ...hybrid import Mode
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
+from ...integrators.phase_stops import StopTable
 from ...integrators.phase_tables import NOBODY, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED, check
 from ...ir.program import Layout
@@ -40,8 +41,9 @@ _PATIENCE = 4096
 
 
 def compiled_phases(modes: ModeModels) -> bool:
-    """Whether the engine of a scene has the loop over phases."""
-    return modes.engine().phases is not None
+    """Whether the engine of a scene has the loop over phases, which calls no Python functions."""
+    functions = [item for item in modes.equations.controllers if item.function is not None]
+    return modes.engine().phases is not None and not functions
 
 
 @final
@@ -259,6 +261,7 @@ class PhaseExecutor:
         key = len(self.runners), together, min(threads, -(-count // together))
         if self._made is not None and self._made[0] == key:
             return self._made[1]
+        self._carry_signs()
         patience = 0 if self.threads else _PATIENCE
         about = lanes, self.modes.decisions, self.table, self.options.rtol, patience, self._recorded
         made = [thread_workspace(self.runners, self.rows, together, *about) for _ in range(key[2])]
@@ -269,6 +272,22 @@ class PhaseExecutor:
         self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), calls[0], made)), []
         self._activate()
         return self._made[1]
+
+    def stop_at(self, stops: StopTable) -> None:
+        """Let cases stop at the stops of a table; there must have been one before, or no run."""
+        if not len(stops.first) == len(self.table.stops.first):
+            self._made = None
+        self.table, self._packed = self.table._replace(stops=stops), []
+        self._carry_signs()
+
+    def _carry_signs(self) -> None:
+        """Make room for the signs of all events of a runner, where there are stops."""
+        width = max((len(runner.events) for runner in self.runners), default=0)
+        before = self.table.carried
+        if len(self.table.stops.first) and width > before.shape[1]:
+            carried = np.full((len(self.table.t), width), np.nan)
+            carried[: len(before), : before.shape[1]] = before
+            self.table, self._packed = self.table._replace(carried=carried), []
 
     def _plan(self) -> PhasePlan:
         """Return what is the same for all cases."""

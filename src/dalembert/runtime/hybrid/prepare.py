@@ -18,6 +18,7 @@ from .mode_models import ModeModels
 from .phases import compiled_phases
 from .reductions import PhaseReductions
 from .request import SweepRequest
+from .stops import stops_of
 from .sweep import sweep
 
 __all__ = ["prepared", "with_extension"]
@@ -29,9 +30,9 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
     The loop over phases runs each motion, with memory that every thread keeps. Motions that it cannot run go phase by
     phase as in a sweep.
     """
-    changing = options.inputs is not None and options.inputs.sampled
-    changing = changing or modes.conditions is not None or bool(modes.equations.controllers)
-    compiled = compiled_phases(modes) and not changing
+    given = None if options.inputs is None or not options.inputs.sampled else options.inputs
+    spans = np.array([t_span[0]]), np.array([t_span[1]])
+    compiled, stopping = compiled_phases(modes), given is not None or modes.changes
     own: dict[int, LoneCase] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:
@@ -41,6 +42,8 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
             case = own.get(get_ident())
             if case is None:
                 case = own[get_ident()] = LoneCase(modes, layout, options, PhaseReductions({}, ()))
+            if stopping:
+                case.stop_at(stops_of(modes, layout, given, p[np.newaxis], spans))
             case.begin(*t_span, x, p)
             if case.run():
                 return case.state.x[0].copy(), Status(int(case.table.numbers.state[0]))

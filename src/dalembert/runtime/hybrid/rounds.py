@@ -1,6 +1,6 @@
 """Cases of a sweep with contacts, and rounds in which all that are in one mode run side by side.
 
-Rounds serve what the loop over phases does not run: other engines, conditions on time, samples, and its rest.
+Rounds serve what the loop over phases does not run: other engines, and modes that it leaves out.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ...hybrid import SLIP, Mode
 from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
 from ...integrators.event_code import Event
 from ...integrators.phase_loop import next_history
+from ...integrators.phase_stops import BEHIND
 from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
 from ...ir.conditions import CONDITION_TIME
 from ...mechanics.equations import Guard
@@ -31,8 +32,10 @@ from .controller_clocks import ControllerClocks
 from .decisions import flag
 from .mode_models import ModeModels
 from .output_values import BROKEN, JAMMED
+from .phases import compiled_phases
 from .request import SweepRequest
 from .state import HybridState, placed
+from .stops import stops_of
 
 __all__ = ["RUNNING", "CaseRounds"]
 
@@ -81,12 +84,21 @@ class CaseRounds:
         self.status, self.phases, self.steps = self.numbers.state, self.numbers.phases, self.numbers.steps
         self.soon, self.next = self.numbers.soon, self.numbers.next
         self.status[:], self.numbers.runner[:] = request.status, NOT_BEGUN
-        self.breaks = modes.breaks(request.p, request.t, request.t1)
         given = request.options.inputs
         self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
         self.forward = np.where(self.span >= 0.0, 1.0, -1.0)
         sampling, about = modes.sampling(request.layout), (request.t, request.t1, request.p, request.t_eval)
         self.clocks = None if sampling is None else ControllerClocks(sampling, *about)
+        bad = None if self.clocks is None else self.clocks.senseless()
+        spans = request.t, request.t1
+        self.stops = None
+        if compiled_phases(modes):
+            self.stops = stops_of(modes, request.layout, self.inputs, request.p, spans, request.t_eval, bad)
+        self.breaks = None if self.stops is None else self.stops.breaks
+        if not compiled_phases(modes):
+            self.breaks = modes.breaks(request.p, request.t, request.t1)
+        if self.stops is not None:
+            self.table = table._replace(stops=self.stops.table)
         if self.clocks is not None:
             self.status[self.clocks.senseless() & (self.status == RUNNING)] = int(Status.NON_FINITE)
         self.compile_seconds = 0.0
@@ -171,6 +183,18 @@ class CaseRounds:
             now.c[some, self.request.layout.parameters.index(name)] = column
         if self.clocks is not None:
             now.x[some] = self.clocks.act(some, now.t[some], now.x[some], now.c[some])
+
+    def leave_loop(self, some: NDArray[np.intp]) -> None:
+        """Take over running cases from the loop over phases, which has passed the stops up to their times."""
+        if self.clocks is not None:
+            for i, t in zip(some.tolist(), self.now.t[some].tolist(), strict=True):
+                self.clocks.clocks[i].last = t
+
+    def enter_loop(self, some: NDArray[np.intp]) -> None:
+        """Hand cases over to the loop over phases: those in the middle of a phase go on where they are."""
+        if self.stops is not None:
+            self._pass_breaks(some)
+            self.stops.table.next[some] = BEHIND
 
     def states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases, after what controllers are to do."""
@@ -269,6 +293,7 @@ class CaseRounds:
         history, number = self.numbers.history[cases], self.modes.automaton.number(mode)
         self.numbers.history[cases] = np.where(passed != 0.0, next_history(history, number), history)
         self.numbers.runner[cases[jumps[ended]]] = JUMPS
+        self._pass_breaks(cases[jumps[ended]])
         ended, cases = ended[~jumps[ended]], cases[~jumps[ended]]
         self._decide(cases, mode, {guard: row[ended] for guard, row in zip(guards, fired, strict=True)})
         self._sample(cases)
@@ -281,7 +306,6 @@ class CaseRounds:
         some = going[self.numbers.runner[going] == JUMPS]
         if not len(some):
             return
-        self._pass_breaks(some)
         assert self.request.jumps is not None
         self.status[some] = self.request.jumps.apply(self.now, self.occurred, some)
         going = self.status[some] == RUNNING

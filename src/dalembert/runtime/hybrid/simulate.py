@@ -33,6 +33,7 @@ from .phases import compiled_phases
 from .request import MotionRequest
 from .start_faults import start_error
 from .state import HybridState
+from .stops import stops_of
 
 __all__ = ["simulate"]
 
@@ -52,9 +53,12 @@ class _Run:
         t, x, c = np.array([request.t0]), request.x[np.newaxis], request.c[np.newaxis]
         t1 = np.array([request.t1])
         self.now = HybridState.starting(t, x, c, t1 - t, len(modes.equations.contacts), len(modes.equations.states))
-        self.breaks = modes.breaks(c, t, t1)
         given = request.options.inputs
-        self.inputs: GivenInputs | None = given if given is not None and given.sampled else None
+        given = given if given is not None and given.sampled else None
+        compiled = compiled_phases(modes)
+        self.stops = stops_of(modes, request.layout, given, c, (t, t1), request.options.t_eval) if compiled else None
+        self.breaks = self.stops.breaks if self.stops is not None else None if compiled else modes.breaks(c, t, t1)
+        self.inputs: GivenInputs | None = given
         sampling, wanted = modes.sampling(request.layout), request.options.t_eval
         self.clocks = None if sampling is None else ControllerClocks(sampling, t, t1, c, wanted)
         self.mode: Mode | None = None
@@ -65,8 +69,9 @@ class _Run:
     def trajectory(self) -> HybridTrajectory:
         """Run to the end and return what was recorded."""
         request = self.request
-        if self.breaks is None and self.inputs is None and self.clocks is None and compiled_phases(self.modes):
-            with recorder_of(self.modes, request.layout, request.options, request.events) as self.recorder:
+        if compiled_phases(self.modes):
+            known = self.modes, request.layout, request.options, request.events, self.stops
+            with recorder_of(*known) as self.recorder:
                 return self.log.trajectory(self._end())
         return self.log.trajectory(self._end())
 
@@ -171,7 +176,9 @@ class _Run:
         self.log.compile_seconds += case.executor.compile_seconds
         self.now.copied_from(case.state)
         self.soon, status = int(numbers.soon[0]), case.status
-        self.log.add_recorded(phases, status)
+        self.log.add_recorded(phases, status, self.stops)
+        if self.clocks is not None:
+            self.clocks.clocks[0].last = float(self.now.t[0])
         if status is Status.INITIAL_STATE and not phases:
             raise start_error(self.modes, self.now) or InitialStateError("the initial state contradicts the contacts")
         self.log.t = float(self.now.t[0])

@@ -41,7 +41,7 @@ class _Sweep:
         changing = None if cases.inputs is None else (cases.inputs, request.t1, cases.forward > 0.0)
         self.value = OutputValues(modes, request.layout, request.p, cases.breaks, changing)
         known = modes, request.layout, request.options, request.threads, self.reductions, cases.now, cases.table
-        compiled = cases.breaks is None and cases.inputs is None and cases.clocks is None and compiled_phases(modes)
+        compiled = compiled_phases(modes)
         fits, chosen = request.options.fits, request.options.method_chosen
         self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen) if compiled else None
 
@@ -54,13 +54,24 @@ class _Sweep:
             try:
                 while len(going := self.cases.going()):
                     if not self._executed(going):
-                        self.cases.run(going)
+                        self._round(going)
                     self.cases.jump(self.cases.going(), deciding=self.executor is None)
                     advance(len(going) - len(self.cases.going()))
             except KeyboardInterrupt:
                 pass
         self.cases.status[self.cases.status == RUNNING] = int(Status.INTERRUPTED)
         return self._finished()
+
+    def _round(self, going: NDArray[np.intp]) -> None:
+        """Run cases that compiled code does not serve, for a round."""
+        if self.executor is None:
+            self.cases.run(going)
+            return
+        self.cases.leave_loop(going)
+        self.cases.run(going)
+        self.cases.enter_loop(going)
+        if len(self.executor.table.carried):
+            self.executor.table.carried[going] = np.nan
 
     # -- compiled code ---------------------------------------------------------------------
 

@@ -1,0 +1,139 @@
+"""Stops of cases with contacts: changes of conditions on time, knots of inputs, and instants of controllers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...integrators.breakpoints import CaseBreaks
+from ...integrators.input_steps import no_inputs
+from ...integrators.phase_stops import BEFORE_START, StopTable
+from ...ir.program import Layout
+from ..input_values import GivenInputs
+from ..sampling import Sampling
+from .mode_models import ModeModels
+
+__all__ = ["Stops", "stops_of"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stops:
+    """Stops of some cases, as the loop over phases has them, and what must stay alive with them.
+
+    `breaks` are the changes of conditions on time, `inputs` values with knots; None without any.
+    """
+
+    table: StopTable
+    breaks: CaseBreaks | None
+    inputs: GivenInputs | None
+    held: object
+
+    @property
+    def acts(self) -> bool:
+        """Whether controllers act."""
+        return len(self.table.kernels) > 0
+
+
+def stops_of(
+    modes: ModeModels,
+    layout: Layout,
+    given: GivenInputs | None,
+    p: FloatArray,
+    spans: tuple[FloatArray, FloatArray],
+    wanted: FloatArray | None = None,
+    left_out: NDArray[np.bool_] | None = None,
+) -> Stops | None:
+    """Return the stops of cases with parameters (k, n_p) of the scene; None where there are none.
+
+    Parameters
+    ----------
+    modes : ModeModels
+    layout : Layout
+        Of the scene.
+    given : GivenInputs or None
+        Values of inputs.
+    p : ndarray (k, n_p)
+        Parameters.
+    spans : (ndarray, ndarray)
+        Starts and ends (k,) [s].
+    wanted : ndarray (n_t,) or None
+        Times to record [s].
+    left_out : ndarray (k,) or None
+        Cases in which no controller acts.
+
+    Raises
+    ------
+    BreakTimesError, NoInstants, OptionError
+        For stops without end, periods that make no sense, and controllers in runs backwards in time.
+    """
+    breaks, sampling = modes.breaks(p, *spans), modes.sampling(layout)
+    records = None if given is None else given.records(layout)
+    if breaks is None and sampling is None and records is None:
+        return None
+    lists = _stop_lists(breaks, sampling, p, spans, wanted, left_out)
+    sizes = [len(times) for times, _, _ in lists]
+    actions = () if sampling is None else sampling.kernels.actions
+    k = len(p)
+    table = StopTable(
+        first=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        times=np.concatenate([np.zeros(0), *(own for own, _, _ in lists)]),
+        acts=np.concatenate([np.zeros(0, np.int64), *(own for _, _, own in lists)]),
+        middles=np.concatenate([np.zeros(0), *(own for _, own, _ in lists)]),
+        next=np.full(k, BEFORE_START, np.int64),
+        edges=np.zeros(k),
+        place=0 if breaks is None or breaks.place is None else breaks.place,
+        kernels=np.array([modes.engine().code(a.kernel)[0] for a in actions if a.kernel is not None], np.int64),
+        columns=np.cumsum([0, *(len(action.places) for action in actions)]).astype(np.int64),
+        places=np.array([place for action in actions for place in action.places], np.int64),
+        inputs=no_inputs() if records is None else records.table(k),
+        coefficients=np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k)),
+    )
+    return Stops(table, breaks, None if records is None else given, records)
+
+
+_Lists = list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]
+
+
+def _stop_lists(
+    breaks: CaseBreaks | None,
+    sampling: Sampling | None,
+    p: FloatArray,
+    spans: tuple[FloatArray, FloatArray],
+    wanted: FloatArray | None,
+    left_out: NDArray[np.bool_] | None,
+) -> _Lists:
+    """Return for each case times, times at which conditions are decided from there on, and which controllers act."""
+    schedules = None if sampling is None else sampling.schedules(p)
+    known: dict[bytes, tuple[FloatArray, FloatArray, NDArray[np.int64]]] = {}
+    found: _Lists = []
+    for i, (t0, t1) in enumerate(zip(*(span.tolist() for span in spans), strict=True)):
+        own = np.zeros(0) if breaks is None else breaks.times[breaks.starts[i] : breaks.starts[i + 1]]
+        acting = sampling is not None and np.isfinite(t0 + t1) and (left_out is None or not left_out[i])
+        schedule = np.zeros(0) if schedules is None or not acting else schedules[i]
+        key = np.array([t0, t1]).tobytes() + own.tobytes() + schedule.tobytes()
+        if key not in known:
+            decides = breaks is not None and breaks.place is not None
+            times = np.concatenate([[t0], own]) if decides else own
+            edges = np.concatenate([[t0], own, [t1]])
+            middles = edges[:-1] + 0.5 * np.diff(edges) if decides else np.full(len(own), np.nan)
+            instants, acts = np.zeros(0), np.zeros(0, np.int64)
+            if sampling is not None and acting:
+                instants, acts = sampling.instants(schedule, t0, t1, None, wanted)
+            known[key] = _together(times, middles, instants, acts, backward=t1 < t0)
+        found.append(known[key])
+    return found
+
+
+def _together(
+    times: FloatArray, middles: FloatArray, instants: FloatArray, acts: NDArray[np.int64], *, backward: bool
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Return times, what conditions are decided at, and acts, in the order in which a case meets them."""
+    every = np.concatenate([times, instants])
+    order = np.argsort(-every if backward else every, kind="stable")
+    both = np.concatenate([middles, np.full(len(instants), np.nan)])[order]
+    return every[order], both, np.concatenate([np.zeros(len(times), np.int64), acts])[order]
