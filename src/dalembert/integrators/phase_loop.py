@@ -10,18 +10,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ..hybrid.modes import STATES
 from ..interrupts import STOPPED
 from ..methods.status import Status
 from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
-from .contact_decisions import SOON, SOON_IN_A_ROW
 from .lane_loop import SweepArguments
+from .phase_ends import ended, mode_number
 from .phase_stops import begin_stops, goes_to, pass_stops
 from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, ThreadWorkspace
 from .workspace import RUNNING
 
-__all__ = ["LOOP", "PhaseArguments", "next_history"]
+__all__ = ["LOOP", "PhaseArguments"]
 
 
 class PhaseArguments(NamedTuple):
@@ -32,13 +31,8 @@ class PhaseArguments(NamedTuple):
     space: ThreadWorkspace
 
 
-_SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
-_IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
-_MAX_STEPS = int(Status.MAX_STEPS)
+_SUCCESS = int(Status.SUCCESS)
 _COUNT = place_of(SweepArguments, "shape.cases")
-_STATES = len(STATES)
-_HISTORY, _HISTORIES = 31, 2_147_483_629
-"""By which a history is multiplied for each phase, and how many there are."""
 
 
 # -- running -----------------------------------------------------------------------------------
@@ -108,93 +102,6 @@ def _expand(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: i
     call_code(expand, row(space.clock, 0), row(space.states, 0), row(space.constants, 0), 0, row(space.posed, 0))
 
 
-# -- what ended a phase ------------------------------------------------------------------------
-
-
-@compiled_subset
-def next_history(history: int, mode: int) -> int:
-    """Return the history of phases with one more, in a mode of a number."""
-    return (_HISTORY * history + mode + 1) % _HISTORIES
-
-
-@compiled_subset
-def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int, t: float) -> bool:
-    """Take down the events of users in a phase; return whether one of them ends the case, or maps its state."""
-    over, jumps = False, False
-    for e in range(plan.terminal.size):
-        count, before = space.happened[first + 3 * e], table.occurred[i, 3 * e]
-        for m in range(3 * e, 3 * e + 3):
-            table.occurred[i, m] = space.happened[first + m]
-        if count == before:
-            continue
-        ends = plan.terminal[e] > 0 and count >= plan.terminal[e]
-        if ends or plan.jumps[e] != 0:  # what stops a phase together happens at one time
-            table.occurred[i, 3 * e + 2] = t
-        over, jumps = over or (ends and plan.jumps[e] == 0), jumps or plan.jumps[e] != 0
-    if jumps and not over:
-        table.numbers.runner[i] = JUMPS
-    return over
-
-
-@compiled_subset
-def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
-    """Take down the guards that have fired; return whether the reactions are no longer determined."""
-    asked, paradox = plan.terminal.size, False
-    for m in range(table.cases.fired.shape[1]):
-        table.cases.fired[i, m] = 0
-    for e in range(asked, plan.runners.events[runner]):
-        if space.happened[first + 3 * e + 2] == t:
-            guard = plan.runners.first_guard[runner] + e - asked
-            contact, bit = plan.guards[guard, 0], plan.guards[guard, 1]
-            if contact < 0:
-                paradox = True
-            elif table.cases.fired[i, contact] & bit == 0:
-                table.cases.fired[i, contact] += bit
-    return paradox
-
-
-@compiled_subset
-def _ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, place: int, lane: int) -> bool:
-    """Take down how a case ended its run; return whether a decision is needed."""
-    i, t, status = space.chosen[place], space.ends[place, 0], int(space.ends[place, 1])
-    numbers, cases = table.numbers, table.cases
-    numbers.steps[i] += int(space.ends[place, 2])
-    for m in range(cases.x.shape[1]):
-        cases.x[i, m] = space.posed[m, lane]
-    for m in range(table.totals.shape[1]):
-        table.totals[i, m] = space.totals[place, m]
-    cases.passed[i], table.t[i] = t - table.begun[i], t
-    first = place * 3 * plan.runners.events[runner]
-    over = _happened(plan, table, space, i, first, t)
-    if status == _SUCCESS:
-        if t == table.t1[i]:
-            numbers.state[i] = _SUCCESS
-        elif table.carried.shape[0] > 0:
-            for e in range(plan.runners.events[runner]):
-                table.carried[i, e] = space.carried[place * plan.runners.events[runner] + e]
-            if numbers.steps[i] >= plan.most_steps:
-                numbers.state[i] = _MAX_STEPS
-        return False
-    if status != _EVENT or over:
-        numbers.state[i] = status
-        return False
-    if numbers.steps[i] >= plan.most_steps:
-        numbers.state[i] = _MAX_STEPS
-        return False
-    jumps = numbers.runner[i] == JUMPS
-    if not jumps and _fire(plan, table, space, runner, i, first, t):
-        numbers.state[i] = _IMPOSSIBLE
-        return False
-    numbers.soon[i] = numbers.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
-    if numbers.soon[i] >= SOON_IN_A_ROW:
-        numbers.state[i] = _ACCUMULATE
-        return False
-    if cases.passed[i] != 0.0:
-        numbers.phases[i] += 1
-        numbers.history[i] = next_history(numbers.history[i], _mode_number(table, i))
-    return not jumps
-
-
 @compiled_subset
 def _pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
     """Let the cases in ``reaching`` pass the stops that they have reached."""
@@ -231,19 +138,9 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
 
 
 @compiled_subset
-def _mode_number(table: CaseTable, i: int) -> int:
-    """Return the number of the mode of a case (`dalembert.hybrid.automaton.HybridAutomaton.number`)."""
-    number, digit = 0, 1
-    for m in range(table.cases.modes.shape[1]):
-        number += digit * table.cases.modes[i, m]
-        digit *= _STATES
-    return number
-
-
-@compiled_subset
 def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
     """Return the runner of the mode of a case; -1 where there is none."""
-    number = _mode_number(table, i)
+    number = mode_number(table, i)
     for runner in range(plan.runners.mode.size):
         if plan.runners.mode[runner] == number:
             return runner
@@ -296,7 +193,7 @@ def _log(table: CaseTable, i: int) -> None:
 def _sample(table: CaseTable, i: int) -> None:
     """Take down the samples that a case has reached."""
     numbers, wanted, cases = table.numbers, table.t_eval.size, table.cases
-    forward, number = 1.0 if cases.span[i] >= 0.0 else -1.0, _mode_number(table, i)
+    forward, number = 1.0 if cases.span[i] >= 0.0 else -1.0, mode_number(table, i)
     while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - table.t[i]) * forward <= 0.0:
         place = i * wanted + numbers.next[i]
         table.sampled_t[place], table.sampled_mode[place] = table.t[i], number
@@ -360,7 +257,7 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
     _expand(plan, table, space, runner, first, size)
     for lane in range(lanes):
         space.wanted[lane] = space.reaching[0, lane] = NOBODY
-        if lane < here and _ended(plan, table, space, runner, first + lane, lane):
+        if lane < here and ended(plan, table, space, runner, first + lane, lane):
             space.wanted[lane] = space.chosen[first + lane]
             deciding = True
         if lane < here and table.numbers.state[space.chosen[first + lane]] == RUNNING:

@@ -17,7 +17,7 @@ from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
 from ...integrators.contact_decisions import SOON, SOON_IN_A_ROW
 from ...integrators.event_code import Event
-from ...integrators.phase_loop import next_history
+from ...integrators.phase_ends import next_history
 from ...integrators.phase_stops import BEHIND
 from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
 from ...ir.conditions import CONDITION_TIME

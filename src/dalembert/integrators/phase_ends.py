@@ -1,0 +1,112 @@
+"""Ends of phases in the loop over phases: events and guards that have occurred, and whether a decision is needed."""
+
+from __future__ import annotations
+
+from ..hybrid.modes import STATES
+from ..methods.status import Status
+from .compiled_subset import compiled_subset
+from .contact_decisions import SOON, SOON_IN_A_ROW
+from .phase_tables import JUMPS, CaseTable, PhasePlan, ThreadWorkspace
+
+__all__ = ["ended", "mode_number", "next_history"]
+
+_SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
+_IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
+_MAX_STEPS = int(Status.MAX_STEPS)
+_STATES = len(STATES)
+_HISTORY, _HISTORIES = 31, 2_147_483_629
+"""By which a history is multiplied for each phase, and how many there are."""
+
+
+@compiled_subset
+def mode_number(table: CaseTable, i: int) -> int:
+    """Return the number of the mode of a case (`dalembert.hybrid.automaton.HybridAutomaton.number`)."""
+    number, digit = 0, 1
+    for m in range(table.cases.modes.shape[1]):
+        number += digit * table.cases.modes[i, m]
+        digit *= _STATES
+    return number
+
+
+@compiled_subset
+def next_history(history: int, mode: int) -> int:
+    """Return the history of phases with one more, in a mode of a number."""
+    return (_HISTORY * history + mode + 1) % _HISTORIES
+
+
+@compiled_subset
+def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int, t: float) -> bool:
+    """Take down the events of users in a phase; return whether one of them ends the case, or maps its state."""
+    over, jumps = False, False
+    for e in range(plan.terminal.size):
+        count, before = space.happened[first + 3 * e], table.occurred[i, 3 * e]
+        for m in range(3 * e, 3 * e + 3):
+            table.occurred[i, m] = space.happened[first + m]
+        if count == before:
+            continue
+        ends = plan.terminal[e] > 0 and count >= plan.terminal[e]
+        if ends or plan.jumps[e] != 0:  # what stops a phase together happens at one time
+            table.occurred[i, 3 * e + 2] = t
+        over, jumps = over or (ends and plan.jumps[e] == 0), jumps or plan.jumps[e] != 0
+    if jumps and not over:
+        table.numbers.runner[i] = JUMPS
+    return over
+
+
+@compiled_subset
+def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
+    """Take down the guards that have fired; return whether the reactions are no longer determined."""
+    asked, paradox = plan.terminal.size, False
+    for m in range(table.cases.fired.shape[1]):
+        table.cases.fired[i, m] = 0
+    for e in range(asked, plan.runners.events[runner]):
+        if space.happened[first + 3 * e + 2] == t:
+            guard = plan.runners.first_guard[runner] + e - asked
+            contact, bit = plan.guards[guard, 0], plan.guards[guard, 1]
+            if contact < 0:
+                paradox = True
+            elif table.cases.fired[i, contact] & bit == 0:
+                table.cases.fired[i, contact] += bit
+    return paradox
+
+
+@compiled_subset
+def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, place: int, lane: int) -> bool:
+    """Take down how a case ended its run; return whether a decision is needed."""
+    i, t, status = space.chosen[place], space.ends[place, 0], int(space.ends[place, 1])
+    numbers, cases = table.numbers, table.cases
+    numbers.steps[i] += int(space.ends[place, 2])
+    for m in range(cases.x.shape[1]):
+        cases.x[i, m] = space.posed[m, lane]
+    for m in range(table.totals.shape[1]):
+        table.totals[i, m] = space.totals[place, m]
+    cases.passed[i], table.t[i] = t - table.begun[i], t
+    first = place * 3 * plan.runners.events[runner]
+    over = _happened(plan, table, space, i, first, t)
+    if status == _SUCCESS:
+        if t == table.t1[i]:
+            numbers.state[i] = _SUCCESS
+        elif table.carried.shape[0] > 0:
+            for e in range(plan.runners.events[runner]):
+                table.carried[i, e] = space.carried[place * plan.runners.events[runner] + e]
+            if numbers.steps[i] >= plan.most_steps:
+                numbers.state[i] = _MAX_STEPS
+        return False
+    if status != _EVENT or over:
+        numbers.state[i] = status
+        return False
+    if numbers.steps[i] >= plan.most_steps:
+        numbers.state[i] = _MAX_STEPS
+        return False
+    jumps = numbers.runner[i] == JUMPS
+    if not jumps and _fire(plan, table, space, runner, i, first, t):
+        numbers.state[i] = _IMPOSSIBLE
+        return False
+    numbers.soon[i] = numbers.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
+    if numbers.soon[i] >= SOON_IN_A_ROW:
+        numbers.state[i] = _ACCUMULATE
+        return False
+    if cases.passed[i] != 0.0:
+        numbers.phases[i] += 1
+        numbers.history[i] = next_history(numbers.history[i], mode_number(table, i))
+    return not jumps
