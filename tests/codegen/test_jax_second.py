@@ -42,12 +42,16 @@ def difference(gradient, at, direction):
     return (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * STEP)
 
 
-def test_products_with_hessians_of_the_sleigh():
-    """By parameters, initial values and times: the start, one within, the end."""
-    parameters, initial, outputs = MOTIONS["chaplygin_sleigh"]
-    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax", outputs=list(outputs))
-    at = np.concatenate([model.parameter_vector(parameters), list(initial.values()), [0.1, 0.2, 0.4]])
-    value = value_of(model, initial, (3, 5, 3))
+@pytest.mark.parametrize(
+    "scene", [pytest.param(name, marks=[] if name == "chaplygin_sleigh" else [pytest.mark.matrix]) for name in MOTIONS]
+)
+def test_products_with_hessians(scene):
+    """By parameters, initial values and times together: the start, one within, the end."""
+    parameters, initial, outputs = MOTIONS[scene]
+    model = da.compile_model(getattr(da.scenes, scene)(), backend="jax", outputs=list(outputs))
+    given = [parameters[name] for name in model.layout.given]
+    at = np.concatenate([given, list(initial.values()), [0.1, 0.2, 0.4]])
+    value = value_of(model, initial, (len(given), len(initial), 3))
     pair = jax.jit(lambda z, v: jax.jvp(jax.grad(value), (z,), (v,)), compiler_options=QUICK)
     direction = np.sin(1.0 + np.arange(len(at)))
     expected = difference(lambda z: pair(z, direction)[0], at, direction)
