@@ -108,6 +108,23 @@ check(jax.vmap(jax.grad(lambda v: squares(da.samples(knots, v, "hold")))), value
 check(jax.vmap(jax.grad(lambda v: squares(da.feedback(law, v)))), values[:, :2], tolerance=1e-13)
 """
 
+EVENTS = """
+from sympy import symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+h, level = dynamicsymbols("h"), symbols("level")
+N, O = ReferenceFrame("N"), Point("O")
+ball = O.locatenew("ball", h * N.x)
+scene = da.Scene("fall", frame=N, origin=O, coordinates=[h])
+scene.add_bodies(Particle("ball", ball, 1))
+scene.add_loads((ball, -9.81 * N.x))
+stop = da.Event(h - level, direction=-1, terminal=True, name="stop")
+solve = da.compile_model(scene, backend="jax").solve_fn(["h", "h_dot"], events=[stop])
+end = lambda height: solve([0.0, 2.0], {"h": height, "h_dot": 0.0}, {"level": 0.2}).end.t
+heights = jnp.linspace(1.0, 2.0, 8)
+check(jax.vmap(end), heights)
+check(jax.vmap(jax.grad(end)), heights, ["checked"])
+"""
+
 REFUSED = """
 solve = model.solve_fn(method="kvaerno5", rtol=1e-5)
 end = jax.vmap(lambda y: solve(jnp.array([0.0, 0.2]), y, p).y[-1])
@@ -123,8 +140,8 @@ for kind in ("checked", "explicit"):
 
 @pytest.mark.parametrize(
     "program",
-    [EVERYWHERE, KINDS, SHARED, INPUTS, REFUSED],
-    ids=["meshes", "kinds of runs", "what cases share", "inputs", "refused"],
+    [EVERYWHERE, KINDS, SHARED, INPUTS, EVENTS, REFUSED],
+    ids=["meshes", "kinds of runs", "what cases share", "inputs", "events", "refused"],
 )
 def test_runs_and_gradients_over_two_devices(program):
     environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}

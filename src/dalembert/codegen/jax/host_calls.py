@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.jax.mesh_axes import varying_like
 from ...integrators.jax.precision import SINGLE, process_precision
 
 __all__ = ["on_host"]
@@ -47,11 +48,11 @@ def on_host(
     given = tuple(jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in given)
     if single:
         shown = tuple(_Struct(shape, jnp.float32) for shape in shapes)
-        return tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all"))
+        return varying_like(tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all")), given)
     wanted = tuple(_Struct((*shape, 2), jnp.uint32) for shape in shapes)
     halves = (_halves(value) for value in given)
     found = jax.pure_callback(call, wanted, *halves, vmap_method="broadcast_all")
-    return tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found)
+    return varying_like(tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found), given)
 
 
 def _halves(value: Any) -> Any:

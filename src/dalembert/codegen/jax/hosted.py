@@ -14,6 +14,7 @@ from ...errors import OptionError
 from ...integrators.feedback import Feedback
 from ...integrators.jax.kernels import stacked
 from ...integrators.jax.linear_maps import apply
+from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_alike
 from ...integrators.jax.unknown import Sloped, without_derivative
 from ...integrators.samples import Samples
 from ...methods.status import Status
@@ -275,4 +276,5 @@ def _refuse_functions(given: Given) -> None:
 @partial(jax.jit, static_argnums=0)
 def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
     """Return the result: compiled once for equal functions, and a part of the program where one is traced."""
-    return solve.solved(t, initial, p, given)
+    with mesh_of((t, initial, p, given)):
+        return solve.solved(*laid_on_mesh(varying_alike((t, initial, p, given))))

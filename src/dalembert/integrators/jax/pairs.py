@@ -34,7 +34,8 @@ a case in registers, and starts few functions, each of which takes as long as a 
 
 def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
     """Return the rates of a state, shaped like it."""
-    return tuple(jnp.broadcast_to(rate, jnp.shape(row)) for rate, row in zip(rhs(t, y, c), y, strict=True))
+    rates = zip(rhs(t, y, c), y, strict=True)
+    return varying_like(tuple(jnp.broadcast_to(rate, jnp.shape(row)) for rate, row in rates), (t, y, c))
 
 
 def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows) -> Rows:
