@@ -6,6 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from codegen.test_jax_inputs import KNOTS, PARAMETERS, QUICK, START, VALUES, compiled, differences, double, solve_fn
@@ -179,3 +181,27 @@ def test_what_is_wrong_with_functions_is_named():
         compiled(backend="llvm").simulate((0, 1), START, PARAMETERS, inputs={"u": force})
     with pytest.raises(OptionError, match="feedback takes a function"):
         da.feedback(3.0)
+
+
+def test_functions_beside_forces_that_change_at_a_time():
+    (x, u), (m, F) = dynamicsymbols("x u"), sp.symbols("m F")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("pushed", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("mass", P, m))
+    scene.add_inputs(u)
+    scene.add_loads((P, (u + sp.Piecewise((F, dynamicsymbols._t < 0.6), (0, True))) * N.x))
+    solve = da.compile_model(scene, backend="jax").solve_fn(("x", "x_dot"), method="tsit5", rtol=1e-9, atol=1e-12)
+
+    def end(d, push):
+        given = {"u": da.feedback(damping, d)}
+        run = solve(np.array([0.0, 1.5]), {"x": 0.0, "x_dot": 0.0}, {"m": 1.0, "F": push}, inputs=given)
+        return run.q[-1, 0]
+
+    def known(d, push):
+        return push / d * (0.6 - np.exp(-d * 0.9) * (1.0 - np.exp(-d * 0.6)) / d)
+
+    assert jax.jit(end, compiler_options=QUICK)(0.4, 2.0) == pytest.approx(known(0.4, 2.0), rel=1e-8)
+    slope = jax.jit(jax.vmap(jax.grad(end), (None, 0)), compiler_options=QUICK)(0.4, np.array([1.0, 2.0]))
+    want = (known(0.4 + 1e-5, 2.0) - known(0.4 - 1e-5, 2.0)) / 2e-5
+    np.testing.assert_allclose(slope, [want / 2.0, want], rtol=1e-6)

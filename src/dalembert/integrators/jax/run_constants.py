@@ -156,7 +156,7 @@ class RunConstants:
         if not self.extended:
             return (c,) if jnp.ndim(c) == 1 else tuple(c.T)
         if jnp.ndim(c) == 1:
-            return (c,) if self.tables else (c[: self.count], c[self.count :])
+            return (c,) if self.broken else (c[: self.count], c[self.count :])
         return (*c[:, : self.count].T, c[:, self.count :])
 
     def _filled(self, given: list[Any], values: Any, c: Any, t: Any) -> Rows:
