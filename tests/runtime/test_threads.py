@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.codegen.runs import CaseRun
 from dalembert.methods.status import Status
 from dalembert.once import computed_once, derived_once, once, once_property
+from dalembert.runtime.case_blocks import begin_whole
 from fuzz.cold_threads import round_of
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -140,3 +142,14 @@ def test_the_status_of_a_prepared_run_is_that_of_the_thread():
         return seen
 
     assert together(work) == [{Status.SUCCESS}, {Status.NON_FINITE}] * 4
+
+
+def test_sweeps_of_different_threads_run_at_the_same_time():
+    meeting = threading.Barrier(3)
+
+    def meet():
+        meeting.wait(30)
+
+    runs = [CaseRun(meet, np.zeros(1, np.int64), lambda: None) for _ in range(3)]
+    waiting = [begin_whole(run, 10_000, 1, False) for run in runs]
+    assert all(wait(False) for wait in waiting)  # a broken barrier is raised by the first

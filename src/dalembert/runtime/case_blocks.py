@@ -31,6 +31,7 @@ _BLOCKS_PER_THREAD = 8
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
+_MOST_THREADS = 4096
 
 
 def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
@@ -130,11 +131,14 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
 
 
 @once
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Return threads that are kept: starting them takes longer than a hundred cases."""
+def _pool() -> ThreadPoolExecutor:
+    """Return threads that are kept: starting them takes longer than a hundred cases.
+
+    There are as many as sweeps that run at the same time need, so that none waits for another.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
-    return ThreadPoolExecutor(threads, thread_name_prefix="dalembert")
+    return ThreadPoolExecutor(_MOST_THREADS, thread_name_prefix="dalembert")
 
 
 if hasattr(os, "register_at_fork"):
@@ -154,7 +158,7 @@ def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Calla
             whole = False
         run.finish()
         return lambda stop: whole
-    pool = _pool(threads)
+    pool = _pool()
     workers = [pool.submit(run.work) for _ in range(threads)]
 
     def wait(stop: bool) -> bool:
