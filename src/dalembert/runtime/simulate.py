@@ -95,7 +95,9 @@ def simulate_in_own_time(
     able = divisible_model(model, t_span[0], initial, parameters)
     if able is not model:
         return simulate_in_own_time(able, t_span, initial, parameters, options, clock)
-    problem = replace(_problem(model, t_span, initial, parameters, options, method), sampled=clock)
+    problem = _problem(model, t_span, initial, parameters, options, method)
+    if clock is not None:
+        problem = replace(problem, sampled=clock)
     watch = model.derived.events(options.events)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
