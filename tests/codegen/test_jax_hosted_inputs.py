@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-import sympy as sp
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError
 from dalembert.methods.status import Status
-from runtime.test_input_values import driven, forced
+from runtime.test_input_values import BLOCK, BLOCK_AT_REST, driven, forced, pushed_block
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
@@ -114,18 +113,7 @@ def test_an_event_at_a_jump_has_no_derivative_and_others_keep_theirs(model):
 
 def test_contacts_under_samples():
     """A block on a floor with friction, which held forces push: it sticks and slips."""
-    y, (m, mu, weight) = dynamicsymbols("y"), sp.symbols("m mu weight", positive=True)
-    N, O = ReferenceFrame("N"), Point("O")
-    F, normal = da.unknowns("F normal")
-    where = O.locatenew("P", x * N.x + y * N.y)
-    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
-    scene.add_bodies(Particle("block", where, m))
-    scene.add_joints(da.Joint("floor", body="block", at=where, force=F * N.x + normal * N.y))
-    scene.add_holonomic_constraints(y)
-    scene.add_loads((where, u * N.x - weight * N.y))
-    scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="floor"))
-    scene.add_inputs(u)
-    start, p = {"x": 0.0, "x_dot": 0.0, "y": 0.0, "y_dot": 0.0}, {"m": 2.0, "mu": 0.5, "weight": 10.0}
+    scene, start, p = pushed_block(), BLOCK_AT_REST, BLOCK
     solve = da.compile_model(scene, backend="jax").solve_fn(start, reduce={"fast": da.maximum("x_dot")}, **OPTIONS)
     tables = np.outer([0.5, 1.0], 9.0 * VALUES)
     run = jax.jit(jax.vmap(lambda v: solve(T, start, p, inputs={u: da.samples(KNOTS, v, "hold")})))(tables)

@@ -20,6 +20,8 @@ x, u, v, theta = dynamicsymbols("x u v theta")
 m, k, ell, g = symbols("m k ell g", positive=True)
 SPRING = {m: 1.0, k: 2.0}
 REST = {x: 0.0, x.diff(): 0.0}
+BLOCK_AT_REST = {"x": 0.0, "x_dot": 0.0, "y": 0.0, "y_dot": 0.0}
+BLOCK = {"m": 2.0, "mu": 0.5, "weight": 10.0}
 
 
 def forced(*inputs: Any, name: str = "forced") -> da.Scene:
@@ -43,6 +45,22 @@ def driven() -> da.Scene:
     scene.apply_uniform_gravity(-g * N.y)
     scene.add_loads((P, v * N.x))
     scene.add_inputs(u, v)
+    return scene
+
+
+def pushed_block() -> da.Scene:
+    """Return a block on a floor with friction, pushed by the input u."""
+    N, O = ReferenceFrame("N"), Point("O")
+    F, normal = da.unknowns("F normal")
+    y, mu, weight = dynamicsymbols("y"), symbols("mu", positive=True), symbols("weight", positive=True)
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("block", P, m))
+    scene.add_joints(da.Joint("floor", body="block", at=P, force=F * N.x + normal * N.y))
+    scene.add_holonomic_constraints(y)
+    scene.add_loads((P, u * N.x - weight * N.y))
+    scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="floor"))
+    scene.add_inputs(u)
     return scene
 
 
@@ -212,19 +230,7 @@ def test_kinks_of_inputs_in_positions_are_refused() -> None:
 
 
 def test_contacts_with_a_constant_input() -> None:
-    N, O = ReferenceFrame("N"), Point("O")
-    F, normal = da.unknowns("F normal")
-    y, mu, weight = dynamicsymbols("y"), symbols("mu", positive=True), symbols("weight", positive=True)
-    P = O.locatenew("P", x * N.x + y * N.y)
-    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
-    scene.add_bodies(Particle("block", P, m))
-    scene.add_joints(da.Joint("floor", body="block", at=P, force=F * N.x + normal * N.y))
-    scene.add_holonomic_constraints(y)
-    scene.add_loads((P, u * N.x - weight * N.y))
-    scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="floor"))
-    scene.add_inputs(u)
-    model = da.compile_model(scene)
-    start, p = {x: 0.0, x.diff(): 0.0, y: 0.0, y.diff(): 0.0}, {m: 2.0, mu: 0.5, weight: 10.0}
+    model, start, p = da.compile_model(pushed_block()), BLOCK_AT_REST, BLOCK
     assert model.simulate((0, 1), start, p, inputs={u: 4.0})["x"][-1] == 0.0
     assert model.simulate((0, 1), start, p, inputs={u: 9.0})["x"][-1] == pytest.approx(1.0, rel=1e-9)
     sweep = model.sweep((0, 1), start, p, inputs={u: np.array([4.0, 9.0])})

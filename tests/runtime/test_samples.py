@@ -16,6 +16,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.codegen import backend_named
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
+from runtime.test_input_values import BLOCK, BLOCK_AT_REST, pushed_block
 
 x, u, v, theta = dynamicsymbols("x u v theta")
 m, k, ell, g = symbols("m k ell g", positive=True)
@@ -382,19 +383,7 @@ def sliding(values: np.ndarray[Any, Any], knots: np.ndarray[Any, Any]) -> float:
 
 @pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_contacts_under_samples_that_let_them_stick_and_slip(backend: str) -> None:
-    y, mu, weight = dynamicsymbols("y"), symbols("mu", positive=True), symbols("weight", positive=True)
-    N, O = ReferenceFrame("N"), Point("O")
-    F, normal = da.unknowns("F normal")
-    where = O.locatenew("P", x * N.x + y * N.y)
-    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
-    scene.add_bodies(Particle("block", where, m))
-    scene.add_joints(da.Joint("floor", body="block", at=where, force=F * N.x + normal * N.y))
-    scene.add_holonomic_constraints(y)
-    scene.add_loads((where, u * N.x - weight * N.y))
-    scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="floor"))
-    scene.add_inputs(u)
-    model, p = da.compile_model(scene, backend=backend), {m: 2.0, mu: 0.5, weight: 10.0}
-    start = {x: 0.0, x.diff(): 0.0, y: 0.0, y.diff(): 0.0}
+    model, start, p = da.compile_model(pushed_block(), backend=backend), BLOCK_AT_REST, BLOCK
     knots, values = np.linspace(0.0, 5.0, 21), 9.0 * np.random.default_rng(3).normal(size=21)
     wanted = sliding(values, knots)
     run = model.simulate((0.0, 5.0), start, p, inputs={u: da.samples(knots, values, "hold")}, **TIGHT)

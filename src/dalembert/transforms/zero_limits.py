@@ -1,4 +1,4 @@
-"""Limits of the steps of other methods at zeros of lengths: [rates on the graph] -> [sizes of the next step].
+"""Limits of steps that are no Taylor steps at zeros of lengths: [rates on the graph] -> [sizes of the next step].
 
 A force along a line turns round where its length sqrt(x^2 + y^2) passes through zero. Runge-Kutta methods notice that
 where a stage lies behind the zero. A passage so slow that the length comes back between two stages would not be seen.

@@ -36,8 +36,9 @@ _COMPILED = {"dopri8": "dop853", "tsit5": "tsit5", "taylor": "taylor"}
 """Methods of traced runs, and what compiled loops call them."""
 
 _NUMBERS = 5
-_KNOWN_VERSION = 0
-"""The major version of XLA's interface for foreign functions that the handlers are written for."""
+_KNOWN_VERSION = 0, 3
+"""The major version of XLA's interface for foreign functions that the handlers are written for, and its last minor one:
+a later one may add fields to what the handlers read."""
 
 
 @final
@@ -83,7 +84,7 @@ class ForeignRuns:
 @final
 @dataclass(frozen=True)
 class _Run:
-    """What a handler is made for."""
+    """Program, method and limits of a handler."""
 
     program: Program
     method: str
@@ -127,7 +128,7 @@ def _version() -> tuple[int, int] | None:
     if found[0] is None or found[1] is None:
         return None
     version = int(found[0][1]), int(found[1][1])
-    return version if version[0] == _KNOWN_VERSION else None
+    return version if version[0] == _KNOWN_VERSION[0] and version[1] <= _KNOWN_VERSION[1] else None
 
 
 @once
@@ -156,7 +157,7 @@ def _registered(run: _Run) -> tuple[str, ForeignCode]:
 
 
 _NAMED: dict[str, ForeignCode] = {}
-"""What XLA has been told of, which it never forgets; programs with the same kernels and sizes share it."""
+"""Handlers that XLA knows, by name, for the life of the process; programs with the same kernels and sizes share one."""
 
 _RUN = Primitive("dalembert_run")
 _RUN.multiple_results = True

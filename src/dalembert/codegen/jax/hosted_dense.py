@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, final
 import jax
 import jax.numpy as jnp
 
-from ...errors import ValueInputError
 from ...integrators.jax.unknown import without_derivative
 from .run_inputs import Given
-from .solved import States
+from .solved import States, read_at
 
 if TYPE_CHECKING:
     from .hosted import HostedSolve
@@ -42,11 +41,7 @@ class HostedDense:
 
     def __call__(self, t: Any) -> States:
         """Return the motion at times; see the class."""
-        times = jnp.asarray(t, dtype=float)
-        if times.ndim > 1:
-            raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
-        states = _states(self.solve, self, jnp.atleast_1d(times))
-        return jax.tree.map(lambda rows: rows[0], states) if times.ndim == 0 else states
+        return read_at(partial(_states, self.solve, self), t)
 
     def __repr__(self) -> str:
         return "HostedDense(t -> motion)"

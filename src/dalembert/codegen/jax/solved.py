@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -20,7 +21,7 @@ from .host_calls import on_host
 if TYPE_CHECKING:
     from .pure import Solve
 
-__all__ = ["Dense", "EventTimes", "Solved", "States", "raise_failure"]
+__all__ = ["Dense", "EventTimes", "Solved", "States", "raise_failure", "read_at"]
 
 _GOOD = [int(each) for each in Status if each.success]
 
@@ -105,14 +106,25 @@ class Dense:
 
     def __call__(self, t: Any) -> States:
         """Return the motion at times; see the class."""
-        times = jnp.asarray(t, dtype=float)
-        if times.ndim > 1:
-            raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
-        states = _states(self.solve, self, jnp.atleast_1d(times))
-        return jax.tree.map(lambda rows: rows[0], states) if times.ndim == 0 else states
+        return read_at(partial(_states, self.solve, self), t)
 
     def __repr__(self) -> str:
         return "Dense(t -> motion)"
+
+
+def read_at(states: Callable[[Any], States], t: Any) -> States:
+    """Return the motion at a time () or at times (n_t,), from a function of times (n_t,).
+
+    Raises
+    ------
+    ValueInputError
+        For times of another shape.
+    """
+    times = jnp.asarray(t, dtype=float)
+    if times.ndim > 1:
+        raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
+    found = states(jnp.atleast_1d(times))
+    return jax.tree.map(lambda rows: rows[0], found) if times.ndim == 0 else found
 
 
 def _children(dense: Dense) -> tuple[Any, Any]:
