@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.results.case_results import CaseResults
 from dalembert.results.motion import Motion
-from dalembert.results.sweep import CaseResults
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -117,9 +117,10 @@ def _exists(name, sources):
     return False
 
 
-def test_names_on_the_design_page_exist():
-    """A dotted name on the page is that of a module, or of something that a module or class of the package has."""
-    text = re.sub(r"^```.*?^```$", "", (ROOT / "docs" / "design.md").read_text(), flags=re.M | re.S)
+def test_names_on_the_design_pages_exist():
+    """A dotted name there is that of a module, or of something that a module or class of the package has."""
+    pages = "\n".join(page.read_text() for page in sorted((ROOT / "docs").glob("design*.md")))
+    text = re.sub(r"^```.*?^```$", "", pages, flags=re.M | re.S)
     names = {name for name in re.findall(r"`(\w+(?:\.\w+)+)`", text) if not name.endswith((".py", ".md", ".json"))}
     sources = _sources()
     others = {"da", "model", "stages", "functools"}

@@ -10,7 +10,7 @@ import pytest
 import dalembert
 
 PACKAGE = Path(dalembert.__file__).parent
-BASIC = {"arrays", "errors", "interrupts", "naming", "once", "options", "progress", "values", "version"}
+BASIC = {"arrays", "errors", "interrupts", "naming", "once", "options", "processors", "progress", "values", "version"}
 ORDER = [
     "ir",
     "methods",

@@ -77,11 +77,11 @@ _ELSEWHERE = {
     "feedback": ("integrators.feedback", "feedback"),
     "samples": ("integrators.samples", "samples"),
 }
-"""Name -> module and name of what is imported when it is first asked for: a scene is written without it."""
+"""Name -> module and name of objects that are imported on first use, because scenes are written without them."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import what a scene is written without when it is first asked for."""
+    """Import an object on first use that scenes are written without."""
     if name not in _ELSEWHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, original = _ELSEWHERE[name]

@@ -89,17 +89,16 @@ def compile_model(
 
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:
-    """Return the model of a scene, or of what becomes one, with the outputs that it always has."""
+    """Return the model of a scene or a SymPy system, with the outputs that every model of it has."""
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
-    wanted = options.outputs
     angles: list[str] = []
     if options.orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]
-    further = [u.func.__name__ for u in (*scene.speeds, *scene.inputs) if hasattr(u, "func")]
-    named = dict.fromkeys((*angles, *map(rate_name, angles), *wanted))
-    named |= dict.fromkeys(name for name in further if name not in output_names(wanted))
-    options = replace(options, outputs=tuple(named))
+    given = [u.func.__name__ for u in (*scene.speeds, *scene.inputs) if hasattr(u, "func")]
+    known = output_names(options.outputs)
+    outputs = (*angles, *map(rate_name, angles), *options.outputs, *(name for name in given if name not in known))
+    options = replace(options, outputs=tuple(dict.fromkeys(outputs)))
     compiled = compile_stages(scene, options)
     if isinstance(compiled, SeveralModes):
         from .runtime.hybrid import HybridModel  # imported where there are contacts, because it takes a while

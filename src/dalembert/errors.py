@@ -92,7 +92,7 @@ class OptionError(DalembertError, ValueError):
 
 
 class CapabilityError(OptionError):
-    """The backend or the scene does not offer what was asked for; the message says which does."""
+    """The backend or the scene does not support the call; the message says which one does."""
 
 
 class BreakTimesError(DalembertError, ValueError):
@@ -115,11 +115,11 @@ class InitialStateError(DalembertError, ValueError):
 
 
 class RunFailedError(DalembertError, RuntimeError):
-    """A run failed that was asked to raise an error then; the message says why and what to do."""
+    """A run with ``throw=True`` failed; the message says why and what to do."""
 
 
 class StoredSweepError(DalembertError, RuntimeError):
-    """Chunks of a stored sweep that could not be computed; a later call goes on with them."""
+    """Chunks of a stored sweep could not be computed; a later call continues with them."""
 
 
 class MissingExtraError(DalembertError, ImportError):
@@ -146,7 +146,7 @@ class CacheWarning(UserWarning):
 
 
 class EnergyWarning(UserWarning):
-    """A potential energy is not that of the loads, or the energy is asked for and a load has no known potential."""
+    """A potential energy is not that of the loads, or the energy is requested and a load has no known potential."""
 
 
 class PrecisionWarning(UserWarning):
@@ -158,7 +158,7 @@ class StoredSweepWarning(UserWarning):
 
 
 def nesting_named(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that refuses by name what is nested more deeply than Python can read or print."""
+    """Return a function that raises a named error for expressions nested too deeply for Python."""
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -184,7 +184,7 @@ def list_names(names: Iterable[str]) -> str:
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the sentence for an unknown name: what it is, what is known, and what may have been meant."""
+    """Return the sentence for an unknown name, with the known names and the nearest of them."""
     known = list(known)
     close = get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""

@@ -43,7 +43,7 @@ def stopped_by(event: threading.Event) -> Iterator[None]:
 
 
 def check(t: float = math.nan) -> None:
-    """Call what is to be called in this thread between blocks of steps, with the time reached, NaN where unknown.
+    """Call the hook of this thread between blocks of steps, with the time reached, NaN where unknown.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Names: what users call things, and what generated code calls them."""
+"""Names of users, and the identifiers of generated code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def acceleration_name(coordinate: str) -> str:
 
 
 def acceleration_input(coordinate: str) -> str:
-    """Return what the second rate of a coordinate is called on the graph, a name that no symbol of a user has."""
+    """Return the name of the second rate of a coordinate on the graph, which no symbol of a user has."""
     return f"second rate of {coordinate}"
 
 

@@ -1,4 +1,4 @@
-"""Values computed once, whichever threads ask for them at the same time.
+"""Values computed once, also when several threads need them at the same time.
 
 `functools.cache` and `functools.cached_property` let two threads compute two values, of which one is dropped. Where a
 value is loaded machine code whose address is in use, dropping it is a crash; where computing it changes shared objects,
@@ -41,7 +41,7 @@ DERIVING = threading.RLock()
 
 _GUARD = threading.Lock()
 _PENDING: dict[Hashable, _Turn] = {}
-"""What is being computed now, by its key, and who waits for it."""
+"""Computations that run now, by key, with the threads that wait for them."""
 
 _MISSING: Any = object()
 
@@ -86,7 +86,7 @@ class exclusively:
 
 
 def computed_once(table: dict[K, T], key: K, make: Callable[[], T]) -> T:
-    """Return ``table[key]``, made by the first thread that asks for it while the others wait."""
+    """Return ``table[key]``, computed by the first thread that needs it while the others wait."""
     found = table.get(key, _MISSING)
     if found is _MISSING:
         with exclusively((id(table), key)):

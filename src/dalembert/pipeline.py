@@ -3,8 +3,8 @@
 Scene --read--> SceneModel --derive--> EquationsOfMotion --reduce--> ReducedSystem --lower--> Program
       --render--> RenderedModule --load--> Engine
 
-Modes of contacts, models that keep first integrals or drop constraints, and other formulations begin at the equations
-of motion that have been derived, of which each takes a copy.
+Modes of contacts, models that keep first integrals or drop constraints, and other formulations begin with a copy of the
+derived equations of motion.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Derivation:
 @final
 @dataclass(frozen=True)
 class Stages:
-    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and what was asked for.
+    """Every object that the pipeline passed from stage to stage, the seconds of each stage, and the options.
 
     `passes` are records of the passes that made the program, one for each pass and kernel, in their order. `derivation`
     has the equations in all modes, before any formulation.
@@ -108,7 +108,7 @@ class Compiled:
 @final
 @dataclass(frozen=True)
 class SeveralModes:
-    """A scene whose contacts have several modes, each of which is compiled when it is first needed.
+    """A scene whose contacts have several modes, each of which is compiled on first use.
 
     The automaton has a copy of the equations of the derivation.
     """
@@ -137,7 +137,7 @@ class Stopwatch:
 
 @deriving
 def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralModes:
-    """Return a compiled scene, or what its modes are compiled from.
+    """Return a compiled scene or, for contacts with several modes, the automaton of modes to compile.
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralM
     contacts, mode = derivation.equations.contacts, None
     if contacts:
         from .hybrid.automaton import HybridAutomaton
-        from .hybrid.modes import always
+        from .hybrid.modes import only_mode
 
-        mode = always(contacts)
+        mode = only_mode(contacts)
         if mode is None:
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
     return compile_equations(derivation, options, mode, seconds=derivation.seconds)
@@ -202,7 +202,7 @@ def compile_equations(
     mode : Mode or None
         What each contact does; None without contacts.
     without : tuple of int
-        Constraints that a run found to follow from the others; they are watched, but not enforced.
+        Constraints that a run found to follow from the others; they are monitored, but not enforced.
     kept : tuple of str
         First integrals that are kept at their initial values.
     seconds : mapping of str to float, optional
@@ -219,7 +219,7 @@ def compile_equations(
         equations = watch("mode", lambda: mode_equations(whole, single))
         names += [point.output for point in equations.guards]
     reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
-    _require_names_beside_the_state(derivation.model, reduced)
+    _refuse_names_of_the_state(derivation.model, reduced)
     if kept:
         from .reduction.invariant_projection import project_invariants
 
@@ -249,8 +249,8 @@ def compile_equations(
     return Compiled(stages, engine, methods)
 
 
-def _require_names_beside_the_state(model: SceneModel, reduced: ReducedSystem) -> None:
-    """Raise for outputs that are called like a component of the state of the formulation."""
+def _refuse_names_of_the_state(model: SceneModel, reduced: ReducedSystem) -> None:
+    """Raise for outputs that have the name of a component of the state."""
     known = (*model.symbols.coordinates, *model.symbols.rates)
     taken = [name for name in model.chosen if name in reduced.state and name not in known]
     if taken:
@@ -261,5 +261,5 @@ def _require_names_beside_the_state(model: SceneModel, reduced: ReducedSystem) -
 
 
 def output_names(outputs: Sequence[Any]) -> list[str]:
-    """Return what requested outputs are called: names as they are, symbols and expressions by their text."""
+    """Return the names of requested outputs: strings unchanged, symbols and expressions by their text."""
     return [str(output) for output in outputs]

@@ -23,7 +23,7 @@ _THREAD = threading.local()
 
 @contextmanager
 def meter(total: int, wanted: bool, unit: str = "case") -> Iterator[Callable[[int], Any]]:
-    """Yield a function that advances a progress bar, or does nothing where none is wanted."""
+    """Yield a function that advances a progress bar, or does nothing where none is requested."""
     if not wanted:
         yield lambda count: None
         return
@@ -33,7 +33,7 @@ def meter(total: int, wanted: bool, unit: str = "case") -> Iterator[Callable[[in
 
 @contextmanager
 def run_meter(t0: float, t1: float, wanted: bool) -> Iterator[Callable[[float], None]]:
-    """Context in which a bar shows the time that a run of this thread has reached, if it is wanted.
+    """Context in which a bar shows the time that a run of this thread has reached, if requested.
 
     Compiled loops return to Python between blocks of steps, where the bar advances; the steps stay the same. Yields the
     function that shows a time.
@@ -55,7 +55,7 @@ def run_meter(t0: float, t1: float, wanted: bool) -> Iterator[Callable[[float], 
 
 @contextmanager
 def compilation_meter(wanted: bool) -> Iterator[None]:
-    """Context in which a bar shows the stages of a compilation by this thread, if it is wanted."""
+    """Context in which a bar shows the stages of a compilation by this thread, if requested."""
     if not wanted:
         yield
         return

@@ -1,4 +1,4 @@
-"""Numbers that users give: what is one, and what only looks like one.
+"""Checks of numbers and arrays that users give.
 
 NumPy reads strings, durations and quantities with units as numbers, drops imaginary parts and forgets masks. Here they
 are refused.
@@ -20,17 +20,17 @@ _EXACT = 1 << 53
 """Size below which whole numbers are doubles."""
 
 _UNITS = ("magnitude", "to_value")
-"""What quantities with units have, of the packages that offer them."""
+"""Attributes of quantities with units, in the packages that offer these."""
 
 
 _TRACED = (
-    "is traced by JAX, and a number is wanted here: inside jax.jit, jax.grad and jax.vmap call model.solve_fn(...), "
+    "is traced by JAX, and a number is required here: inside jax.jit, jax.grad and jax.vmap call model.solve_fn(...), "
     'model.vector_field and model.functions (backend="jax")'
 )
 
 
 def array_of(value: Any) -> FloatArray:
-    """Return what a user gave as an array of its shape; numbers that are not finite are left.
+    """Return a user's value as an array of its shape; numbers that are not finite are kept.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def array_of(value: Any) -> FloatArray:
 
 
 def traced_note(error: Exception) -> str:
-    """Return what a message about a value says besides where `array_of` refused it because JAX traces it."""
+    """Return the addition to a message about a value that `array_of` refused because JAX traces it; else nothing."""
     return f", which {_TRACED}" if str(error) == _TRACED else ""
 
 

@@ -121,9 +121,9 @@ def test_what_other_adjoints_do_not_serve_is_refused(model):
         with pytest.raises(OptionError, match=why):
             model.solve_fn(**options)
 
-    t, v = dynamicsymbols._t, dynamicsymbols("angle", 1)
+    v = dynamicsymbols("angle", 1)
     refused(model, r"unknown adjoint 'back'.*recorded, recomputed, continuous", adjoint="back")
-    jumping, pulse = pendulum(sp.sign(v)), pendulum(sp.Heaviside(t - 1))
+    jumping = pendulum(sp.sign(v))
     projected = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax", formulation="projected")
     for adjoint in OTHERS:
         refused(
@@ -131,10 +131,14 @@ def test_what_other_adjoints_do_not_serve_is_refused(model):
         )
         refused(model, r"dense=True keeps a record", adjoint=adjoint, dense=True)
         refused(jumping, "may jump with its state", adjoint=adjoint)
-        refused(pulse, "conditions on time", adjoint=adjoint)
         solve = model.solve_fn(adjoint=adjoint, method="tsit5")
         assert int(solve([0.0, 0.1], [0.4, 0.9], [9.81, 1.2]).status) == Status.SUCCESS
         with pytest.raises(OptionError, match="second derivatives are those of recorded runs"):
             jax.make_jaxpr(jax.hessian(lambda p, f=solve: f([0.0, 0.1], [0.4, 0.9], p).y[-1, 0]))(np.array([9.81, 1.2]))
+        for derivative in (jax.grad, jax.jacfwd):
+            with pytest.raises(OptionError, match="second derivatives are those of recorded runs"):
+                jax.make_jaxpr(
+                    derivative(derivative(lambda t, f=solve: f([0.0, t], [0.4, 0.9], [9.81, 1.2]).y[-1, 0]))
+                )(0.1)
     refused(projected, "'projected' moves states onto the constraints", adjoint="continuous")
     projected.solve_fn(adjoint="recomputed")

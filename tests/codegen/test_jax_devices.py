@@ -122,7 +122,16 @@ solve = da.compile_model(scene, backend="jax").solve_fn(["h", "h_dot"], events=[
 end = lambda height: solve([0.0, 2.0], {"h": height, "h_dot": 0.0}, {"level": 0.2}).end.t
 heights = jnp.linspace(1.0, 2.0, 8)
 check(jax.vmap(end), heights)
-check(jax.vmap(jax.grad(end)), heights, ["checked"])
+check(jax.vmap(jax.grad(end)), heights, ("checked", "explicit", "set"))
+
+
+def total(heights, level):
+    return jnp.sum(jax.vmap(lambda h: solve([0.0, 2.0], {"h": h, "h_dot": 0.0}, {"level": level}).end.t)(heights))
+
+
+by_level = jax.jit(jax.grad(total, 1))
+laid = jax.device_put(heights, NamedSharding(explicit, P("cases")))
+np.testing.assert_allclose(by_level(laid, 0.2), by_level(heights, 0.2), rtol=1e-14)
 """
 
 REFUSED = """

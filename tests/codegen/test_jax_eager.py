@@ -58,6 +58,10 @@ def test_runs_and_gradients_compile_once(model):
         assert not again
         np.testing.assert_array_equal(same.y, motion.y)
         np.testing.assert_array_equal(other, gradient)
+    kept = len(jax.live_arrays())
+    for _ in range(3):
+        solve(T, INITIAL, PARAMETERS), jax.grad(lambda p: last(solve, p))(p)
+    assert len(jax.live_arrays()) == kept
 
 
 def test_equal_models_functions_and_fields_are_equal(model):

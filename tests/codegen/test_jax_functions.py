@@ -92,6 +92,26 @@ def test_arguments(model, at):
         functions.energy(0.0, y[:-1], p)
     with pytest.raises(UnknownNameError, match="missing parameters: m"):
         functions.energy(0.0, y, {name: value for name, value in PARAMETERS.items() if name != "m"})
+    for name in (
+        "expand",
+        "outputs",
+        "energy",
+        "mass_matrix",
+        "forcing",
+        "constraint_jacobian",
+        "accelerations",
+        "project",
+    ):
+        function = getattr(functions, name)
+        for wrapped in (function, jax.jit(function)):
+            with pytest.raises(OptionError, match=r"the state must have shape"):
+                wrapped(0.0, np.ones(len(y) + 1), p)
+            with pytest.raises(OptionError, match=r"parameters must have shape"):
+                wrapped(0.0, y, p[:-1])
+            with pytest.raises(OptionError, match=r"t must be one number, not of shape \(2,\).*jax\.vmap"):
+                wrapped(np.zeros(2), y, p)
+    with pytest.raises(OptionError, match=r"t must be one number"):
+        model.vector_field(np.zeros(1), y, p)
     same = pickle.loads(pickle.dumps(functions))
     assert same == functions and hash(same) == hash(functions) and functions != model.vector_field
 

@@ -183,6 +183,18 @@ def test_cases_have_their_own_records_and_their_own_failures():
 # -- errors ---------------------------------------------------------------------------------------
 
 
+def test_nan_in_values_and_weights_is_a_status_in_traced_code():
+    def scaled(t, q, qdot, a):
+        return a * q[0]
+
+    solve = solve_fn("tsit5")
+    for given in (lambda a: da.samples(KNOTS, a * VALUES), lambda a: da.feedback(scaled, a)):
+        run = jax.jit(
+            lambda a, given=given: solve(T[:2], START, PARAMETERS, inputs={"u": given(a)}), compiler_options=QUICK
+        )
+        assert [int(run(a).status) for a in (0.1, np.nan)] == [Status.SUCCESS, Status.NON_FINITE]
+
+
 def test_what_is_wrong_with_inputs_is_named():
     solve, times = solve_fn("tsit5"), np.array([0.0, 1.0])
 

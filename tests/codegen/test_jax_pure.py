@@ -217,12 +217,10 @@ def test_pickled_models_of_other_backends():
 @pytest.mark.parametrize(
     ("method", "formulation"), [("tsit5", "minimal"), ("tsit5", "projected"), ("taylor", "minimal")]
 )
-def test_both_modes_alone_and_in_batches_there_and_back(method, formulation, monkeypatch):
+def test_both_modes_alone_and_in_batches_there_and_back(method, formulation):
     parameters, initial, _ = SLEIGH
     model = compiled("chaplygin_sleigh", formulation)
     y, p = model.state(initial, parameters), model.parameter_vector(parameters)
-    monkeypatch.setattr(ForeignRuns, "serves", False)  # so that runs alone and in batches take the same steps
-    pure._solved.clear_cache()
     options = {"method": method, "rtol": 1e-6, "atol": 1e-8}
     forward, reverse = (model.solve_fn(mode=mode, **options) for mode in ("forward", "reverse"))
     spans = np.array([[0.0, 0.5], [0.0, -0.5], [0.0, 0.0], [0.0, 2.0]])
@@ -241,7 +239,6 @@ def test_both_modes_alone_and_in_batches_there_and_back(method, formulation, mon
     inside = jax.jit(jax.jacrev(lambda y, p: reverse(np.array([0.0, 1.0, 2.0]), y, p).y[-1], argnums=(0, 1)))(y, p)
     for a, b in zip(inside, alone, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
-    pure._solved.clear_cache()
 
 
 def test_running_out_of_steps_is_a_status():

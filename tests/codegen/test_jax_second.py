@@ -6,7 +6,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import OptionError
+from dalembert.errors import CapabilityError, OptionError
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
@@ -113,3 +113,21 @@ def test_second_derivatives_by_times_of_kvaerno5_are_refused():
     for inner in (0, 1):
         with pytest.raises(OptionError, match="no second derivatives by times"):
             jax.eval_shape(jax.jacfwd(jax.jacfwd(end, argnums=inner), argnums=1), 0.3, 0.5)
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_programs_in_which_jax_drops_rules_are_refused(batched):
+    """Forward over reverse, `jax.lax.scan` is differentiated without the rules of what is inside."""
+    parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
+    solve, times, p = model.solve_fn(**OPTIONS), np.array([0.0, 0.1]), model.parameter_vector(parameters)
+
+    def end(y, p):
+        return jax.vmap(lambda y: solve(times, y, p).y[-1])(y[None])[0] if batched else solve(times, y, p).y[-1]
+
+    def chained(p):
+        y = jax.numpy.asarray(model.state(initial, parameters))
+        return jax.lax.scan(lambda y, _: (end(y, p), None), y, length=3)[0][0]
+
+    with pytest.raises(CapabilityError, match=r"jax.lax.scan or jax.lax.map .* Use jax.jacrev\(jax.jacfwd"):
+        jax.hessian(chained)(p)

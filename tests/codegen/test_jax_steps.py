@@ -90,6 +90,11 @@ def test_faults(cart_pole):
         step(y, {"u": 0.0}, 0.1, PARAMETERS, substeps=0)
     with pytest.raises(OptionError, match=r"control must have shape \(1,\), for the inputs u, not \(2,\)"):
         step(y, jnp.zeros(2), 0.1, PARAMETERS)
+    for wrapped in (step, jax.jit(step)):
+        with pytest.raises(OptionError, match=r"the state must have shape"):
+            wrapped(jnp.ones(len(y) + 1), {"u": 0.0}, 0.1, PARAMETERS)
+        with pytest.raises(OptionError, match=r"dt must be one number, not of shape \(2,\)"):
+            wrapped(y, {"u": 0.0}, jnp.ones(2), PARAMETERS)
     with pytest.raises(UnknownNameError, match=r"'v'(.|\n)*missing inputs: u"):
         step(y, {"v": 0.0}, 0.1, PARAMETERS)
     with pytest.raises(UnknownNameError, match="missing parameters: l"):

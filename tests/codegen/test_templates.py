@@ -20,11 +20,13 @@ from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import order_loops
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.foreign import foreign_arguments, handler_assembly
+from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, batch_assembly
 from dalembert.codegen.llvm.tables import with_tables
 from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.tables import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.integrators.sweep_arguments import SweepKernels
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.transforms.recurrences import recurrences
@@ -45,10 +47,18 @@ def render_everything():
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
     handler_assembly(foreign_arguments((1, 2, 3, 4, 5), (2, 3, 4), np.array([1e-8, 1e-10]), (1.0, 10)), (0, 3), 6)
+    render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
     with mock.patch.object(order_loops, "_LARGEST_FRAME", 0):
         TEXTS["pendulum_order_loop"]()
+
+
+def render_batch_handlers():
+    """Render handlers of batches, with threads and without."""
+    batch = batch_arguments(SweepKernels(1, 2, 3, 4, 0, 0, 5, 6), BatchSizes(4, 2, 3, 4, 4))
+    for places in ({"ThreadPool_Schedule": 136, "ThreadPool_NumThreads": 144, "Error_Destroy": 64}, {}):
+        batch_assembly(batch, True, Interface((0, 3), places), 7)
 
 
 def render_numba(rhs):

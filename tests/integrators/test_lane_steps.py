@@ -9,7 +9,7 @@ from dalembert.integrators.case_loading import begin_lanes, enter_next, next_cas
 from dalembert.integrators.input_steps import no_inputs
 from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
 from dalembert.integrators.projection import FAILED, NONE, WANTED
-from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
+from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
 from dalembert.integrators.workspace import (
     ATTEMPTS,
     BEFORE,
@@ -23,7 +23,7 @@ from dalembert.integrators.workspace import (
     no_events,
 )
 from dalembert.methods.status import RUNNING, Status
-from dalembert.transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
+from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 
 N, DEGREE, MEMORY = 1, 3, 3
 LANES, BUDGET, LARGEST = 2, 10.0, 2.0
@@ -53,6 +53,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         totals=np.zeros((cases, 0)),
         inputs=no_inputs(),
         steps=np.empty((0, 0)),
+        rows=no_rows(),
     )
     begin_lanes(arguments)
     for lane in range(LANES):

@@ -9,13 +9,16 @@ from sympy import Piecewise, cos
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.llvm import prepared, sweeps
+from dalembert.codegen.llvm import foreign_batch, prepared, sweeps
 from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, Loop, debugging, loop_named
 from dalembert.errors import OptionError
 from dalembert.integrators import compiled_subset
 from dalembert.integrators.checked_arrays import CheckedArray
 from dalembert.integrators.compiled_subset import exp, fma, log, row, sqrt, take
 from dalembert.integrators.kernel_rows import KernelRowsArguments
+from dalembert.integrators.sweep_arguments import CaseRows, CaseShape
+from dalembert.ir.interpret import interpret
+from dalembert.methods.status import Status
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
@@ -137,6 +140,45 @@ def test_sweeps_that_pause(plainly, monkeypatch, what, method, formulation):
     assert ("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop") in names
     assert ("sample_projection" in names) == (projected and "t_eval" in options)
     assert_same_bits(compiled, found)
+
+
+@pytest.mark.parametrize(("formulation", "room", "extra"), [("minimal", 30, 2), ("projected", 3, 1)])
+def test_records_of_many_cases(plainly, monkeypatch, formulation, room, extra):
+    """Batches in programs of JAX, with rows of steps or of times; one case cannot begin."""
+    given = {}
+    monkeypatch.setattr(foreign_batch, "foreign_batch", lambda kernels, sizes, *_: given.update(of=(kernels, sizes)))
+
+    def run():
+        model = sleigh(formulation)
+        model.engine.foreign_batch("tsit5", (1e-6, 1e-8), None, recorded=True)
+        kernels, sizes = given["of"]
+        n, cases = sizes.n, 11
+        states = model.state(START, PARAMETERS) * (1.0 + 0.1 * np.arange(cases)[:, None])
+        states[3] = np.nan
+        p = model.parameter_vector(PARAMETERS)
+        constants = interpret(model.stages.program.kernel("prepare"), {"p": p.tolist()})
+        times = np.array([[0.0, 0.3, 0.8]])
+        out, ends, record = np.zeros((cases, n)), np.zeros((cases, 5)), np.zeros((cases * room, n + extra))
+        loop_named("recorded_lane_loop")(
+            foreign_batch.batch_arguments(kernels, sizes)._replace(
+                shape=CaseShape(n, 0, 0, sizes.memory, 0, 0, 0, cases, 2),
+                limits=np.array([[np.inf, 100.0, 1e-6, 1e-8]]),
+                out=out,
+                ends=ends,
+                rows=CaseRows(times, states, np.array([constants]), record),
+            )
+        )
+        return [out, ends, record]
+
+    compiled, found, names = plainly(run)
+    assert "recorded_lane_loop" in names
+    assert_same_bits(compiled, found)
+    _, ends, record = compiled
+    whole = np.arange(len(ends)) != 3
+    assert np.all(ends[whole, 1] == Status.SUCCESS) and ends[3, 1] == Status.NON_FINITE
+    begins = record[:, 0].reshape(len(ends), room)
+    assert np.all(np.diff(begins[whole]) >= 0.0) and np.all(begins[whole, 0] == 0.0)
+    assert np.all(ends[whole, 4] == (ends[whole, 2] if extra == 2 else room))
 
 
 def test_kernels_at_many_instants(plainly):

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dalembert.errors import OptionError
-from dalembert.integrators.problem import IntegrationProblem, PiecewisePolynomial
+from dalembert.integrators.dense_output import PiecewisePolynomial
+from dalembert.integrators.problem import IntegrationProblem
 from dalembert.methods.status import Status
 
 

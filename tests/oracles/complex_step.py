@@ -21,6 +21,8 @@ COMPLEX = {
     "tan": cmath.tan,
     "abs": lambda a: a if a.real >= 0 else -a,
     "max": lambda a, b: a if a.real >= b.real else b,
+    "less": lambda a, b: complex(a.real < b.real),
+    "select": lambda c, a, b: a if c != 0 else b,
 }
 
 

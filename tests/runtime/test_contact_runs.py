@@ -12,8 +12,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import motion_recorder
-from dalembert.runtime.hybrid import sweep as hybrid_sweep
+from dalembert.runtime.hybrid import motion_recorder, phases
 from hard_cases.contacts import corner_plate, incline_scene
 
 TIME = dynamicsymbols._t
@@ -99,7 +98,7 @@ def test_reductions_of_a_plate_are_those_of_its_single_runs(method):
 
 
 def test_reductions_do_not_depend_on_who_runs_the_phases(monkeypatch):
-    """The loop over phases, in one thread or two and with samples, and rounds of Python."""
+    """Compiled code, in one thread or two and with samples, and Python."""
     mu = np.linspace(0.7, 0.95, 13)
     wanted = {
         "most": da.maximum("theta_dot"),
@@ -114,7 +113,7 @@ def test_reductions_do_not_depend_on_who_runs_the_phases(monkeypatch):
     expected = swept(threads=1)
     np.testing.assert_array_equal(swept(threads=2), expected)
     np.testing.assert_allclose(swept(t_eval=np.linspace(0, 3, 7)), expected, rtol=1e-9, atol=1e-10)
-    monkeypatch.setattr(hybrid_sweep, "compiled_phases", lambda modes: False)
+    monkeypatch.setattr(phases, "runs_unchecked", lambda model: False)
     np.testing.assert_allclose(swept(), expected, rtol=1e-12, atol=1e-13)
 
 
@@ -257,9 +256,8 @@ def test_a_prepared_run_with_jumps_in_time_and_late_starts():
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_ball_between_the_ground_and_a_shelf(monkeypatch, method, compiled):
     """Thrown up to a shelf that sends it back with half its speed; the case ends at the third bump."""
-    monkeypatch.setattr(
-        hybrid_sweep, "compiled_phases", lambda modes, known=hybrid_sweep.compiled_phases: compiled and known(modes)
-    )
+    if not compiled:
+        monkeypatch.setattr(phases, "runs_unchecked", lambda model: False)
     yd = y.diff()
     shelf = da.Event(y - 1, direction=1, apply={yd: -yd / 2}, name="shelf", terminal=3)
     start = {"x": 0.0, "y": 0.0, "x_dot": 0.0, "y_dot": [12.0, 10.0, 8.0, 5.0]}

@@ -246,7 +246,7 @@ def test_what_controllers_cannot_do_is_refused_by_name():
         model.simulate((0, 1), START, VALUES, inputs={"u": 1.0})
     with pytest.raises(OptionError, match="runs forwards in time"):
         model.simulate((1, 0), START, VALUES)
-    with pytest.raises(CapabilityError, match=r"does not know of sampled controllers .*pid"):
+    with pytest.raises(CapabilityError, match=r"does not support sampled controllers .*pid"):
         model.trim(START, VALUES)
     with pytest.raises(SceneError, match="two controllers are called 'pid'"):
         da.compile_model(cart(pid(), pid()))

@@ -10,6 +10,7 @@ import dalembert as da
 from dalembert.codegen import BACKENDS
 from dalembert.errors import CapabilityError, InitialStateError, OptionError, ValueInputError
 from dalembert.methods.status import Status
+from dalembert.runtime.hybrid import host_runners, phases
 
 t = dynamicsymbols._t
 x, y, u, v, count = dynamicsymbols("x y u v count")
@@ -284,7 +285,7 @@ def test_python_functions_and_what_is_refused():
         plain.simulate((1, 0), DROP, BALL)
     with pytest.raises(ValueInputError, match=r"T = nan|period nan s"):
         plain.simulate((0, 1), DROP, {**BALL, T: np.nan})
-    with pytest.raises(CapabilityError, match="linearize does not know of sampled controllers"):
+    with pytest.raises(CapabilityError, match="linearize does not support sampled controllers"):
         plain.linearize(0.0, DROP, BALL)
     assert "hand" in plain.explain()
     period = sp.Symbol("period")
@@ -313,8 +314,8 @@ def test_knots_and_conditions_do_not_return_to_python(way, method, monkeypatch):
     def refuse(*given, **named):
         raise AssertionError("a phase was run by Python")
 
-    monkeypatch.setattr("dalembert.runtime.hybrid.simulate.simulate_in_own_time", refuse)
-    monkeypatch.setattr("dalembert.runtime.hybrid.rounds.begin_sweep", refuse)
+    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.simulate_in_own_time", refuse)
+    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.begin_sweep", refuse)
     run = model.simulate((0, 1.2), start, values, method=method, **given, **TIGHT)
     at, expected = run(times), pulled(times)
     for i, name in enumerate(("x", "x_dot", "y", "y_dot")):
@@ -333,6 +334,41 @@ def test_knots_and_conditions_do_not_return_to_python(way, method, monkeypatch):
             model.state(start, values, inputs={u: 0.0, v: 0.0}), model.parameter_vector(values)
         )
         np.testing.assert_array_equal(final[:2], [run["x"][-1], run["y"][-1]])
+
+
+@pytest.mark.parametrize("by_python", ["stick", "slip", "open"])
+@pytest.mark.parametrize("way", ["controllers", "samples", "conditions"])
+def test_modes_of_which_python_runs_some(way, by_python, monkeypatch):
+    """Cases go to and fro between compiled code and Python; times to record lie on instants, knots and breaks."""
+    model, start = block("llvm", way), {x: 0, y: 0, "x_dot": 0, "y_dot": 0}
+    values, given = {m: 2.0, g: 10.0, mu: 0.5, c: 4.0}, {"inputs": samples()} if way == "samples" else {}
+    values |= {} if way == "samples" else {a: 3.0}
+    values |= {T: 0.1} if way == "controllers" else {}
+    start |= {count: 0} if way == "controllers" else {}
+    calls = []
+    for name in ("simulate_in_own_time", "begin_sweep"):
+        own = getattr(host_runners, name)
+        monkeypatch.setattr(host_runners, name, lambda *about, own=own: calls.append(own) or own(*about))
+    monkeypatch.setattr(phases, "runs_unchecked", lambda model: by_python not in model.stages.mode)
+    options = {"method": "taylor", "max_steps": 99_999, **given, **TIGHT}  # no recorder is kept for these
+    times = np.linspace(0, 1.2, 49)
+    expected = pulled(times)
+    names = ["x", "x_dot", "y", "y_dot"] + (["u", "v"] if way == "controllers" else [])
+    run = model.simulate((0, 1.2), start, values, t_eval=times, **options)
+    steps = model.simulate((0, 1.2), start, values, **options)
+    for i, name in enumerate(names):
+        np.testing.assert_allclose(run[name], expected[:, i], rtol=0, atol=1e-9, err_msg=name)
+        behind = steps(np.minimum(times + 1e-13, 1.2))[name]  # instants may differ by rounding
+        np.testing.assert_allclose(behind, expected[:, i], rtol=0, atol=1e-9, err_msg=name)
+    assert [phase.modes["n"] for phase in run.phases] == ["stick", "slip", "open", "slip"]
+    assert np.all(np.diff(steps.t) >= 0) and steps.t[-1] == 1.2
+    for sampled in ({}, {"t_eval": times}):
+        sweep = model.sweep((0, 1.2), start, {**values, mu: np.array([0.3, 0.5])}, **sampled, **options)
+        for i, name in enumerate(names):
+            found, theirs = (sweep[name][1], expected[:, i]) if sampled else (sweep[name][1:], expected[-1:, i])
+            np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-9, err_msg=name)
+        np.testing.assert_array_equal(sweep.phases[1], 4)
+    assert len(set(calls)) == 2
 
 
 def test_each_case_its_own_record_and_backwards():

@@ -219,7 +219,7 @@ def test_unknown_names():
 
 @pytest.mark.parametrize("wanted", [[], None])
 def test_no_names(wanted):
-    with pytest.raises(OptionError, match=r"no first integral is named.* conserved in .*: energy"):
+    with pytest.raises(OptionError, match=r"no first integral is named.* Conserved in .*: energy"):
         simulate("sleigh, b = 0", "projected", 1.0, project_invariants=wanted)
 
 

@@ -33,7 +33,7 @@ def test_explanation_of_the_sleigh():
     model = compiled("chaplygin_sleigh")
     text = model.explain()
     lines = {line.split("  ")[0]: line for line in text.splitlines()}
-    assert text.splitlines()[0].startswith("chaplygin_sleigh: 3 coordinates, 1 constraints (0 holonomic), 3 unknown")
+    assert text.splitlines()[0].startswith("chaplygin_sleigh: 3 coordinates, 1 constraint (0 holonomic), 3 unknown")
     assert "minimal: independent speeds: v_S_x, theta_dot" in lines["formulation"]
     assert "v_S_y is given by a nonholonomic constraint" in text
     assert "x, y, theta, v_S_x, theta_dot" in lines["state"]

@@ -60,7 +60,7 @@ def test_a_motion_without_a_scene_says_so():
     case = hard_case("knife edge on an incline")
     run = da.compile_model(case.scene, backend="numpy").simulate((0, 1), case.initial, case.parameters)
     run._monitors = None
-    with pytest.raises(OptionError, match="does not know its scene"):
+    with pytest.raises(OptionError, match="has no scene"):
         _ = run.invariants
 
 

@@ -1,6 +1,7 @@
 """Stored sweeps of scenes with contacts: the bits of one call, whatever the chunks, restarts and processes."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -99,17 +100,16 @@ def test_cases_that_cannot_start_have_no_mode(tmp_path):
 
 def test_methods_are_chosen_once_for_all_cases(tmp_path, monkeypatch):
     """What "auto" finds by looking at motions is found in the first, the middle and the last case, and sent."""
-    real, looked = phases.fitting_method, []
+    looked = []
 
-    def fitting(model, cases, options, *, fits):
-        looked.append(fits)
-        found = real(model, cases, options, fits=fits)
-        return "dop853" if fits else found
+    def fitting(engine, cases, settings):
+        looked.append(engine)
+        return replace(settings, method="dop853")
 
-    monkeypatch.setattr(phases, "fitting_method", fitting)
-    stored = plate().sweep((0, 2), TILTED, PLATE, to=tmp_path / "s.zarr", chunk=20)
-    assert True in looked and looked[-1] is False
-    monkeypatch.setattr(phases, "fitting_method", real)
+    with monkeypatch.context() as patched:
+        patched.setattr(phases, "fitted", fitting)
+        stored = plate().sweep((0, 2), TILTED, PLATE, to=tmp_path / "s.zarr", chunk=20)
+    assert looked and len(looked) == len(set(looked))
     assert_same(stored, plate().sweep((0, 2), TILTED, PLATE, method="dop853"))
     with pytest.raises(OptionError, match="holds another sweep"):
         plate().sweep((0, 2), TILTED, PLATE, to=tmp_path / "s.zarr", chunk=20)

@@ -108,7 +108,7 @@ def test_a_cluster_that_goes_away_ends_with_a_message(model, tmp_path):
     try:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(ChunkJob, "given", given)
-            with pytest.raises(StoredSweepError, match=r"the cluster cancelled it.*the same call goes on"):
+            with pytest.raises(StoredSweepError, match=r"the cluster cancelled it.*the same call continues"):
                 model.sweep((0, 1), START, MANY, to=tmp_path / "s.zarr", chunk=1, client=client)
     finally:
         client.close()
@@ -151,7 +151,7 @@ def test_limits_of_files_and_memory_end_with_a_message(model, tmp_path, limit, c
     path = tmp_path / "s.zarr"
     command = [sys.executable, "-c", LIMITED, str(path), limit, str(count), str(chunk)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert "0 of" in done.stdout and reason in done.stdout and "the same call goes on" in done.stdout, done.stderr
+    assert "0 of" in done.stdout and reason in done.stdout and "the same call continues" in done.stdout, done.stderr
     if limit == "RLIMIT_FSIZE":
         many = {**MANY, "b": np.linspace(0.1, 0.5, count)}
         stored = model.sweep((0, 1), START, many, to=path, chunk=chunk)
@@ -227,14 +227,14 @@ def test_a_disk_that_becomes_full(model, tmp_path, on_a_cluster):
     ):
         options = {"to": store, "chunk": 500, "client": client if on_a_cluster else None, "threads": 1}
         SmallStore.room = 5_000
-        with pytest.raises(StoredSweepError, match=r"could not be laid out: .*No space left.*same call goes on"):
+        with pytest.raises(StoredSweepError, match=r"could not be laid out: .*No space left.*same call continues"):
             model.sweep(*given, **options)
         if on_a_cluster:  # no room for the program of the model
             SmallStore.room = 20_000
-            with pytest.raises(StoredSweepError, match=r"0 of 8 chunks are in .*No space left.*same call goes on"):
+            with pytest.raises(StoredSweepError, match=r"0 of 8 chunks are in .*No space left.*same call continues"):
                 model.sweep(*given, **options)
         SmallStore.room = 100_000 + 80_000 * on_a_cluster
-        with pytest.raises(StoredSweepError, match=r"[1-7] of 8 chunks are in .*No space left.*same call goes on"):
+        with pytest.raises(StoredSweepError, match=r"[1-7] of 8 chunks are in .*No space left.*same call continues"):
             model.sweep(*given, **options)
         SmallStore.room = 10_000_000
         stored = model.sweep(*given, **options)

@@ -297,7 +297,7 @@ def test_a_full_disk_ends_with_a_message_that_says_how_to_go_on(model, tmp_path,
         real(self, chunk, request, columns)
 
     monkeypatch.setattr(Store, "write", write)
-    with pytest.raises(StoredSweepError, match=r"2 of 6 chunks are in .*No space left.*the same call goes on"):
+    with pytest.raises(StoredSweepError, match=r"2 of 6 chunks are in .*No space left.*the same call continues"):
         model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20, threads=1)
     monkeypatch.setattr(Store, "write", real)
     assert_same(model.sweep((0, 2), START, MANY, to=tmp_path / "s.zarr", chunk=20), model.sweep((0, 2), START, MANY))

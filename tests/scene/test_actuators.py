@@ -168,7 +168,7 @@ def test_energy_of_a_released_spring():
     scene.apply_uniform_gravity(-g * N.y)
     scene.add_actuators(LinearSpring(k, LinearPathway(hook, tip), l))
     R = da.unknowns("R")
-    scene.add_joints(da.Joint("rod", body="p", at=tip, force=R * N.y))
+    scene.add_joints(da.Joint("rod", body="p", at=tip, force=R * (sp.sin(a) * N.x - sp.cos(a) * N.y)))
     released = scene.release(y, tip, N.y)
     start = {"a": 0.3, "a_dot": 1.0}
     _, plain = check_energy(scene, start, span=1.0)

@@ -165,7 +165,7 @@ def test_names_of_what_a_sweep_has():
     sweep = da.compile_model(corner_plate(0)).sweep((0, 0.1), START, {**P, "mu": [0.2, 0.3]})
     with pytest.raises(UnknownNameError, match=r"unknown output 'thta'\. Did you mean 'theta'\?"):
         sweep["thta"]
-    with pytest.raises(UnknownNameError, match=r"N_Q.*It is a reaction of the scene; ask for it with compile_model"):
+    with pytest.raises(UnknownNameError, match=r"N_Q.*It is a reaction of the scene; request it with compile_model"):
         sweep["N_Q"]
 
 

@@ -303,7 +303,7 @@ def test_forces_need_a_frame():
 def test_points_that_nothing_is_known_of():
     system = System()
     system.add_bodies(Particle("lost", Point("lost"), sp.Symbol("m")))
-    with pytest.raises(SceneError, match=r"SymPy knows no velocity of the point 'lost' in .*set_vel"):
+    with pytest.raises(SceneError, match=r"SymPy has no velocity of the point 'lost' in .*set_vel"):
         da.compile_model(system)
 
 

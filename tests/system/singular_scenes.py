@@ -1,7 +1,7 @@
 """Closed loops whose constraints lose rank: at some configurations, or at all that they allow."""
 
 import sympy as sp
-from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 
@@ -58,5 +58,24 @@ def platform(count=3, joints=False):
                 da.Joint(f"bar at {i}", body="bar", at=end, force=force),
                 da.Joint(f"crank at {i}", body=f"crank{i}", at=tips[i], force=-force),
             )
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+def folding_crank():
+    """A slider on a crank and a rod of one length: the row of the guide vanishes whenever both stand upright."""
+    a, b, x = dynamicsymbols("a b x")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("folding_crank", frame=N, origin=O, coordinates=[a, b, x])
+    P = O
+    for name, angle in (("crank", a), ("rod", b)):
+        F = N.orientnew(name, "Axis", (angle, N.z))
+        G = P.locatenew(f"G_{name}", L / 2 * F.x)
+        scene.add_bodies(RigidBody(name, G, F, m, (inertia(F, 0, 0, m * L**2 / 12), G)))
+        P = P.locatenew(f"end_{name}", L * F.x)
+    slider = O.locatenew("slider", x * N.x)
+    scene.add_bodies(Particle("slider", slider, M))
+    gap = P.pos_from(slider)
+    scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
     scene.apply_uniform_gravity(-g * N.y)
     return scene

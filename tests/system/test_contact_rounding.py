@@ -6,6 +6,8 @@ what should be zero there has the wrong sign in one run or another.
 
 import numpy as np
 import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from hard_cases.contacts import contact_motion
@@ -78,3 +80,26 @@ def test_what_comes_to_rest_does_so_in_every_unit_of_length():
         assert [phase.modes["corner"] for phase in run.phases] == ["slip", "stick"]
         ends += [run["x"][-1] / metre, sweep.final["x"][1] / metre]
     np.testing.assert_allclose(ends, ends[0], rtol=1e-7)
+
+
+def test_a_block_stops_wherever_it_started_and_however_fast():
+    """Where it comes to rest, no speed is left to compare rounding with, and the way that it went may be short."""
+    x, y = dynamicsymbols("x y")
+    mu = sp.Symbol("mu", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("block", P, 2))
+    scene.apply_uniform_gravity(-9.81 * N.y)
+    n, f = da.unknowns("n f")
+    scene.add_joints(da.Joint("floor", body="block", at=P, force=n * N.y + f * N.x))
+    scene.add_contacts(da.UnilateralContact(n, gap=y, name="floor"))
+    scene.add_friction(da.CoulombFriction(n, f, mu=mu, name="floor"))
+    model = da.compile_model(scene)
+    speeds, frictions = np.logspace(-8, 0, 9), np.array([0.3, 1.0, 1e3, 1e5])
+    v, m = (grid.ravel() for grid in np.meshgrid(speeds, frictions))
+    ended = model.sweep((0, 2), {x: 0, y: 0, x.diff(): v, y.diff(): 0}, {mu: m})
+    assert ended.success.all()
+    np.testing.assert_allclose(ended.final["x"], v**2 / (2 * m * 9.81), rtol=1e-9)
+    run = model.simulate((0, 2), {x: 0, y: 0, x.diff(): 1e-4, y.diff(): 0}, {mu: 0.3})
+    assert run.success and run.mode("floor")[-1] == "stick"

@@ -13,8 +13,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import phases
-from dalembert.runtime.hybrid import simulate as hybrid_simulate
+from dalembert.runtime.hybrid import host_runners, phases
 from dalembert.runtime.hybrid import sweep as hybrid_sweep
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
@@ -308,7 +307,7 @@ def test_the_same_run_twice_is_the_same():
     np.testing.assert_array_equal(first.q, again.q)
 
 
-def test_recorded_phases_are_those_that_python_goes_through(monkeypatch):
+def test_phases_of_compiled_code_are_those_that_python_runs(monkeypatch):
     """With and without events, which occur in phases and where these end."""
     model, p = plate_model(FORCE), {**PLATE, "mu": 0.8}
     angle = da.Event(dynamicsymbols("theta") - sp.Rational(11, 20), name="angle")
@@ -318,9 +317,9 @@ def test_recorded_phases_are_those_that_python_goes_through(monkeypatch):
         return model.simulate((0, 6), at_angle(0.5), p, rtol=1e-11, atol=1e-13, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_simulate, "compiled_phases", lambda modes: False)
-        expected, watched = simulated(), simulated(events=events)
-    monkeypatch.setattr(hybrid_simulate._Run, "_phase", None)
+        patched.setattr(phases, "runs_unchecked", lambda model: False)
+        expected, watched = simulated(max_steps=99_999), simulated(events=events, max_steps=99_999)
+    monkeypatch.setattr(host_runners, "simulate_in_own_time", None)
     times = np.linspace(0, 6, 50)
     for run, other in ((simulated(), expected), (simulated(events=events), watched)):
         assert modes(run) == modes(other)
@@ -353,7 +352,7 @@ def test_a_sweep_is_its_single_runs():
         assert last[i] == run.phases[-1].modes["corner"]
 
 
-def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypatch):
+def test_sweeps_of_compiled_code_are_those_that_python_runs_to_the_last_bit(monkeypatch):
     """Alone or together, in one thread or two, with samples and with events, one of which ends some of the cases."""
     model, mu = plate_model(FORCE), np.linspace(0.7, 0.95, 19)
     ends = da.Event("theta_dot", terminal=True, direction=1, name="back")
@@ -363,9 +362,9 @@ def test_compiled_phases_are_those_decided_from_outside_to_the_last_bit(monkeypa
         return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(hybrid_sweep, "compiled_phases", lambda modes: False)
+        patched.setattr(phases, "runs_unchecked", lambda model: False)
         expected, sampled = swept(), swept(**many)
-    monkeypatch.setattr(hybrid_sweep.CaseRounds, "run", None)
+    monkeypatch.setattr(host_runners, "begin_sweep", None)
     found = [swept(threads=threads) for threads in (1, 2)]
     monkeypatch.setattr(phases, "_MOST_TOGETHER", 3)
     for run in (*found, swept(threads=2), swept(progress=True)):

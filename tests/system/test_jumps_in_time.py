@@ -238,6 +238,34 @@ def test_contacts_stick_and_slip_when_a_load_or_friction_jumps():
     np.testing.assert_allclose(found[:, 0], [0.0, 15.0], atol=1e-12)
 
 
+@pytest.mark.parametrize("mu", [0.05, 0.1, 0.2])
+def test_a_prescribed_velocity_jumps_beside_a_contact_that_changes(mu):
+    """The block comes to rest after the jump, at its very time, or before; the pendulum does not feel it."""
+    y, w, z = dynamicsymbols("y w z")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    cart = origin.locatenew("C", x * frame.x)
+    bob = origin.locatenew("B", (x + sp.sin(y)) * frame.x - sp.cos(y) * frame.y)
+    block = origin.locatenew("W", w * frame.x + z * frame.y)
+    scene = da.Scene("jerked", frame=frame, origin=origin, coordinates=[x, y, w, z])
+    scene.add_bodies(Particle("cart", cart, 2), Particle("bob", bob, 1), Particle("block", block, 1))
+    scene.add_loads((block, -10 * frame.y))
+    normal, friction, drive = da.unknowns("N F D")
+    scene.add_joints(da.Joint("drive", body="cart", at=cart, force=drive * frame.x))
+    scene.add_joints(da.Joint("floor", body="block", at=block, force=friction * frame.x + normal * frame.y))
+    scene.add_holonomic_constraints(z)
+    scene.add_nonholonomic_constraints(x.diff() - sp.Heaviside(t - 1))
+    scene.add_friction(da.CoulombFriction(normal, friction, slip=w.diff(), mu=mu, name="floor"))
+    model = da.compile_model(scene)
+    start = {"x": 0, "x_dot": 0, "y": 0.5, "y_dot": 0, "w": 0, "w_dot": 1.0, "z": 0, "z_dot": 0}
+    rest = min(1.5, 0.1 / mu)
+    expected = [0.5, 0.5 - 0.5 * np.cos(0.5), rest - 5 * mu * rest**2, 0]
+    run, sweep = model.simulate((0, 1.5), start, {}), model.sweep((0, 1.5), start, {})
+    np.testing.assert_allclose(run.q[-1], expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose([sweep[name][0] for name in "xywz"], expected, rtol=0, atol=1e-9)
+    final = model.prepare((0, 1.5))(model.state(start, {}), model.parameter_vector({}))
+    np.testing.assert_allclose(final[:4], expected, rtol=0, atol=1e-9)
+
+
 def test_sensitivities_are_right_at_fixed_times_and_refused_at_times_that_move():
     values = {"m": 1.0, "A": 10.0, "tp": 1.2}
     model = oscillator(A * (H(t - 1) - H(t - sp.Float(1.05))) + A * sp.Max(t - tp, 0), backend="numpy")

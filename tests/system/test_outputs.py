@@ -278,6 +278,23 @@ def test_names_of_what_they_are():
     assert model.layout.outputs == tuple(outputs)
 
 
+SAME = sp.Symbol("a_ddot")
+
+
+@pytest.mark.parametrize("outputs", [["a_ddot"], [a.diff(T, 2)], {"a_ddot": SAME}, {"b": "a_ddot"}])
+def test_parameter_with_the_name_of_an_acceleration(outputs):
+    """A result called a_ddot would be one of two things."""
+    scene = da.Scene("ambiguous", frame=N, origin=O, coordinates=[a])
+    block = O.locatenew("block", a * N.x)
+    scene.add_bodies(Particle("block", block, 2))
+    scene.add_loads((block, -SAME * a * N.x))
+    with pytest.raises(OptionError, match="has the name of a parameter"):
+        da.compile_model(scene, backend="numpy", outputs=outputs)
+    model = da.compile_model(scene, backend="numpy", outputs={"own": a.diff(T, 2), "given": SAME})
+    run = model.simulate((0, 1), {a: 1, a.diff(): 0}, {SAME: 3})
+    assert (run["own"][0], run["given"][0]) == (-1.5, 3.0)
+
+
 def test_point_with_the_name_of_a_coordinate():
     """That the coordinate is the component is no clash; that it is another one is."""
     x = dynamicsymbols("G_x")

@@ -10,7 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
-from system.singular_scenes import platform, windows
+from dalembert.transforms.recurrences import recurrences
+from system.singular_scenes import folding_crank, platform, windows
 
 BARS = {"m": 1.0, "L": 1.0, "g": 9.81}
 TURN = {1: 3.337870803105097731817957161247564911941, 4: 12.68425959351397191786347626886160363293}
@@ -46,6 +47,13 @@ def leaning(t):
 
 
 # -- singular configurations --------------------------------------------------------------
+
+
+def test_guards_of_pivots_limit_no_step():
+    program = compiled(two_windows).stages.program
+    assert any(line.op == "less" for line in program.kernel("rhs").body)
+    assert "knots" not in program
+    assert recurrences(program.kernel("rhs")).switches == ()
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
@@ -109,6 +117,38 @@ def test_cases_of_a_projected_sweep_do_not_change_their_branch_and_succeed(metho
         after = model.sweep((0, 4), initial, BARS, method=method, rtol=rtol, atol=rtol, max_steps=20_000)
         good = after.status == 0
         np.testing.assert_allclose(after["a0"][good], TURN[4], atol=1e-5)
+
+
+FOLDING = {"m": 1.0, "M": 2.0, "L": 0.3, "g": 9.81}
+
+
+def folded(angle, speed, t):
+    """Angle of the crank at time t, whose rod has the opposite angle."""
+    mass, load, length, g = FOLDING["m"], FOLDING["M"], FOLDING["L"], FOLDING["g"]
+
+    def rates(_, y):
+        c, s = np.cos(y[0]), np.sin(y[0])
+        inertia = mass * length**2 * (5 / 12 + 2.25 * s * s + 0.25 * c * c) + 4 * load * length**2 * s * s
+        bend = (4 * mass + 8 * load) * length**2 * s * c
+        return [y[1], (-mass * g * length * c - 0.5 * bend * y[1] ** 2) / inertia]
+
+    return solve_ivp(rates, (0, t), [angle, speed], "DOP853", rtol=1e-12, atol=1e-12).y[0, -1]
+
+
+@pytest.mark.parametrize(("method", "rtol", "served"), [("taylor", 1e-10, 380), ("dop853", 1e-8, 400)])
+def test_rows_that_vanish_do_not_lead_to_another_branch(method, rtol, served):
+    """Beside the fold, what rounding leaves of the constraint is a curve that leads from one branch to the other."""
+    angles = np.random.default_rng(0).uniform(0.5, 0.9, 400)
+    length = FOLDING["L"]
+    initial = {"a": angles, "b": -angles, "x": 2 * length * np.cos(angles), "a_dot": np.full(400, 5.0)}
+    options = {"method": method, "rtol": rtol, "atol": rtol / 100, "max_steps": 20_000}
+    after = compiled(folding_crank).sweep((0, 1), initial, FOLDING, **options)
+    good = after.success
+    assert np.sum(good) >= served
+    np.testing.assert_allclose(np.sin((after["a"] + after["b"])[good] / 2), 0.0, atol=1e-6)
+    np.testing.assert_allclose(after["x"][good], 2 * length * np.cos(after["a"][good]), atol=1e-6)
+    for i in np.flatnonzero(good)[:5]:
+        assert after["a"][i] == pytest.approx(folded(angles[i], 5.0, 1.0), abs=1e-6)
 
 
 SPEEDS = np.array([0.2, 0.3, 0.6, 1.0, 1.2, 1.5])

@@ -215,7 +215,21 @@ def test_what_a_series_tells_is_let_alone(name):
 @pytest.mark.parametrize("name", STEEP)
 def test_what_a_series_may_not_tell_is_found(name):
     kernel = kernel_of(STEEP[name])
-    assert nonanalytic_operations(kernel) and recurrences(kernel).controlled == (0,)
+    known = recurrences(kernel)
+    assert nonanalytic_operations(kernel)
+    if name in ("abs", "select"):  # steps end at their zeros, and need no control
+        assert known.switches and not known.controlled and not known.hidden
+    else:
+        assert known.controlled == (0,)
+
+
+def test_a_switch_that_depends_on_what_a_series_may_not_tell_is_left_to_the_control():
+    for make in (
+        lambda g, x, t: g.call("sign", g.call("tanh", x) - 0.5) + g.call("abs", x),
+        lambda g, x, t: g.call("select", x, x * t, g.call("abs", x)),  # a condition that is no decision
+    ):
+        known = recurrences(kernel_of(make))
+        assert [switch.line.op for switch in known.switches] == ["abs"] and known.controlled == (0,)
 
 
 @pytest.mark.parametrize("name", da.scenes.ALL)
@@ -235,4 +249,4 @@ def test_only_rates_that_need_it_are_looked_at():
 
 def test_explanation():
     text = da.compile_model(scene(LATE + sp.cos(t) ** 40), backend="llvm").explain()
-    assert "high powers" in text and "tanh" in text and "taylor looks at the defect of its steps" in text
+    assert "high powers" in text and "tanh" in text and "taylor checks the residual of its steps" in text

@@ -15,7 +15,8 @@ from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LARGEST_GROWTH, REDUCTION_BLIND, SMALLEST_PREVIOUS
 from dalembert.methods.tableaus import TABLEAUS, bounded
-from dalembert.transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT, attempt_kernel
+from dalembert.transforms.runge_kutta import attempt_kernel
+from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 
 N, RHS = 2, oscillator().kernel("rhs")
 Y, C = np.array([0.7, -0.4]), [0.3, 2.0, 4.0]

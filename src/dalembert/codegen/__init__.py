@@ -35,7 +35,7 @@ def _jax() -> Backend:
 
 
 BACKENDS: dict[str, Callable[[], Backend]] = {"llvm": _llvm, "numba": _numba, "jax": _jax, "numpy": _numpy}
-"""Every backend by name; each is imported when first asked for."""
+"""Every backend by name; each is imported on first use."""
 
 
 def backend_named(name: object) -> Backend:

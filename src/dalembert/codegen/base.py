@@ -19,13 +19,14 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
-from ..once import once_property
+from ..once import computed_once, once_property
 from ..options import SolveOptions
+from .host_code import HOST_LANES, HostCode, interpreted_code
 from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
-    from ..scene.model import InputSymbol
+    from ..scene.symbol_table import InputSymbol
     from .host_runs import HostedRuns
 
 __all__ = [
@@ -48,7 +49,7 @@ class RenderedModule:
     backend : str
         Name of the backend that rendered it and can load it.
     program : Program
-        What it was rendered from.
+        The rendered program.
     write : function without arguments
         Prints the text; the same scene gives the same text in every process.
     digest : str
@@ -70,7 +71,7 @@ class Engine(ABC):
     """A loaded module: kernels that can be called, and the integrators that call them."""
 
     def accept_as_static(self, kind: type) -> None:  # noqa: B027
-        """Let instances of a class pass through the transformations of the backend as constants, where it has any."""
+        """Treat instances of a class as constants in the transformations of the backend, where it has any."""
 
     @abstractmethod
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -79,7 +80,7 @@ class Engine(ABC):
     def rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of any kernel of (t, y, c) at times (k,), states (k, n) and constants (k, n_c).
 
-        What is not finite stays so.
+        Values that are not finite are kept.
         """
         return interpret_rows(kernel, t, y, c)
 
@@ -100,7 +101,7 @@ class Engine(ABC):
         return False
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """Return the method that "auto" takes at these tolerances: the first, unless the engine knows better.
+        """Return the method that "auto" takes at these tolerances; the first one unless an engine overrides this.
 
         `many` says that it is to run many cases at once.
         """
@@ -122,7 +123,7 @@ class Engine(ABC):
         """Return the solution of an initial value problem in the state of the formulation."""
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
-        """Yield the solution of a problem in blocks of steps, for those who may not want the rest of it.
+        """Yield the solution of a problem in blocks of steps, for callers that may stop early.
 
         Each has its accepted steps, from the end of the one before, and continuous output over them; the status of the
         last is that of the whole. Here it is one block.
@@ -156,7 +157,7 @@ class Engine(ABC):
     def sweeper(
         self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
     ) -> CaseRun | None:
-        """Return the run of cases that the engine makes itself from what was given, None where that is not its way.
+        """Return a run of cases that loads its own states and constants; None where the engine has no such run.
 
         Cases that cannot start get NaN and their status. ``constants`` (k, n_c) are filled in, unless they are (0, 0).
         A thread takes `share` cases at a time.
@@ -168,21 +169,24 @@ class Engine(ABC):
         return None
 
     def code(self, kernel: Kernel) -> tuple[int, int]:
-        """Return the address of any kernel of (t, y, c) as compiled code, and its lanes; (0, 0) where there is none."""
-        return 0, 0
+        """Return the address of any kernel of (t, y, c) as code that loops call, and its lanes.
+
+        Here it is interpreted.
+        """
+        kept = computed_once(self._interpreted, id(kernel), lambda: (kernel, interpreted_code(kernel)))
+        return kept[1].address, HOST_LANES
+
+    @once_property
+    def _interpreted(self) -> dict[int, tuple[Kernel, HostCode]]:
+        return {}  # with the kernels, so that no other can have their numbers
 
     @property
-    def uncut(self) -> Engine | None:
-        """The engine of segments of a run, whose ends others see to; None where states jump at these ends."""
+    def uncut(self) -> Engine:
+        """The engine for a segment of a run, which ignores knots, breaks and controllers."""
         return self
 
-    @property
-    def phases(self) -> Callable[..., int] | None:
-        """The loop of `dalembert.integrators.phase_loop`, for engines that have it."""
-        return None
-
     def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """Return a problem that is integrated in parts, as events cut it, after what happens at its start."""
+        """Return a problem that events will cut into parts, after the actions at its start."""
         return problem
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -208,7 +212,7 @@ class FunctionEngine(Protocol):
 
     @property
     def functions(self) -> Any:
-        """The kernels as functions that people's own compiled code can call."""
+        """The kernels as functions for users' own compiled code."""
         ...
 
 
@@ -280,7 +284,7 @@ class Backend(ABC):
         return {name: self.methods[name] for name in self.for_stages}
 
     def refusal(self, program: Program, method: str) -> str:
-        """Return why one of its methods does not integrate a program; nothing for a method that it does not have."""
+        """Return why a method does not integrate a program; empty where nothing is known against it."""
         if method not in self.methods:
             return ""
         return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"

@@ -75,7 +75,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def refused(folder: Path) -> bool:
-    """Return whether a folder of the cache cannot be believed or looked at, with a warning that says why."""
+    """Return whether a folder of the cache is not trusted or not readable; warn with the reason."""
     try:
         why = folder_refusal(directory()) or folder_refusal(folder)
     except OSError as failure:
@@ -88,7 +88,7 @@ def refused(folder: Path) -> bool:
 
 
 def read_kept(path: Path) -> bytes | None:
-    """Return what `write_kept` wrote to a file, None where there is nothing, or nothing that can be believed.
+    """Return what `write_kept` wrote to a file; None where there is no file, or none that is trusted.
 
     A file that is damaged, that others could have written, or that was written under another name or to another folder,
     is removed with a warning.
@@ -118,7 +118,7 @@ def read_kept(path: Path) -> bytes | None:
 
 
 def write_kept(path: Path, data: bytes) -> None:
-    """Keep data in a file, with a checksum of the names of folder and file and of the data, where that can be."""
+    """Write data to a file, with a checksum of the names of folder and file and of the data, if possible."""
     try:
         if not (folder_refusal(directory()) or folder_refusal(path.parent)):
             _write(path, _checksum(path, data) + data)
@@ -127,7 +127,7 @@ def write_kept(path: Path, data: bytes) -> None:
 
 
 def _checksum(path: Path, data: bytes) -> bytes:
-    """Return the checksum of what is kept in a file, which is good for a file of that name in that folder alone."""
+    """Return the checksum of the data of a file, which is valid for that name and folder alone."""
     return hashlib.sha256(b"\0".join((path.parent.name.encode(), path.name.encode(), data))).digest()
 
 

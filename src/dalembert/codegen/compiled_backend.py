@@ -35,8 +35,8 @@ class CompiledBackend(Backend):
         return toolchain()
 
     def render(self, program: Program) -> RenderedModule:
-        """See `Backend.render`; the text is printed when it is asked for, because nothing runs it as a whole."""
-        target()  # one that does not serve is refused before anything is made for it
+        """See `Backend.render`; the text is printed on demand, because nothing runs it as a whole."""
+        target()  # a library that cannot serve the program is refused first
         kernels = "\n".join(map(str, program))
         digest = digest_of(self.name, self.versions(), generator_digest(), program.name, kernels)
 

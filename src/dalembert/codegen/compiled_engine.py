@@ -13,6 +13,7 @@ from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.segments import constants_at
+from ..integrators.sweep_arguments import SweepKernels
 from ..integrators.workspace import EventKernels, aligned, no_events
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -20,7 +21,7 @@ from ..ir.program import Program
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
-from ..transforms.runge_kutta import memory_size
+from ..transforms.runge_kutta_parts import memory_size
 from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
 from .base import Engine
 from .library import LARGEST_UNROLLED, KernelLibrary
@@ -36,11 +37,12 @@ if TYPE_CHECKING:
     from ..methods.tableau import Tableau
     from ..reduction.starting import Start
     from .llvm.foreign import ForeignCode
+    from .llvm.foreign_batch import Interface
 
 __all__ = ["METHODS", "CompiledEngine", "default_source"]
 
 METHODS: Mapping[str, str] = {
-    "taylor": "Taylor series of the order that the tolerance asks for (Jorba and Zou)",
+    "taylor": "Taylor series of an order chosen by the tolerance (Jorba and Zou)",
     "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
     "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
     "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
@@ -57,7 +59,7 @@ class CompiledEngine(Engine):
     Parameters
     ----------
     program : Program
-        What is integrated.
+        Program to integrate.
     steps : KernelLibrary
         Gives the addresses of its kernels and steps, for so many lanes as the library says.
     """
@@ -111,11 +113,6 @@ class CompiledEngine(Engine):
         kept = computed_once(self._extra_kernels, id(kernel), lambda: (kernel, self.steps.extra_kernel(kernel, lanes)))
         return kept[1], lanes
 
-    @property
-    def phases(self) -> Callable[..., int]:
-        """See `Engine.phases`."""
-        return loop_named("phase_loop")
-
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""
         if "taylor" not in methods:
@@ -157,7 +154,7 @@ class CompiledEngine(Engine):
         return run
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: a run of many steps that are too small for its pace is begun anew."""
+        """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau"."""
         reason = ""
 
         def watch(t: float, y: FloatArray, step: float) -> bool:
@@ -229,7 +226,7 @@ class CompiledEngine(Engine):
         if cases.inputs is not None and (
             (watched is not None and watched.reads_inputs) or (wanted and (position or velocity))
         ):
-            return None  # what is watched of inputs, and samples that are projected, belong to those within the step
+            return None  # events of inputs, and projected samples, need the inputs within the step
         from .llvm.advance_lanes import advance_lanes
         from .llvm.check_inputs import check_inputs
         from .llvm.sweeps import SweepShape, case_run
@@ -284,6 +281,26 @@ class CompiledEngine(Engine):
         layout = self._program.layout
         sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), memory)
         return foreign_code((0, *codes), sizes, settings, limits, version, self.steps)
+
+    def foreign_batch(
+        self, method: str, tolerances: tuple[float, float], interface: Interface, *, recorded: bool
+    ) -> ForeignCode:
+        """Return the handler of batches that XLA calls; see `dalembert.codegen.llvm.foreign_batch`.
+
+        Of the tolerances, Taylor steps have their order.
+        """
+        from .llvm.advance_lanes import advance_lanes
+        from .llvm.check_inputs import check_inputs
+        from .llvm.foreign_batch import BatchSizes, foreign_batch
+
+        lanes, layout = self.steps.lanes, self._program.layout
+        codes, memory, _, settings = self._stepping(method, *tolerances, lanes, dense=False)
+        position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
+        advance = 0 if recorded or position or velocity else advance_lanes(lanes)
+        kernels = SweepKernels(*codes, position, velocity, 0, 0, advance, check_inputs(lanes))
+        constants = layout.constants or len(layout.parameters)
+        sizes = BatchSizes(lanes, self._sizes["rhs"], constants, memory, 2 + len(settings))
+        return foreign_batch(kernels, sizes, recorded, interface, self.steps)
 
     def _codes_of_one(
         self, method: str, rtol: float, atol: float
@@ -395,7 +412,7 @@ class CompiledEngine(Engine):
 
 
 def _pair(name: str, *, bounded: bool = False) -> Tableau:
-    """Return a Runge-Kutta pair by its name; those who take Taylor steps do not wait until all pairs are checked."""
+    """Return a Runge-Kutta pair by its name; imported here, because checking all pairs takes time."""
     from ..methods import tableaus
 
     pair = next(tableau for tableau in tableaus.TABLEAUS if tableau.name == name)

@@ -19,7 +19,7 @@ def digest_of(folder: Path, pattern: str = "*.py") -> str:
 
 @cache
 def generator_digest() -> str:
-    """Digest of everything that generated code is made by, this package included: a change anywhere makes it anew."""
+    """Digest of all sources that generated code depends on, this package included."""
     package = Path(__file__).parents[1]
     parts = ("ir", "methods", "transforms", "lowering", "codegen", "integrators")
     return digest_of(template_directory(), "*.j2") + "".join(digest_of(package / part) for part in parts)

@@ -1,4 +1,4 @@
-"""Runs that traced functions leave to the host."""
+"""Runs of traced functions on the host."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Layout
 
 if TYPE_CHECKING:
-    from ..scene.model import InputSymbol
+    from ..scene.symbol_table import InputSymbol
 
 __all__ = ["HostRun", "HostRunner", "HostedRuns"]
 

@@ -111,7 +111,7 @@ class KernelLibrary(ABC):
             name = f"with_event_series{order}_{_digest(joint, count)}"
             return joint, self._entry(name, lanes, text, "step")
 
-        # the kernel is kept, so that no other can have its number
+        # the kernel is kept alive, so that no other has the same id
         return computed_once(self._event_steps, (id(joint), order, lanes), make)[1]
 
     def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
@@ -130,7 +130,7 @@ class KernelLibrary(ABC):
         return self.attempt(tableau, lanes, dense=False)[1]
 
     def kernel(self, name: str, lanes: int = 1) -> int:
-        """Return the address of a kernel of the program as it stands, 0 where it has none."""
+        """Return the address of a kernel of the program, 0 where it has none of that name."""
         if name not in self._program:
             return 0
         return self._entry(name, lanes, lambda: self._program_text(name, lanes), name)
@@ -211,7 +211,7 @@ class KernelLibrary(ABC):
         return self.step_text(self._taylor_name(order, dense), self._recurrences, order, lanes, dense=dense)
 
     def _program_text(self, name: str, lanes: int) -> str:
-        """Return a kernel of the program as it stands; that of constants (last argument) takes parameters first."""
+        """Return the text of a kernel of the program; that of constants (last argument) takes parameters first."""
         arguments = ("p", "y", "c", "s") if name == "prepare" else STEP_ARGUMENTS
         kernel = replace(self._program.kernel(name), arguments=arguments)
         return self.kernel_text(name, kernel, lanes, exact=name == "prepare")
@@ -235,7 +235,7 @@ class KernelLibrary(ABC):
     def _entry(
         self, name: str, lanes: int, text: Callable[[], str], function: str, functions: tuple[str, ...] = ()
     ) -> int:
-        """Return the address of a function of the module `text`, compiled when first asked for.
+        """Return the address of a function of the module `text`, compiled on first use.
 
         `functions` are all that are called by address, if it is not the only one.
         """

@@ -53,7 +53,7 @@ class Printer:
         return f"({operand!r})" if operand < 0 else repr(operand)
 
     def load(self, load: Load) -> str:
-        """Return the line that reads an input."""
+        """Return the line that loads an input."""
         return f"{load.target} = {load.array}" + ("" if load.index is None else f"[{load.index}]")
 
     def assignment(self, line: Assignment) -> str:

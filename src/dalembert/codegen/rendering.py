@@ -74,13 +74,13 @@ _ENVIRONMENTS: dict[Path, Any] = {}
 
 
 def _environment(folder: Path) -> Any:
-    from .jinja import environment  # what is in the cache needs no template
+    from .jinja import environment  # a cached text needs no template
 
     return environment(folder)
 
 
 def _plain(text: str) -> str:
-    """Return `text` as it may stand in a comment: one line, printable."""
+    """Return `text` for a comment: one line, printable."""
     return "".join(character if character.isprintable() else "?" for character in text)
 
 

@@ -1,4 +1,4 @@
-"""Runs that an engine has made ready: prepared runs, starts, and cases about to run."""
+"""Interfaces of runs that an engine has prepared: one prepared run, its start, many cases."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class CaseRun:
     work : function without arguments
         Runs cases until none is left; for as many threads as there are to call it.
     turn : ndarray (1,) of int
-        How many cases have been begun, at most; writing the number of all stops the work when those that have been
+        Number of cases begun, at most; writing the number of all stops the work when those that have been
         begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
     finish : function without arguments
         To be called when all is done.
@@ -104,7 +104,7 @@ class LoopCall:
     steps, occurrences : ndarray
         Records of a case that is alone (`dalembert.integrators.step_records`), with no rows where none are made.
     held : object
-        What must stay alive.
+        Objects that must stay alive.
     """
 
     entry: int

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.chaining import blocks_between_knots
-from ..integrators.events import integrate_watched
+from ..integrators.events import integrate_watched, recorded_states
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..methods.status import Status
 
@@ -52,19 +52,14 @@ def watched_case(
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
     watch = block.watch
-    before, problem = problem, engine.begun(problem)
+    problem = engine.begun(problem)
     constants = engine.course(problem)
     watched = block.watch.watched(constants)
-    own, jumped = replace(problem, t_eval=None, dense=True), None if before.sampled is None else before.y0
-    solution, occurrences = integrate_watched(step_blocks, own, watched, jumped)
+    own, carried = replace(problem, t_eval=None, dense=True), None if block.carried is None else block.carried[i]
+    solution, occurrences = integrate_watched(step_blocks, own, watched, carried)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
-    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    reached = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
-    if len(reached) and solution.dense is not None:
-        result.samples[i, : len(reached)] = watched.settle(reached, solution.dense(reached))
-    ends = ((solution.t[0], solution.y[0]), (solution.t[-1], solution.y[-1]))
-    for t, y in ends:
-        result.samples[i, : len(reached)][reached == t] = y
+    reached, states = recorded_states(watched, block.t_eval, solution.dense, solution.t, solution.y)
+    result.samples[i, : len(reached)] = states
     result.totals[i] = block.watch.totals(constants, solution.dense)
     for occurrence in occurrences:
         count, first, _ = result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3]

@@ -4,7 +4,7 @@ What the cache holds is loaded as machine code, so that whoever can write it can
 believed where it belongs to the user, and neither its group nor everybody can write it, and where the same holds of
 every folder above it, or these belong to root, or are sticky as ``/tmp`` is, where nobody can replace what belongs to
 others. Symbolic links are followed one by one, and must themselves lie in such folders and belong to the user or root.
-Where the platform knows no owners (Windows) nothing is refused: there, folders of the user are protected by
+Where the platform has no owners of files (Windows) nothing is refused: there, folders of the user are protected by
 access lists, which are not looked at. Nor are those that other platforms have besides.
 """
 

@@ -1,7 +1,7 @@
 """`HybridAutomaton`: modes, guards and transitions of a scene with contacts.
 
 In a mode each contact is open or closed, and slips or sticks; the equations of a mode have no contacts any more. A mode
-ends where one of its guards falls through zero. What happens then is a row of `TRANSITIONS`; it ends in a selection
+ends where one of its guards falls through zero. The consequence is a row of `TRANSITIONS`; it ends in a selection
 among all modes, which takes the one that contradicts no law of contact.
 """
 
@@ -29,7 +29,7 @@ class Transition:
     guard : str
         Kind of the guard, see `dalembert.mechanics.equations.Guard`.
     meaning : str
-        What the guard is, and what its zero means.
+        Quantity of the guard, and meaning of its zero.
     source : tuple of str
         States of the contact that have such a guard.
     target : tuple of str
@@ -105,7 +105,7 @@ class HybridAutomaton:
         return tuple(self.equations.contacts)
 
     def states(self, contact: int) -> tuple[str, ...]:
-        """Return what a contact may do, its ordinary closed state first."""
+        """Return the states that a contact may have, its ordinary closed state first."""
         row = self.contacts[contact]
         if not row.tangential:
             closed: tuple[str, ...] = (CLOSED,)

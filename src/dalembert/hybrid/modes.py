@@ -2,7 +2,7 @@
 
 In a mode every contact is open or closed, and slips or sticks. An open contact has neither constraint nor reactions; a
 sticking one has its slip velocity as a further constraint, which the friction force holds; where a contact slips,
-friction is a given force (`dalembert.hybrid.sliding_friction`). What is left is a scene without contacts, so that every
+friction is a given force (`dalembert.hybrid.sliding_friction`). The result is a scene without contacts, so that every
 formulation, backend and method serves it.
 """
 
@@ -30,9 +30,9 @@ __all__ = [
     "Mode",
     "added_parameters",
     "allowance_name",
-    "always",
     "direction_names",
     "mode_equations",
+    "only_mode",
     "rest_name",
     "side_name",
 ]
@@ -98,7 +98,7 @@ def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
     return added
 
 
-def always(contacts: Sequence[ContactRow]) -> Mode | None:
+def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
     """Return the only mode of contacts whose laws are smooth and that never open; None where there are others."""
     smooth = all(c.constraint is None and c.regularization is not None for c in contacts)
     return (SMOOTH,) * len(contacts) if smooth else None
@@ -133,7 +133,7 @@ class _ModeEquations:
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
     def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[ContactRow]]:
-        """Add the rows of what sticks that no other row implies.
+        """Add the slip velocities of sticking contacts that no other row implies.
 
         Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
@@ -157,7 +157,7 @@ class _ModeEquations:
                         raise ConstraintError(
                             f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
                             f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
-                            " them lets go first is not determined: give one of them a regularization"
+                            " them slips first is not determined: give one of them a regularization"
                         ) from None
                     for owner in holding:
                         groups.setdefault(owner, []).append(contact)
@@ -172,8 +172,8 @@ class _ModeEquations:
         """Return the equations in this mode."""
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
-        bare = self._bare(self.rows, self.kept)
-        friction = sliding_friction(bare, whole, self.kept, self.sliding)
+        frictionless = self._without_friction(self.rows, self.kept)
+        friction = sliding_friction(frictionless, whole, self.kept, self.sliding)
         known: dict[Node, Node] = {}
         for item, kappa in zip(self.sliding, friction.factors, strict=True):
             pressing = graph.input(names[item.contact.normal])
@@ -194,7 +194,7 @@ class _ModeEquations:
             parameters=(*whole.symbols.parameters, *added),
         )
         return replace(
-            bare,
+            frictionless,
             symbols=symbols,
             forcing=friction.forcing,
             outputs=outputs | {guard.output: node for guard, node in guards},
@@ -203,7 +203,7 @@ class _ModeEquations:
             minimum_norm=bool(self.groups),
         )
 
-    def _bare(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
+    def _without_friction(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
         """Return the equations with some constraints and some reactions, and no friction."""
         reactions = [[row[i] for i in kept] for row in self.whole.reactions]
         return replace(self.whole, constraints=tuple(rows), reactions=reactions)
@@ -231,7 +231,7 @@ class _ModeEquations:
         rest = rest_name(contact)
         assert rest is not None
         onset = graph.node(_ONSET) * graph.call("abs", graph.input(rest))
-        # A step that goes on beyond the end of slip, where w turns back, sees the same friction as before it.
+        # A step that continues beyond the end of slip, where w reverses, has the same friction as before it.
         forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
         back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
         sign = graph.call("select", back, graph.const(-1), graph.one)
@@ -252,10 +252,10 @@ class _ModeEquations:
         terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
         return self.graph.sum(terms) + row.drift
 
-    # -- what ends the mode ----------------------------------------------------------------
+    # -- guards of the mode ----------------------------------------------------------------
 
     def _guards(self, friction: SlidingFriction) -> list[tuple[Guard, Node]]:
-        """Return what ends the mode, with its value; reactions in it are inputs."""
+        """Return the guards of the mode with their values; reactions in them are inputs."""
         graph, names = self.graph, self.whole.symbols.unknowns
         directions = self._undetermined()
         guards: list[tuple[Guard, Node]] = []
@@ -290,7 +290,7 @@ class _ModeEquations:
     def _undetermined(self) -> tuple[Direction, ...]:
         """Return the directions in which the reactions of contacts that hold each other are not determined."""
         shared = [i for group in self.groups.values() for contact in group for i in contact.tangential]
-        return undetermined_directions(self._bare(self.rows, self.kept), self.kept, shared)
+        return undetermined_directions(self._without_friction(self.rows, self.kept), self.kept, shared)
 
     def _shared_laws(
         self, contact: ContactRow, state: str, press: Node, directions: Sequence[Direction]

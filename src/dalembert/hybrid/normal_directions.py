@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ..errors import ConstraintError
-from ..ir.graph import Graph, Node
-from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
+from ..mechanics.reaction_checks import parallel
 
 __all__ = ["require_normals_along_gaps"]
 
@@ -34,7 +31,7 @@ def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
         if contact.constraint is None:
             continue
         gap = rows[contact.constraint]
-        if _parallel(equations.graph, gap.jacobian, [row[contact.normal] for row in equations.reactions]):
+        if parallel(equations.graph, gap.jacobian, [row[contact.normal] for row in equations.reactions]):
             continue
         covectors = [*others, *(row.jacobian for row in lasting)]
         positions = [row.position for row in (gap, *lasting) if row.position is not None]
@@ -47,13 +44,3 @@ def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
                 " motions that keep the gap. Let its force in the joint be normal to the surfaces that touch, and"
                 " friction the rest"
             )
-
-
-def _parallel(graph: Graph, gap: Sequence[Node], reaction: Sequence[Node]) -> bool:
-    """Return whether a reaction has power along a gap alone, at all positions."""
-    pivot = next((i for i, entry in enumerate(gap) if not entry.is_zero), None)
-    if pivot is None:
-        return False
-    return all(
-        vanishes(graph.sum((gap[pivot] * r, -(reaction[pivot] * j)))) for j, r in zip(gap, reaction, strict=True)
-    )

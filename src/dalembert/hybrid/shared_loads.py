@@ -1,4 +1,4 @@
-"""Guards of contacts that share a load: what is lawful while equations leave some reactions undetermined.
+"""Guards of contacts that share a load while the equations leave some reactions undetermined.
 
 Contacts that can only slip together hold each other while they stick. Their reactions r are determined up to
 r + z_1 s_1 + ... + z_k s_k, and each law says that a linear function a + b s of the shares s is not negative. There are
@@ -16,8 +16,8 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import EquationsOfMotion
-from ..reduction.reactions import independent_columns
-from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
+from ..reduction.reactions import independent_columns, weighted_columns
+from ..transforms.linear import Matrix, factorize, matmul, matvec
 
 __all__ = ["Direction", "SharedLaw", "lawful_sums", "undetermined_directions"]
 
@@ -28,7 +28,7 @@ _CANCELLED = 1e-9
 """Share of the weights up to which one of the wrong sign counts as zero, and all of them as none."""
 
 _MOST_SUMS = 128
-"""Largest number of sums that are watched in one mode."""
+"""Largest number of sums that are guards of one mode."""
 
 
 @final
@@ -41,13 +41,13 @@ class SharedLaw:
 
 
 def undetermined_directions(
-    bare: EquationsOfMotion, kept: Sequence[int], shared: Sequence[int]
+    frictionless: EquationsOfMotion, kept: Sequence[int], shared: Sequence[int]
 ) -> tuple[Direction, ...]:
     """Return one direction for each shared reaction: how others change where it grows by one.
 
     Parameters
     ----------
-    bare : EquationsOfMotion
+    frictionless : EquationsOfMotion
         Of the mode.
     kept : sequence of int
         The reactions that it has, by their numbers in the scene.
@@ -56,15 +56,16 @@ def undetermined_directions(
     """
     if not shared:
         return ()
-    graph = bare.graph
+    graph = frictionless.graph
     others = [place for place, number in enumerate(kept) if number not in shared]
-    independent, _ = independent_columns(graph, [[row[place] for place in others] for row in bare.reactions])
+    independent, _ = independent_columns(graph, [[row[place] for place in others] for row in frictionless.reactions])
     base = [others[i] for i in independent]
-    columns = transpose([[row[place] for place in base] for row in bare.reactions])
-    normal = factorize(graph, matmul(graph, columns, transpose(columns)))
+    reactions = [[row[place] for place in base] for row in frictionless.reactions]
+    columns = weighted_columns(frictionless, reactions)
+    normal = factorize(graph, matmul(graph, columns, reactions))
     directions: list[Direction] = []
     for number in shared:
-        own = [row[list(kept).index(number)] for row in bare.reactions]
+        own = [row[list(kept).index(number)] for row in frictionless.reactions]
         weights = normal.solve(matvec(graph, columns, own))
         changes = {kept[place]: -weight for place, weight in zip(base, weights, strict=True) if not weight.is_zero}
         directions.append({**changes, number: graph.one})
@@ -72,12 +73,12 @@ def undetermined_directions(
 
 
 def lawful_sums(graph: Graph, name: str, laws: Sequence[SharedLaw]) -> list[Node]:
-    """Return what is not negative as long as some share of the load breaks none of the laws.
+    """Return sums that are not negative as long as some share of the load satisfies all laws.
 
     Raises
     ------
     ConstraintError
-        For more sums than can be watched; `name` is that of the scene.
+        For too many sums; `name` is that of the scene.
     """
     found: dict[tuple[Node, ...], Node] = {}
     for part in _parts(laws):

@@ -15,7 +15,7 @@ from ..errors import RELEASE, ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
-from ..reduction.reactions import independent_columns
+from ..reduction.reactions import independent_columns, weighted_columns
 from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 
@@ -42,18 +42,18 @@ class SlidingFriction:
 
 
 def sliding_friction(
-    bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
+    frictionless: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
 ) -> SlidingFriction:
     """Return what sliding friction adds to equations.
 
     Parameters
     ----------
-    bare : EquationsOfMotion
+    frictionless : EquationsOfMotion
         Without friction, with the constraints that hold.
     whole : EquationsOfMotion
         Of the scene, with all its reactions.
     kept : sequence of int
-        Which of these `bare` has.
+        Which of these `frictionless` has.
     sliding : sequence of SlidingContact
 
     Raises
@@ -61,27 +61,27 @@ def sliding_friction(
     ConstraintError
         When the equations do not determine the normal reaction of a contact that slides.
     """
-    graph = bare.graph
+    graph = frictionless.graph
     if not sliding:
-        return SlidingFriction(tuple(bare.forcing), (), graph.one)
-    accelerations = _accelerations(bare)
-    normals = _normals(bare, whole, kept, sliding)
-    free = accelerations(bare.forcing, [row.bias for row in bare.constraints])
-    n0 = normals(_residual(bare, free, bare.forcing))
+        return SlidingFriction(tuple(frictionless.forcing), (), graph.one)
+    accelerations = _accelerations(frictionless)
+    normals = _normals(frictionless, whole, kept, sliding)
+    free = accelerations(frictionless.forcing, [row.bias for row in frictionless.constraints])
+    n0 = normals(_residual(frictionless, free, frictionless.forcing))
     factors = [item.factors(normal) for item, normal in zip(sliding, n0, strict=True)]
     directions = []
     for item, kappa in zip(sliding, factors, strict=True):
         rows = ([row[i] for i in item.contact.tangential] for row in whole.reactions)
         directions.append([-graph.sum(k * c for k, c in zip(kappa, row, strict=True)) for row in rows])
-    nothing = [graph.zero for _ in bare.constraints]
+    nothing = [graph.zero for _ in frictionless.constraints]
     added = []
     for direction in directions:
         pushed = accelerations(direction, nothing)
-        added.append(normals(_residual(bare, pushed, direction)))
+        added.append(normals(_residual(frictionless, pushed, direction)))
     size = range(len(n0))
     matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
     determinant, pressing = determinant_and_solution(graph, matrix, n0)
-    forcing = list(bare.forcing)
+    forcing = list(frictionless.forcing)
     for direction, normal in zip(directions, pressing, strict=True):
         forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
     return SlidingFriction(tuple(forcing), tuple(factors), determinant)
@@ -91,48 +91,48 @@ Accelerations = Callable[[Sequence[Node], Sequence[Node]], list[Node]]
 """From forcing (n_q,) and what the constraints demand (n_constraints,) to second rates (n_q,)."""
 
 
-def _accelerations(bare: EquationsOfMotion) -> Accelerations:
+def _accelerations(frictionless: EquationsOfMotion) -> Accelerations:
     """Return what solves for second rates: on the directions that the constraints leave free, where these are plain.
 
     That takes half the operations of the saddle-point system, and shares most of them with `minimal`.
     """
-    directions = _free_directions(bare)
+    directions = _free_directions(frictionless)
     if directions is not None:
-        graph, (basis, held) = bare.graph, directions
+        graph, (basis, held) = frictionless.graph, directions
         across = transpose(basis)
-        loaded = matmul(graph, bare.mass_matrix, basis)
+        loaded = matmul(graph, frictionless.mass_matrix, basis)
         try:
             inertia = factorize(graph, matmul(graph, across, loaded))
         except SingularMatrix:
-            return _by_saddle(bare)
+            return _by_saddle(frictionless)
 
         def solve(forcing: Sequence[Node], demand: Sequence[Node]) -> list[Node]:
             fixed = matvec(graph, held, demand)
-            rest = [f - b for f, b in zip(forcing, matvec(graph, bare.mass_matrix, fixed), strict=True)]
+            rest = [f - b for f, b in zip(forcing, matvec(graph, frictionless.mass_matrix, fixed), strict=True)]
             moved = matvec(graph, basis, inertia.solve(matvec(graph, across, rest)))
             return [a + b for a, b in zip(moved, fixed, strict=True)]
 
         return solve
-    return _by_saddle(bare)
+    return _by_saddle(frictionless)
 
 
-def _by_saddle(bare: EquationsOfMotion) -> Accelerations:
-    saddle = SaddlePoint.of(bare, guarded=False)
-    return lambda forcing, demand: replace(saddle, forcing=tuple(forcing)).accelerations(demand, bare.name)
+def _by_saddle(frictionless: EquationsOfMotion) -> Accelerations:
+    saddle = SaddlePoint.of(frictionless, guarded=False)
+    return lambda forcing, demand: replace(saddle, forcing=tuple(forcing)).accelerations(demand, frictionless.name)
 
 
 Solved = dict[int, tuple[list[Node], list[Node]]]
 """For second rates by number: their slopes by the others (n_q,), and by what constraints demand (n_constraints,)."""
 
 
-def _solved_rates(bare: EquationsOfMotion) -> Solved | None:
+def _solved_rates(frictionless: EquationsOfMotion) -> Solved | None:
     """Return the second rates that constraints are solved for, one each.
 
     Their coefficients are numbers, so that nothing is divided by; None where a constraint has none.
     """
-    graph, size, count = bare.graph, len(bare.q), len(bare.constraints)
+    graph, size, count = frictionless.graph, len(frictionless.q), len(frictionless.constraints)
     solved: Solved = {}
-    for place, row in enumerate(bare.constraints):
+    for place, row in enumerate(frictionless.constraints):
         slopes = list(row.jacobian)
         given = [graph.one if i == place else graph.zero for i in range(count)]
         for known, (others, demands) in solved.items():
@@ -155,46 +155,47 @@ def _solved_rates(bare: EquationsOfMotion) -> Solved | None:
     return solved
 
 
-def _free_directions(bare: EquationsOfMotion) -> tuple[Matrix, Matrix] | None:
+def _free_directions(frictionless: EquationsOfMotion) -> tuple[Matrix, Matrix] | None:
     """Return S (n_q, n_free) and H (n_q, n_constraints) with q_ddot = S u_dot + H demand, where that is plain."""
-    graph, size, solved = bare.graph, len(bare.q), _solved_rates(bare)
+    graph, size, solved = frictionless.graph, len(frictionless.q), _solved_rates(frictionless)
     if solved is None:
         return None
     free = [i for i in range(size) if i not in solved]
-    nothing = [graph.zero] * len(bare.constraints)
+    nothing = [graph.zero] * len(frictionless.constraints)
     basis = [[solved[i][0][j] if i in solved else graph.const(int(i == j)) for j in free] for i in range(size)]
     return basis, [solved[i][1] if i in solved else nothing for i in range(size)]
 
 
-def _residual(bare: EquationsOfMotion, a: Sequence[Node], forcing: Sequence[Node]) -> list[Node]:
+def _residual(frictionless: EquationsOfMotion, a: Sequence[Node], forcing: Sequence[Node]) -> list[Node]:
     """Return what reactions have to supply."""
-    return [x - f for x, f in zip(matvec(bare.graph, bare.mass_matrix, a), forcing, strict=True)]
+    return [x - f for x, f in zip(matvec(frictionless.graph, frictionless.mass_matrix, a), forcing, strict=True)]
 
 
 def _normals(
-    bare: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
+    frictionless: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
 ) -> Callable[[Sequence[Node]], list[Node]]:
     """Return the function from what reactions have to supply to the normal reactions of what slides."""
-    graph: Graph = bare.graph
-    independent, undetermined = independent_columns(graph, bare.reactions)
+    graph: Graph = frictionless.graph
+    independent, undetermined = independent_columns(graph, frictionless.reactions)
     places = []
     for item in sliding:
         place = list(kept).index(item.contact.normal)
         if place in undetermined:
             name = whole.symbols.unknowns[item.contact.normal]
             raise ConstraintError(
-                f"scene {bare.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion do"
-                " not determine: only a combination of it with other reactions appears in them, or none. Release the"
+                f"scene {whole.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion"
+                " do not determine: only a combination of it with other reactions appears in them, or none. Release the"
                 f" coordinate along which it acts: {RELEASE}"
             )
         places.append(independent.index(place))
-    solved = _solved_rates(bare)
+    solved = _solved_rates(frictionless)
     if solved is not None and len(solved) == len(independent) == 1:
         # the only reaction does what the only multiplier does, which the rate tells that its constraint is solved for
         (rate,), (unknown,) = solved, independent
-        return lambda residual: [residual[rate] / bare.reactions[rate][unknown]] * len(places)
-    columns = transpose([[row[i] for i in independent] for row in bare.reactions])
-    normal = factorize(graph, matmul(graph, columns, transpose(columns)))
+        return lambda residual: [residual[rate] / frictionless.reactions[rate][unknown]] * len(places)
+    reactions = [[row[i] for i in independent] for row in frictionless.reactions]
+    columns = weighted_columns(frictionless, reactions)
+    normal = factorize(graph, matmul(graph, columns, reactions))
 
     def normals(residual: Sequence[Node]) -> list[Node]:
         found = normal.solve(matvec(graph, columns, residual))

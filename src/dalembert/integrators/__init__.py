@@ -1,4 +1,4 @@
 """Integrators: the initial value problem, loops in the compiled subset, SciPy's and diffrax's integrators.
 
-Nothing here imports SciPy or JAX; the subpackages named after them do, when they are asked for.
+Nothing here imports SciPy or JAX; the subpackages named after them do, on first use.
 """

@@ -113,7 +113,7 @@ def _double(place: int) -> property:
 
 @cache
 def kind_of(annotation: Any) -> Kind:
-    """Return the type that an annotation stands for.
+    """Return the type of an annotation.
 
     Raises
     ------

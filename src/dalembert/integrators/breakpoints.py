@@ -109,7 +109,7 @@ def _without(p: FloatArray, place: int | None) -> FloatArray:
 def _narrow(
     kernel: Kernel, sharpness: Kernel, p: FloatArray, a: FloatArray, b: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return breaks around what is over within a short time, for rows of parameters p (k, n_p) between a and b (k,).
+    """Return breaks around narrow pulses, for rows of parameters p (k, n_p) between a and b (k,).
 
     Short is what takes a small share of the time to the next of its kind, or of the run: a step may miss no other.
     """
@@ -181,7 +181,7 @@ def _between(
 
 
 def _merged(run: IntArray, times: FloatArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return breaks in order, one for those that rounding does not tell apart, and none at the ends of a run."""
+    """Return breaks in order, one for those that agree within rounding, and none at the ends of a run."""
     order = np.lexsort((times, run))
     run, times = run[order], times[order]
     close = SMALLEST_OF_TIME * np.abs(times)
@@ -247,7 +247,7 @@ class _Search:
         return np.broadcast_to(value, t.shape)
 
     def _bounds(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[Interval, FloatArray]:
-        """Return bounds over intervals, and what rounding makes of a value in them."""
+        """Return bounds over intervals, and bounds of the rounding error of a value in them."""
         middle = low + 0.5 * (high - low)
         with np.errstate(all="ignore"):
             arguments = {"p": _Rows(self.p, row)}
@@ -265,7 +265,7 @@ class _Search:
         return Interval(*bounds), np.broadcast_to(noise, shape)
 
     def _vanishes(self, row: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-        """Return in which intervals the function is nothing but what rounding leaves."""
+        """Return in which intervals the function is zero up to rounding."""
         parts = [low + share * (high - low) for share in (0.0, 0.31, 0.77, 1.0)]
         found = np.ones(len(row), bool)
         for t in parts:
@@ -310,7 +310,7 @@ class _Search:
         return row, found
 
     def _across(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return a break in each cluster of intervals that cannot be told from roots, where the sides differ."""
+        """Return a break in each cluster of intervals that may hold a root, where the sides differ."""
         order = np.lexsort((low, row))
         row, low, high = row[order], low[order], high[order]
         begins = np.ones(len(row), bool)

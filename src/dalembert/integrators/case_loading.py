@@ -6,10 +6,11 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
+from .case_records import end_record, refuse_record
 from .compiled_subset import call_code, call_test, compiled_subset, element, prefetch, row, take
 from .step_control import largest_step
 from .sweep_arguments import Columns, SweepArguments
-from .workspace import ATTEMPTS, END, FIRST, IDLE, NEXT, NOW, REJECTIONS
+from .workspace import ATTEMPTS, END, FIRST, IDLE, LONG_ENDS, NEXT, NOW, REJECTIONS
 
 __all__ = ["begin_lanes", "enter_next", "next_case_is_loaded", "resumes", "runs_on"]
 
@@ -58,7 +59,7 @@ def resumes(arguments: SweepArguments, lane: int) -> bool:
     if arguments.t_eval.size > 0:
         _record_reached(arguments, lane)
     if numbers.status[lane] != RUNNING:
-        _hand_in(arguments, lane)
+        _store_results(arguments, lane)
         return False
     _limit_step(arguments, lane)
     return True
@@ -66,11 +67,11 @@ def resumes(arguments: SweepArguments, lane: int) -> bool:
 
 @compiled_subset
 def _record_reached(arguments: SweepArguments, lane: int) -> None:
-    """Record the state of a lane at the times to record that are its time, and set which is the next."""
+    """Record the state of a lane at the times to record that it has reached, and set which is the next."""
     state, t_eval, n = arguments.state, arguments.t_eval, arguments.shape.n
     i, old, time = state.numbers.case[lane], state.progress.old, state.clock[NOW, lane]
-    sampled = state.numbers.sampled[lane]
-    while sampled < t_eval.size and t_eval[sampled] == time:
+    sampled, direction = state.numbers.sampled[lane], state.settings[1, lane]
+    while sampled < t_eval.size and (t_eval[sampled] - time) * direction <= 0.0:
         for m in range(n):
             arguments.samples[i, sampled * n + m] = state.states[old + m, lane]
         sampled += 1
@@ -79,7 +80,7 @@ def _record_reached(arguments: SweepArguments, lane: int) -> None:
 
 
 @compiled_subset
-def _hand_in(arguments: SweepArguments, lane: int) -> None:
+def _store_results(arguments: SweepArguments, lane: int) -> None:
     """Write the results of a case that has ended, and leave its lane without one."""
     state, numbers, ends = arguments.state, arguments.state.numbers, arguments.ends
     i = numbers.case[lane]
@@ -87,6 +88,10 @@ def _hand_in(arguments: SweepArguments, lane: int) -> None:
         arguments.out[i, m] = state.states[state.progress.old + m, lane]
     ends[i, 0], ends[i, 1] = state.clock[NOW, lane], numbers.status[lane]
     ends[i, 2] = state.tally[ATTEMPTS, lane] - state.tally[REJECTIONS, lane]
+    if ends.shape[1] == LONG_ENDS:
+        ends[i, 3], ends[i, 4] = state.tally[ATTEMPTS, lane], float(numbers.sampled[lane])
+        if arguments.rows.record.shape[0] > 0:
+            end_record(arguments, i, numbers.sampled[lane], state.clock[NOW, lane], lane)
     numbers.case[lane], numbers.status[lane] = -1, IDLE
     state.settings[0, lane] = 0.0
     state.progress.active -= 1
@@ -112,7 +117,7 @@ def next_case_is_loaded(arguments: SweepArguments) -> bool:
 
 @compiled_subset
 def _fill(columns: Columns, column: int, rows: FloatArray, wanted: int, first: int, count: int) -> None:
-    """Write what `wanted` columns of values give cases to the first rows."""
+    """Write the values of cases in `wanted` columns to the first rows."""
     for m in range(wanted):
         address, stride = columns.address[column + m], columns.stride[column + m]
         for lane in range(rows.shape[1]):
@@ -124,13 +129,14 @@ def _fill(columns: Columns, column: int, rows: FloatArray, wanted: int, first: i
 def _load_cases(arguments: SweepArguments, first: int, count: int) -> None:
     """Make constants, states and memory of `count` cases from number `first` on, as many as there are lanes at most."""
     kernels, shape, columns, state = arguments.kernels, arguments.shape, arguments.columns, arguments.state
+    if arguments.rows.states.shape[0] > 0:
+        _load_rows(arguments, first, count)
+        return
     check, lanes, n = kernels.check, state.clock.shape[1], shape.n
     clock, settings, given, begun = state.clock_ahead, state.settings_ahead, state.given, state.begun
     target = row(state.constants_ahead, 0)
     _fill(columns, 0, clock, 2, first, count)
-    for lane in range(lanes):
-        t0, t1 = clock[0, lane], clock[1, lane]
-        settings[0, lane], settings[1, lane] = largest_step(t0, t1, arguments.limits[0, 0]), 1.0 if t1 >= t0 else -1.0
+    _set_directions(arguments)
     _fill(columns, 2, given, shape.parameters, first, count)
     finite = call_test(check, row(clock, 0), 2, 0, 0, 0) & call_test(check, row(given, 0), shape.parameters, 0, 0, 0)
     call_code(kernels.prepare, row(given, 0), 0, 0, 0, target)
@@ -149,6 +155,41 @@ def _load_cases(arguments: SweepArguments, first: int, count: int) -> None:
 
 
 @compiled_subset
+def _set_directions(arguments: SweepArguments) -> None:
+    """Set the largest first step and the direction of time of the cases that are loaded."""
+    clock, settings = arguments.state.clock_ahead, arguments.state.settings_ahead
+    for lane in range(clock.shape[1]):
+        t0, t1 = clock[0, lane], clock[1, lane]
+        settings[0, lane], settings[1, lane] = largest_step(t0, t1, arguments.limits[0, 0]), 1.0 if t1 >= t0 else -1.0
+
+
+@compiled_subset
+def _load_rows(arguments: SweepArguments, first: int, count: int) -> None:
+    """Take times, constants and states of cases as they are given, and make what the first step remembers."""
+    kernels, rows, state, n = arguments.kernels, arguments.rows, arguments.state, arguments.shape.n
+    check, begun, constants = kernels.check, row(state.begun, 0), row(state.constants_ahead, 0)
+    for lane in range(state.clock.shape[1]):
+        i = first + min(lane, count - 1)
+        own = i if rows.times.shape[0] > 1 else 0
+        state.clock_ahead[0, lane] = rows.times[own, 0]
+        state.clock_ahead[1, lane] = rows.times[own, rows.times.shape[1] - 1]
+        own = i if rows.states.shape[0] > 1 else 0
+        for m in range(n):
+            state.begun[m, lane] = rows.states[own, m]
+        own = i if rows.constants.shape[0] > 1 else 0
+        for m in range(rows.constants.shape[1]):
+            state.constants_ahead[m, lane] = rows.constants[own, m]
+    _set_directions(arguments)
+    finite = call_test(check, row(state.clock_ahead, 0), 2, 0, 0, 0) & call_test(check, begun, n, 0, 0, 0)
+    finite &= call_test(check, constants, rows.constants.shape[1], 0, 0, 0)
+    for lane in range(state.clock.shape[1]):
+        state.numbers.loaded[lane] = RUNNING if finite >> lane & 1 else Status.NON_FINITE
+    if kernels.begin != 0:
+        clock, settings = row(state.clock_ahead, 0), row(state.settings_ahead, 0)
+        call_code(kernels.begin, clock, begun, constants, settings, row(state.begun, n))
+
+
+@compiled_subset
 def enter_next(arguments: SweepArguments, lane: int) -> bool:
     """Enter the next loaded case in a lane; one that cannot begin is handed in at once. Return whether it entered."""
     state, progress = arguments.state, arguments.state.progress
@@ -159,10 +200,7 @@ def enter_next(arguments: SweepArguments, lane: int) -> bool:
         for m in range(arguments.kept_constants.shape[1]):
             arguments.kept_constants[i, m] = state.constants_ahead[m, place]
     if state.numbers.loaded[place] != RUNNING:
-        for m in range(arguments.shape.n):
-            arguments.out[i, m] = np.nan
-        arguments.ends[i, 0], arguments.ends[i, 1] = state.clock_ahead[0, place], state.numbers.loaded[place]
-        arguments.ends[i, 2] = 0.0
+        _refuse(arguments, i, place)
         return False
     _enter_state(arguments, lane, place)
     t0, t1 = state.clock_ahead[0, place], state.clock_ahead[1, place]
@@ -173,6 +211,20 @@ def enter_next(arguments: SweepArguments, lane: int) -> bool:
     state.numbers.status[lane] = Status.SUCCESS if t0 == t1 else RUNNING
     progress.active += 1
     return True
+
+
+@compiled_subset
+def _refuse(arguments: SweepArguments, i: int, place: int) -> None:
+    """Write the results of a loaded case that cannot begin."""
+    state, rows, ends, n = arguments.state, arguments.rows, arguments.ends, arguments.shape.n
+    t = state.clock_ahead[0, place]
+    for m in range(n):
+        arguments.out[i, m] = state.begun[m, place] if rows.states.shape[0] > 0 else np.nan
+    ends[i, 0], ends[i, 1], ends[i, 2] = t, state.numbers.loaded[place], 0.0
+    if ends.shape[1] == LONG_ENDS:
+        ends[i, 3], ends[i, 4] = 0.0, 0.0
+        if rows.record.shape[0] > 0:
+            refuse_record(arguments, i, t, place)
 
 
 @compiled_subset

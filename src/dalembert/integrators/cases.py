@@ -1,4 +1,4 @@
-"""Cases of a sweep: what engines are given, and what they write."""
+"""Cases of a sweep: the input of engines, and the arrays of results that they write."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..methods.status import Status
 from .input_records import InputRecords
-from .problem import IntegrationProblem, SamplingClock
+from .problem import IntegrationProblem
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
@@ -26,8 +26,8 @@ __all__ = ["BlockResult", "CaseBlock", "CaseColumns"]
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
-    ``watch`` are events and reductions, ``inputs`` those that have knots, or None. ``clocks`` are those of controllers,
-    one a case, for runs that are parts of others.
+    ``watch`` are events and reductions, ``inputs`` those that have knots, or None. ``carried`` (k, n_events) are as in
+    `CaseColumns`.
     """
 
     y: FloatArray
@@ -40,7 +40,7 @@ class CaseBlock:
     max_steps: int
     watch: EventCode | None = None
     inputs: InputRecords | None = None
-    clocks: Sequence[SamplingClock] = ()
+    carried: FloatArray | None = None
 
     def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
         """Return a case alone."""
@@ -56,7 +56,6 @@ class CaseBlock:
             max_steps=self.max_steps,
             dense=dense,
             inputs=None if self.inputs is None else self.inputs.case(number),
-            sampled=self.clocks[number] if self.clocks else None,
         )
 
 
@@ -76,7 +75,7 @@ class CaseColumns:
     recorded : int
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
     carried : ndarray (k, n_events) or None
-        Signs of events from which cases go on, and with which they end (`EventWorkspace.carried`).
+        Signs of events with which cases continue, and with which they end (`EventWorkspace.carried`).
     bounded : bool
         Whether the error of the polynomials of steps decides about these, too, where it is known.
     """
@@ -121,7 +120,7 @@ class BlockResult:
 
     @staticmethod
     def nothing_yet(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Return what happened, and minima, maxima and integrals, before anything is known of the motions."""
+        """Return the records of events, and minima, maxima and integrals, before the motions."""
         happened = np.full((count, 3 * events), np.nan)
         happened[:, ::3] = 0.0
         start = [{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds]
@@ -132,7 +131,7 @@ class BlockResult:
         return BlockResult(*(getattr(self, name)[cases] for name in self.__dataclass_fields__))
 
     def refuse(self, cases: NDArray[np.bool_], status: Status) -> None:
-        """Leave nothing of some cases but a status."""
+        """Set the status of some cases, and NaN for all their results."""
         refused = self.empty(int(np.sum(cases)), self.y.shape[1], self.samples.shape[1], self.happened.shape[1] // 3)
         refused.y[...], refused.ends[...] = np.nan, (np.nan, status, 0)
         self[cases] = replace(refused, totals=np.full_like(self.totals[cases], np.nan))

@@ -9,20 +9,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.status import Status
-from .problem import (
-    DenseOutput,
-    IntegrationProblem,
-    JoinedOutput,
-    PiecewisePolynomial,
-    Solution,
-    prescribed,
-)
+from .dense_output import DenseOutput, JoinedOutput, PiecewisePolynomial
+from .problem import IntegrationProblem, Solution, prescribed
 from .segments import KnotSegments, Segments
 
-__all__ = ["Landing", "between_knots", "blocks_between_knots", "chained", "chained_blocks", "parts_of"]
+__all__ = ["Landing", "between_knots", "blocks_between_knots", "chained", "chained_blocks", "joined", "parts_of"]
 
 Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
-"""From a time, a state (n_y,) and the constants (n_c,) before and after it to the state with which the run goes on."""
+"""From a time, a state (n_y,) and the constants (n_c,) before and after it to the state after it."""
 
 
 def parts_of(problem: IntegrationProblem, segments: Segments | KnotSegments) -> Iterator[IntegrationProblem]:
@@ -51,7 +45,7 @@ def parts_of(problem: IntegrationProblem, segments: Segments | KnotSegments) -> 
 
 
 def between_knots(integrate: Callable[[IntegrationProblem], Solution]) -> Callable[[IntegrationProblem], Solution]:
-    """Return what integrates problems whose inputs have knots with what knows of none."""
+    """Return an integration of problems with knots by an integration of problems without knots."""
 
     def run(problem: IntegrationProblem) -> Solution:
         if problem.inputs is None:
@@ -124,15 +118,15 @@ def chained(
         solution = integrate(replace(part, y0=y, max_steps=left))
         left -= solution.steps + solution.rejected
         if not solution.success:
-            done.append(_asked(solution, part.t_eval, whole=True) if recorded else solution)
+            done.append(_requested(solution, part.t_eval, whole=True) if recorded else solution)
             break
         y = solution.y[-1]
-        done.append(_asked(solution, part.t_eval) if recorded else solution)
-    return _joined(done, recorded, right=right)
+        done.append(_requested(solution, part.t_eval) if recorded else solution)
+    return joined(done, recorded=recorded, right=right)
 
 
-def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
-    """Return a solution with the times that were asked for alone: without its end, and none where none were."""
+def _requested(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
+    """Return a solution with the requested times only, without its end."""
     last = 0 if times is None else len(solution.t) - (not whole)
     near = None if solution.near is None else solution.near[:last]
     end = solution.end
@@ -141,10 +135,13 @@ def _asked(solution: Solution, times: FloatArray | None, *, whole: bool = False)
     return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
 
 
-def _joined(done: Sequence[Solution], recorded: bool, *, right: bool) -> Solution:
-    """Return solutions that follow each other as one; what accepted steps share is kept once."""
+def joined(done: Sequence[Solution], *, recorded: bool, right: bool) -> Solution:
+    """Return consecutive solutions as one; states that accepted steps share are kept once.
+
+    `recorded` means that they are at requested times, `right` is as in `chained`.
+    """
     if right and not recorded:
-        done = [*(_asked(part, part.t) for part in done[:-1]), done[-1]]
+        done = [*(_requested(part, part.t) for part in done[:-1]), done[-1]]
     first = [0 if recorded or right or k == 0 else 1 for k in range(len(done))]
     near = None
     if any(part.near is not None for part in done):
@@ -165,7 +162,7 @@ def _joined(done: Sequence[Solution], recorded: bool, *, right: bool) -> Solutio
 
 
 def _dense(parts: Sequence[DenseOutput | None]) -> DenseOutput | None:
-    """Return continuous outputs that follow each other as one; None where there is none."""
+    """Return consecutive continuous outputs as one; None where there is none."""
     found = [part for part in parts if part is not None and len(part.knots) > 1]
     if not found:
         return parts[0]

@@ -1,7 +1,7 @@
 """The language of compiled loops: Python that `dalembert.codegen.subset` translates, and calls of machine code.
 
 To Python itself a loop is an ordinary function, only a slow one. The functions below mean the same in both, to the last
-bit; so do those of Python that the translator knows. Doubles that loops read are those of NumPy, which follow IEEE 754
+bit; so do those of Python that the translator supports. Doubles are those of NumPy, which follow IEEE 754
 where Python's own raise exceptions (a division by zero, an overflow).
 """
 
@@ -92,7 +92,7 @@ def lowest(bits: int) -> int:
 
 
 def take(array: NDArray[np.int64], amount: int) -> int:
-    """Add to the first element of an array of integers, which threads share; return what it was."""
+    """Add to the first element of an array of integers, which threads share; return the former value."""
     with _TAKING:
         before = int(array[0])
         array[0] = before + amount
@@ -100,7 +100,7 @@ def take(array: NDArray[np.int64], amount: int) -> int:
 
 
 def tell_target(*, fused: bool) -> None:
-    """Say whether machine code rounds `fma` once, so that plain Python does the same."""
+    """Set whether machine code rounds `fma` once, so that plain Python does the same."""
     _TARGET["fused"] = fused
 
 

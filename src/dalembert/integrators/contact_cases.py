@@ -11,6 +11,7 @@ from ..methods.event_constants import RESOLUTION, TOGETHER
 from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset, sqrt
+from .contact_sizes import NOISE, gap_noise
 from .contact_table import (
     GAP,
     MU,
@@ -35,7 +36,6 @@ __all__ = [
     "BREAK_UP",
     "LIFT",
     "MEET",
-    "NOISE",
     "RESTING",
     "ROUNDED",
     "SHARE",
@@ -65,14 +65,8 @@ LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 1
 """Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
 ends; friction fails to hold against slip forwards, backwards, or in a plane; contacts can no longer share a load."""
 
-NOISE = 1e-8
-"""Share of a velocity, or of a position, below which it counts as zero."""
-
 UNDECIDED = -1
 """Mode of a contact before the first decision, and `ContactCases.after` without an impact."""
-
-_LENGTH = 1.0001
-"""Length that gaps are compared with beside their own size."""
 
 _MOTIONLESS = 1e-12
 """Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
@@ -249,12 +243,6 @@ def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, ca
 
 
 @compiled_subset
-def _gap_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
-    """Return the size below which the gap of a contact counts as zero."""
-    return NOISE * (abs(number(table, space, i, GAP)) + _LENGTH)
-
-
-@compiled_subset
 def laws_of_sliding(table: ContactTable, i: int) -> bool:
     """Return whether a contact slips or sticks while it is closed."""
     return table.width[i] > 0 and table.smooth[i] == 0
@@ -330,7 +318,7 @@ def known_of(
     rate, noise = gap_rate(table, space, i), rate_noise(table, space, i)
     if before == OPEN:  # of a body that has come to rest, rates are what rounding left of them
         noise = _rounding_of_rate(table, space, cases, case, i)
-    far = before == UNDECIDED and number(table, space, i, GAP) > _gap_noise(table, space, i)
+    far = before == UNDECIDED and number(table, space, i, GAP) > gap_noise(table, space, cases.x, case, i)
     if far or (rate > noise and (before == UNDECIDED or not _unresolved(table, space, cases, case, i))):
         return FREE
     return _closed(table, space, pick, cases, case, i)
@@ -378,7 +366,7 @@ def refused(table: ContactTable, space: ContactSpace, cases: ContactCases, case:
         restitution = number(table, space, i, RESTITUTION)
         bad = bad or mu < 0.0 or static < mu or restitution < 0.0 or restitution > 1.0
         if table.constraint[i] >= 0 and cases.modes[case, i] == UNDECIDED:
-            bad = bad or number(table, space, i, GAP) < -_gap_noise(table, space, i)
+            bad = bad or number(table, space, i, GAP) < -gap_noise(table, space, cases.x, case, i)
             bad = bad or not opening_power(table, space, i) > 0.0
     return bad
 

@@ -1,4 +1,4 @@
-"""Transitions of contacts: impacts (`contact_impacts`), then the mode in which the motion goes on.
+"""Transitions of contacts: impacts (`contact_impacts`), then the next mode of the motion.
 
 A case comes here when a guard has fired, or when it starts. What is known of its contacts follows from the mode that
 ended and from the guards. Where contacts are struck, the impact is solved for first; the case then comes here again
@@ -29,6 +29,7 @@ from .contact_cases import (
     touching,
 )
 from .contact_impacts import hold, moves_in_mode, strike
+from .contact_sizes import slow_terms
 from .contact_system import compliance, load_accelerations, solve_mode
 from .contact_table import (
     OPEN,
@@ -56,9 +57,9 @@ __all__ = [
 SHORT_LOOPS = True
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
 
-_REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-12
+_REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
-a share of what friction and the motion do within the span; and the least one [m/s]."""
+a share of what friction and the motion do within the span; and of the least terms of a slip velocity."""
 
 SOON, SOON_IN_A_ROW = 1e-11, 1000
 """Share of the span below which a phase ends too soon, and how often that may happen in a row."""
@@ -103,7 +104,7 @@ class DecisionArguments(NamedTuple):
 
 @compiled_subset
 def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> None:
-    """Take down slip speeds so far, with what they have lost in the last phase, and directions of slip."""
+    """Record slip speeds so far, with their losses in the last phase, and directions of slip."""
     sliding, planar = 0, False
     for i in range(table.constraint.size):
         planar = planar or table.width[i] > 1
@@ -151,7 +152,7 @@ def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> 
     if rest == 0.0:
         terms = _REST * slip_terms(table, space, i)
         rest = max(terms, _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
-    rest = max(rest, _LEAST_REST)
+    rest = max(rest, _LEAST_REST * slow_terms(table, space, cases.x, case, table.constraints + first))
     cases.rest[case, i] = rest if arguments.candidates.kind[i] == GRIPPED else -rest
 
 
@@ -295,7 +296,7 @@ def _past_unknown(pick: Candidates, cases: ContactCases, case: int) -> bool:
 
 @compiled_subset
 def decide(arguments: DecisionArguments, case: int) -> bool:
-    """Decide how a case goes on, whose numbers are in ``space``; return whether there was an impact.
+    """Select the next mode of a case, whose numbers are in ``space``; return whether there was an impact.
 
     After an impact the numbers are to be computed for the new rates, and the case comes here again. A case that goes
     backwards in time ends where contacts change.
@@ -331,7 +332,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
 
 @compiled_subset
 def LOOP(arguments: DecisionArguments) -> None:
-    """Decide how the wanted cases go on, by their numbers in ``values``."""
+    """Select the next modes of the marked cases, by their numbers in ``values``."""
     for place in range(arguments.wanted.size):
         case = arguments.wanted[place]
         if case < 0:

@@ -6,7 +6,6 @@ from ..methods.status import Status
 from .arguments import Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
-    NOISE,
     RESTING,
     ROUNDED,
     STILL,
@@ -18,6 +17,7 @@ from .contact_cases import (
     slip_speed,
     slip_terms,
 )
+from .contact_sizes import NOISE, slow_terms
 from .contact_system import load_impact, solve_mode
 from .contact_table import (
     CLOSED,
@@ -40,9 +40,9 @@ __all__ = ["hold", "moves_in_mode", "strike"]
 _MOST_IMPACTS = 10_000
 """Impacts at one instant, after which they accumulate."""
 
-_MAY_MOVE, _NOTHING = 1e-9, 1e-4
-"""Share of the terms of a velocity up to which it counts as zero where a phase starts, and the least size of these
-terms: a tenth of what `dalembert.reduction.starting` allows."""
+_MAY_MOVE = 1e-9
+"""Share of the terms of a velocity up to which it counts as zero where a phase starts: a tenth of what
+`dalembert.reduction.start_limits` allows."""
 
 _SUCCESS, _ACCUMULATE = int(Status.SUCCESS), int(Status.EVENTS_ACCUMULATE)
 
@@ -134,11 +134,15 @@ def moves_in_mode(table: ContactTable, space: ContactSpace, pick: Candidates, ca
     moves = False
     for i in range(table.constraint.size):
         if pick.best_mode[i] == STICK:
-            most = min(ROUNDED * cases.speeds[case, i], _MAY_MOVE * max(slip_terms(table, space, i), _NOTHING))
+            terms, row = slip_terms(table, space, i), table.constraints + table.first[i]
+            for a in range(table.width[i]):
+                terms = max(terms, slow_terms(table, space, cases.x, case, row + a))
+            most = min(ROUNDED * cases.speeds[case, i], _MAY_MOVE * terms)
             moves = moves or not slip_speed(table, space, i) <= most
         if pick.best_mode[i] != OPEN and table.constraint[i] >= 0:
-            terms = rate_terms(table, space, table.constraint[i])
-            most = min(ROUNDED * cases.approach[case, i], _MAY_MOVE * max(terms, _NOTHING))
+            row = table.constraint[i]
+            terms = max(rate_terms(table, space, row), slow_terms(table, space, cases.x, case, row))
+            most = min(ROUNDED * cases.approach[case, i], _MAY_MOVE * terms)
             moves = moves or not abs(gap_rate(table, space, i)) <= most
     return moves
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .compiled_subset import compiled_subset
+from .compiled_subset import compiled_subset, sqrt
 from .contact_table import (
     MU,
     OPEN,
@@ -41,6 +41,9 @@ __all__ = [
 ]
 
 
+_STEP, _MOST_STEPS = 2.0**20, 50
+"""Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
+
 _POWERLESS = 1e-12
 """Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it; and
 share of the slopes of a gap, up to which it makes those of a slip velocity."""
@@ -58,6 +61,7 @@ def load_accelerations(table: ContactTable, space: ContactSpace) -> None:
         space.slip_demand[row] = bias(table, space, table.constraints + row)
     for place in range(space.kept.size):
         space.kept[place] = -1
+    _choose_scales(table, space)
 
 
 @compiled_subset
@@ -75,6 +79,40 @@ def load_impact(table: ContactTable, space: ContactSpace, after: FloatArray) -> 
         space.slip_demand[row] = -drift(table, space, table.constraints + row)
     for place in range(space.kept.size):
         space.kept[place] = -1
+    _choose_scales(table, space)
+
+
+@compiled_subset
+def _scale_of(size: float) -> float:
+    """Return a power of two that brings a size near one; one where there is nothing to scale."""
+    scale = 1.0
+    if size > 0.0:
+        for _ in range(_MOST_STEPS):
+            if size * scale > 1024.0:
+                scale /= _STEP
+            elif size * scale < 1.0 / 1024.0:
+                scale *= _STEP
+            else:
+                break
+    return scale
+
+
+@compiled_subset
+def _choose_scales(table: ContactTable, space: ContactSpace) -> None:
+    """Choose the scales of accelerations, multipliers and reactions, by the mass matrix."""
+    n, m = table.coordinates, table.constraints
+    for j in range(n):
+        space.scales[j] = _scale_of(sqrt(max(mass(table, space, j, j), 0.0)))
+    for row in range(m):
+        size = 0.0
+        for j in range(n):
+            size = max(size, abs(slope(table, space, row, j)) * space.scales[j])
+        space.scales[n + row] = _scale_of(size)
+    for unknown in range(table.unknowns):
+        size = 0.0
+        for j in range(n):
+            size = max(size, abs(reaction(table, space, j, unknown)) * space.scales[j])
+        space.scales[n + m + unknown] = _scale_of(size)
 
 
 @compiled_subset
@@ -94,17 +132,21 @@ def respond(table: ContactTable, space: ContactSpace, opened: int) -> int:
             space.saddle_right[i, j] = 0.0
     for i in range(n):
         for j in range(n):
-            space.saddle[i, j] = mass(table, space, i, j)
-        space.saddle_right[i, 0] = space.load[i]
+            space.saddle[i, j] = mass(table, space, i, j) * space.scales[i] * space.scales[j]
+        space.saddle_right[i, 0] = space.load[i] * space.scales[i]
         for j in range(s):
-            space.saddle_right[i, 1 + j] = reaction(table, space, i, table.tangential[j])
+            space.saddle_right[i, 1 + j] = reaction(table, space, i, table.tangential[j]) * space.scales[i]
     for a in range(held):
         row = space.held[a]
         for j in range(n):
-            space.saddle[n + a, j] = slope(table, space, row, j)
-            space.saddle[j, n + a] = -slope(table, space, row, j)
-        space.saddle_right[n + a, 0] = space.demand[row]
+            entry = slope(table, space, row, j) * space.scales[n + row] * space.scales[j]
+            space.saddle[n + a, j] = entry
+            space.saddle[j, n + a] = -entry
+        space.saddle_right[n + a, 0] = space.demand[row] * space.scales[n + row]
     solve_dense(space.saddle, space.saddle_right, size, width, space.dense)
+    for i in range(size):
+        for j in range(width):
+            space.saddle_right[i, j] *= space.scales[i if i < n else n + space.held[i - n]]
     _reactions(table, space, held, opened)
     _write(table, space, place, opened)
     return place
@@ -155,21 +197,35 @@ def _columns(table: ContactTable, space: ContactSpace, opened: int) -> int:
 def _reactions(table: ContactTable, space: ContactSpace, held: int, opened: int) -> None:
     """Solve for the reactions that do what the multipliers do, into ``square_right``: those of least norm."""
     n, width, count = table.coordinates, 1 + table.slips, _columns(table, space, opened)
+    first = n + table.constraints
     for a in range(count):
         for b in range(count):
             value = 0.0
             for i in range(n):
-                value += reaction(table, space, i, space.columns[a]) * reaction(table, space, i, space.columns[b])
+                value += _scaled_power(table, space, i, space.columns[a]) * _scaled_power(
+                    table, space, i, space.columns[b]
+                )
             space.square[a, b] = value
         for j in range(width):
             value = 0.0
             for h in range(held):
                 power = 0.0
                 for i in range(n):
-                    power += reaction(table, space, i, space.columns[a]) * slope(table, space, space.held[h], i)
+                    entry = slope(table, space, space.held[h], i) * space.scales[i]
+                    power += _scaled_power(table, space, i, space.columns[a]) * entry
                 value += power * space.saddle_right[n + h, j]
             space.square_right[a, j] = value
     solve_dense(space.square, space.square_right, count, width, space.dense)
+    for a in range(count):
+        for j in range(width):
+            space.square_right[a, j] *= space.scales[first + space.columns[a]]
+
+
+@compiled_subset
+def _scaled_power(table: ContactTable, space: ContactSpace, i: int, unknown: int) -> float:
+    """Return a power coefficient of a reaction, in the scales of both."""
+    scale = space.scales[i] * space.scales[table.coordinates + table.constraints + unknown]
+    return reaction(table, space, i, unknown) * scale
 
 
 @compiled_subset
@@ -261,9 +317,12 @@ def solve_mode(
         for a in range(table.width[i]):
             r = table.first[i] + a
             first = (n + 2 * k + r) * width
+            scale = 1.0
+            if mode[i] == STICK:
+                scale = _scale_of(abs(found[first + 1 + r]))
             for j in range(s):
-                space.laws[r, j] = found[first + 1 + j] if mode[i] == STICK else 0.0
-            space.forces[r, 0] = -found[first] if mode[i] == STICK else 0.0
+                space.laws[r, j] = found[first + 1 + j] * scale if mode[i] == STICK else 0.0
+            space.forces[r, 0] = -found[first] * scale if mode[i] == STICK else 0.0
             if mode[i] != STICK:
                 space.laws[r, r] = 1.0
             if mode[i] == SLIP or mode[i] == SMOOTH:

@@ -32,6 +32,7 @@ __all__ = [
     "mass",
     "number",
     "opening_power",
+    "power_size",
     "reaction",
     "row_size",
     "slope",
@@ -64,9 +65,11 @@ class ContactTable(NamedTuple):
     first, width : (n_contacts,)
         First slip velocity and their number: 0 without friction, 1 along a line, 2 in a plane.
     smooth, sided : (n_contacts,)
-        1 where friction is regularized; 1 where the normal reaction of a rubbing contact may have either sign.
+        1 where friction is regularized; 1 where the normal reaction of a contact with friction may have either sign.
     tangential : (n_slips,)
         Number of the friction force along each slip velocity among the unknowns.
+    angle : (n_q,)
+        1 for coordinates without a unit.
     """
 
     coordinates: int
@@ -81,6 +84,7 @@ class ContactTable(NamedTuple):
     smooth: IntVector
     sided: IntVector
     tangential: IntVector
+    angle: IntVector
 
 
 class ContactSpace(NamedTuple):
@@ -99,6 +103,9 @@ class ContactSpace(NamedTuple):
         unit of each friction force.
     kept : (8,)
         The set of open contacts of each, as bits; -1 where there is none.
+    scales : (n_q + n_constraints + n_unknowns,)
+        Powers of two by which accelerations, multipliers and reactions are divided to be solved for, so that which
+        systems are singular does not depend on units.
     saddle, saddle_right : (n, n), (n, 1 + n_slips)
         System of accelerations and multipliers.
     square, square_right : (n_unknowns, n_unknowns), (n_unknowns, 1 + n_slips)
@@ -126,6 +133,7 @@ class ContactSpace(NamedTuple):
     slip_demand: Vector
     responses: Matrix
     kept: IntVector
+    scales: Vector
     saddle: Matrix
     saddle_right: Matrix
     square: Matrix
@@ -156,6 +164,7 @@ def contact_space(table: ContactTable) -> ContactSpace:
         slip_demand=np.zeros(max(s, 1)),
         responses=np.zeros((_KEPT_RESPONSES, (n + 2 * k + s) * (1 + s))),
         kept=np.zeros(_KEPT_RESPONSES, np.int64),
+        scales=np.ones(n + m + u),
         saddle=np.zeros((size, size)),
         saddle_right=np.zeros((size, 1 + s)),
         square=np.zeros((size, size)),
@@ -238,8 +247,22 @@ def opening_power(table: ContactTable, space: ContactSpace, contact: int) -> flo
 
 @compiled_subset
 def row_size(table: ContactTable, space: ContactSpace, row: int) -> float:
-    """Return the length of the Jacobian of a constraint, or of a slip velocity."""
+    """Return the largest rate of a constraint, or slip velocity, for a sum of M_jj qdot_j^2 of one.
+
+    A coordinate that moves no inertia counts as if it moved one unit.
+    """
     value = 0.0
     for j in range(table.coordinates):
-        value += slope(table, space, row, j) * slope(table, space, row, j)
+        entry, inertia = slope(table, space, row, j), mass(table, space, j, j)
+        value += entry * entry / (inertia if inertia > 0.0 else 1.0)
+    return sqrt(value)
+
+
+@compiled_subset
+def power_size(table: ContactTable, space: ContactSpace, unknown: int) -> float:
+    """Return the size of the accelerations that a unit of a reaction causes, in the same terms as `row_size`."""
+    value = 0.0
+    for j in range(table.coordinates):
+        entry, inertia = reaction(table, space, j, unknown), mass(table, space, j, j)
+        value += entry * entry / (inertia if inertia > 0.0 else 1.0)
     return sqrt(value)

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BEND, COEFFICIENTS, COUNT, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from ..methods.event_constants import BENT, BUDGET, DEEPEST, FLAT, ROOT_PRECISION, ROOT_TRIES
+from ..methods.chebyshev import COEFFICIENTS, COUNT, POINTS, SLOPE_TAIL, SLOPES
+from ..methods.event_constants import BUDGET, DEEPEST, ROOT_PRECISION, ROOT_TRIES
+from .zero_starts import ZeroStarts, least_sizes
 
 __all__ = ["Changes", "Crossing", "Pieces", "changes", "located", "pieces"]
 
@@ -54,9 +55,7 @@ class Crossing:
     seen: bool
 
 
-def pieces(
-    sample: Sample, count: int, noise: FloatArray, least: FloatArray, slopes: FloatArray | None, sides: FloatArray
-) -> Pieces:
+def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray, starts: ZeroStarts | None) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
     Parameters
@@ -69,12 +68,8 @@ def pieces(
         Size below which a function counts as zero (n,).
     least
         Length below which a piece is not cut, as a fraction of each step (count,).
-    slopes
-        For functions that are zero where the first step begins their rates there, over the step; NaN for others (n,).
-        They need not be monotone where they leave zero.
-    sides
-        Signs with which functions leave zero there, where that is known by construction; 0 for others (n,). A slope
-        to the other side is nothing as long as it takes them next to nowhere there.
+    starts
+        Functions that are zero where the first step begins, if there are any; they need not be monotone there.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -82,11 +77,11 @@ def pieces(
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, COUNT), theta.ravel()).reshape(len(step), COUNT, -1)
-        simple, finite = _simple(values, noise)
-        if slopes is not None:
-            here = np.flatnonzero((step == 0) & (low == 0.0) & ~simple)
-            for i in here:
-                simple[i] = _simple_from_zero(values[i], noise, slopes * high[i], sides)
+        good, finite = _good(values, noise), np.asarray(np.isfinite(values).all(axis=(1, 2)))
+        simple = np.asarray(np.all(good, axis=1))
+        if starts is not None:
+            for i in np.flatnonzero((step == 0) & (low == 0.0) & ~simple):
+                simple[i] = starts.simple(values[i], high[i] * POINTS, noise, good[i])
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -100,14 +95,11 @@ def pieces(
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
     parts = [np.concatenate(column) for column in zip(*done, strict=True)]
     order = np.lexsort((parts[1], parts[0]))
-    return Pieces(*(part[order] for part in parts))
-
-
-def _simple(values: FloatArray, noise: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pieces need not be cut for any function, and on which all values are finite."""
-    good = _good(values, noise)
-    finite = np.isfinite(values)
-    return np.asarray(np.all(good, axis=1)), np.asarray(finite.all(axis=(1, 2)))
+    found = Pieces(*(part[order] for part in parts))
+    if starts is not None:
+        own = slice(0, np.count_nonzero(found.step == 0))
+        starts.drop_unresolved(found.low[own], found.high[own], found.first[own], found.last[own])
+    return found
 
 
 def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
@@ -116,43 +108,11 @@ def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
         series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS, values))
         slopes = np.abs(np.einsum("kj,ijn->ikn", SLOPES, values))
         tail = series[:, -2:].sum(axis=1)
-        one_sign = _one_sign(series)
+        one_sign = least_sizes(series) > 0.0
         monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * tail
         nothing = np.abs(values).max(axis=1) <= noise
     lost = ~np.isfinite(values).any(axis=1)
     return np.asarray(one_sign | monotone | nothing | lost)
-
-
-def _simple_from_zero(values: FloatArray, noise: FloatArray, slopes: FloatArray, sides: FloatArray) -> bool:
-    """Return whether a piece (8, n) that begins in zeros of functions, with `slopes` over it, need not be cut.
-
-    `sides` as for `pieces`. Where a side is known, a slope may be such as takes the function no further to the other
-    side than its noise, or the share `BENT` of its values: by slope^2 / (4 a) from a t^2, by less than
-    slope^(3/2) / a^(1/2) from a t^3. Bends are those of the polynomials of the step, whose errors may have any sign.
-    """
-    with np.errstate(all="ignore"):
-        once, twice, thrice = (_least_sizes(np.abs(matrix @ values)[np.newaxis])[0] for matrix in DIVIDED)
-        largest = np.abs(values).max(axis=0)
-        sizes, bends = np.abs(slopes), np.abs(BEND @ values)
-        flat = sizes <= FLAT * largest
-        leaves = (~np.isnan(slopes) & (once > 0.0)) | (flat & (twice > 0.0))
-        leaves |= flat & (bends <= BENT * largest) & (thrice > 0.0)
-        nothing = np.maximum(noise, BENT * largest)
-        slight = (twice > 0.0) & (sizes**2 <= 4.0 * twice * nothing)
-        slight |= (thrice > 0.0) & (sizes * np.sqrt(sizes / thrice) <= nothing)
-        leaves |= (sides * values[-1] > 0.0) & slight
-    return bool(np.all(leaves | _good(values[np.newaxis], noise)[0]))
-
-
-def _one_sign(series: FloatArray) -> NDArray[np.bool_]:
-    """Return which functions keep their sign, from the sizes of their coefficients (k, 8, n)."""
-    return np.asarray(_least_sizes(series) > 0.0)
-
-
-def _least_sizes(series: FloatArray) -> FloatArray:
-    """Return the least sizes of functions that keep their signs, from the sizes of their coefficients (k, 8, n)."""
-    tail = series[:, -2:].sum(axis=1)
-    return np.asarray(series[:, 0] - (series[:, 1:].sum(axis=1) + TAIL * tail))
 
 
 @final

@@ -1,4 +1,4 @@
-"""Events and reductions: what users say of them, and their kernels."""
+"""Events and reductions: `Event`, and `EventCode` with their kernels."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..methods.status import Status
 from ..reduction.event_functions import EventFunctions
 from ..reduction.starting import Start
 from ..values import listed as members
+from .dense_output import DenseOutput, JoinedOutput
 from .events import Jump, Rule, Watched
-from .problem import DenseOutput, JoinedOutput
 from .projected_states import projected
 from .reductions import running_values
 from .segments import Constants, Segments, constants_at
@@ -32,7 +32,7 @@ SUSPECT = -100.0
 
 
 def suspected(ends: FloatArray, happened: FloatArray) -> None:
-    """Mark cases (ends (k, 3)) that came near a lost rank, as `happened` (k,) counts, for `judged_cases`."""
+    """Mark cases (ends (k, 3)) that came near a lost rank, as `happened` (k,) counts, for `check_cases`."""
     near = happened > 0.0
     ends[near, 1] = SUSPECT - ends[near, 1]
 
@@ -54,7 +54,7 @@ class Event:
         integrated.
     apply : mapping of symbols or names to expressions, optional
         Coordinates and rates that jump, and what they are after it in terms of the state before, as in
-        ``{y.diff(): -e * y.diff()}``. What is not in it stays.
+        ``{y.diff(): -e * y.diff()}``. Others stay.
     name : str, optional
         What results call it; by default, the text of the expression.
 
@@ -139,9 +139,9 @@ class EventCode:
     program : Program
         Of the model.
     events : tuple of Event
-        What is watched: the events that were asked for, then those whose first times are reductions.
+        The requested events, then those whose first times are reductions.
     reported : int
-        How many were asked for.
+        Number of requested events.
     watch, jumps, start
         The watched expressions, and for each event the map of a jump or None, which `start` makes consistent.
     running, kinds
@@ -151,7 +151,7 @@ class EventCode:
     plan : mapping of str to (str, int)
         Kind of each reduction, and its number among those of its kind.
     rank : int
-        Number of the first event that tells of a rank that constraints lose, all others following; -1 without any.
+        Number of the first event for a lost rank of constraints, which all others follow; -1 without any.
     smooth : bool
         Whether every event is what ends a mode of contacts, of which none is open, and has a series wherever the motion
         has one.
@@ -172,7 +172,7 @@ class EventCode:
 
     @cached_property
     def reads_inputs(self) -> bool:
-        """Whether what is watched depends on inputs, and may jump or have kinks at their knots."""
+        """Whether watched expressions depend on inputs, and may jump or have kinks at their knots."""
         layout, kernels = self.program.layout, (self.watch.values, self.watch.begins, self.running)
         places = coefficient_places(layout.parameters, layout.inputs)
         hidden = {place + i for place in places for i in range(WIDTH)}
@@ -185,7 +185,7 @@ class EventCode:
 
     @property
     def labels(self) -> list[str]:
-        """Names of the events that were asked for."""
+        """Names of the requested events."""
         return [event.label for event in self.events[: self.reported]]
 
     def conclude(self, ends: FloatArray, happened: FloatArray) -> None:
@@ -244,7 +244,7 @@ class EventCode:
         return out
 
     def watched(self, c: Constants, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
-        """Return what an integration with the constants c, (n_c,) or those of its segments, needs to know.
+        """Return the watched expressions for an integration with the constants c, (n_c,) or those of its segments.
 
         `rows` evaluates the watched expressions, as `Engine.rows` does.
         """

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BEND, COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from ..methods.event_constants import BENT, FLAT
-from .compiled_subset import call_code, compiled_subset, fma, row, sqrt, square
-from .workspace import EventWorkspace
+from ..methods import chebyshev
+from ..methods.chebyshev import COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..methods.event_constants import STEEP
+from .compiled_subset import call_code, compiled_subset, fma, row, square
+from .workspace import BEND, DOUBT, RATE, EventWorkspace
+from .zero_starts import least_doubt, leaves_zero, unresolved
 
 __all__ = ["SERIES", "SLOPE_SERIES", "output_at", "push_halves", "sample", "simple_piece", "transformed"]
 
@@ -23,7 +25,7 @@ _POINTS = POINTS.copy()
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
 SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
 _ONCE, _TWICE, _THRICE = (np.ascontiguousarray(matrix.T) for matrix in DIVIDED)
-_BEND = BEND.copy()
+_BEND = chebyshev.BEND.copy()
 _THETA = 3
 
 
@@ -104,16 +106,48 @@ def _monotone(work: FloatArray) -> bool:
 
 
 @compiled_subset
+def _leaves_flatly(
+    directions: NDArray[np.int64], space: EventWorkspace, lane: int, e: int, largest: float, high: float, slope: float
+) -> bool:
+    """Return whether an expression that begins a piece in a zero without a slope keeps its sign; see `zero_starts`.
+
+    The bend of an armed one becomes infinite where it decides, and is not known without the error of the polynomials.
+    """
+    last, side = space.values[e, 7], 0.0
+    if abs(directions[e]) > 1:
+        side = space.signs[lane, e]
+    bend = 0.0
+    for j in range(1, 8):
+        bend = fma(_BEND[j], space.values[e, j] - slope * _POINTS[j], bend)
+    transformed(_TWICE, space, e, 1)
+    twice, tail = _least_size(space.work, 1), abs(space.work[1, 6]) + abs(space.work[1, 7])
+    if side != 0.0 and math.isfinite(space.rates[BEND, e]):
+        exact, area, nothing = space.rates[BEND, e] * square(high), square(high), True
+        doubt = least_doubt(space.rates[DOUBT, e], abs(bend - exact) / area, tail / area)
+        space.rates[DOUBT, e], bend = doubt, exact
+        for j in range(8):
+            nothing = nothing and unresolved(space.values[e, j], high * _POINTS[j], doubt)
+        if nothing:
+            return True
+    transformed(_THRICE, space, e, 1)
+    thrice = _least_size(space.work, 1)
+    against = bend if last < 0.0 else -bend
+    if leaves_zero(abs(slope), against, twice, thrice, largest, space.noise[0, e], side * last > 0.0):
+        return True
+    if side != 0.0 and math.isnan(space.rates[BEND, e]):
+        space.rates[BEND, e] = math.inf
+    return False
+
+
+@compiled_subset
 def simple_piece(
-    directions: NDArray[np.int64], space: EventWorkspace, lane: int, fresh: bool, high: float
+    directions: NDArray[np.int64], space: EventWorkspace, lane: int, fresh: bool, high: float, h: float
 ) -> tuple[bool, bool]:
     """Return whether a piece need not be cut for any expression, and whether all values are finite.
 
     ``fresh`` says that expressions which are zero at the start of the lane are so where the piece, up to the fraction
-    ``high`` of the step, begins; ``zero`` then holds their slopes over the step. One that is known to leave zero
-    against its direction (see `dalembert.runtime.events`) may begin with a slope that rounding makes: it takes it no
-    further to the other side than its noise, or the share `BENT` of its values. Its bend is that of the polynomials of
-    the step, whose errors may have any sign.
+    ``high`` of the step of size h, begins. An armed one (see `dalembert.integrators.event_code.armed`) is known to
+    leave zero against its direction.
     """
     simple = finite = True
     for e in range(directions.size):
@@ -137,22 +171,9 @@ def simple_piece(
             transformed(_ONCE, space, e, 1)
             if _one_sign(space.work, 1):
                 continue
-            slope, nothing = space.zero[lane, e] * high, max(space.noise[0, e], BENT * largest)
-            flat = slope <= FLAT * largest
-            known = abs(directions[e]) > 1 and space.values[e, 7] * space.signs[lane, e] > 0.0
-            if known or flat:
-                transformed(_TWICE, space, e, 1)
-                least = _least_size(space.work, 1)
-                if least > 0.0 and (flat or square(slope) <= 4.0 * least * nothing):
-                    continue
-                bend = 0.0
-                for j in range(1, 8):
-                    bend = fma(_BEND[j], space.values[e, j], bend)
-                transformed(_THRICE, space, e, 1)
-                least = _least_size(space.work, 1)
-                if least > 0.0 and flat and abs(bend) <= BENT * largest:
-                    continue
-                if known and least > 0.0 and slope * sqrt(slope / least) <= nothing:
+            slope = space.rates[RATE, e] * h * high
+            if abs(slope) <= STEEP * largest:
+                if _leaves_flatly(directions, space, lane, e, largest, high, slope):
                     continue
         transformed(SLOPE_SERIES, space, e, 1)
         if not _monotone(space.work):

@@ -1,4 +1,4 @@
-"""Resolution of an event of a case of a sweep: other events at its time, jumps, status, signs to go on from."""
+"""Resolution of an event of a case of a sweep: other events at its time, jumps, status, signs after it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..arrays import FloatArray
 from ..methods.event_constants import RESIDUAL, TOGETHER
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
-from .event_rules import accumulates, change_counts, start_sign, too_soon
+from .event_rules import accumulates, carried_sign, change_counts, start_sign, too_soon
 from .event_search import count_occurrence, occur
 from .event_series import happens_alone
 from .workspace import EventKernels, EventWorkspace
@@ -18,7 +18,7 @@ __all__ = ["begin_signs", "go_on", "resolve", "starts", "zeros_at_end"]
 
 @compiled_subset
 def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
-    """Take down the signs from which a lane starts, its state being in the first row of ``one_point``."""
+    """Record the signs at the start of a lane, whose state is in the first row of ``one_point``."""
     _take_signs(events, space, lane, t, direction, c, True)
 
 
@@ -26,7 +26,7 @@ def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float
 def _take_signs(
     events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int, armed: bool
 ) -> None:
-    """Take down the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
+    """Record the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
     space.one_clock[0, 0] = t
     if events.begins != 0:
         call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
@@ -53,20 +53,12 @@ def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, dir
 
 @compiled_subset
 def go_on(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, case: int) -> None:
-    """Give a case that has begun in a lane the signs from which it goes on, see ``EventWorkspace.carried``.
-
-    An armed event that is not zero has that of its side, wherever its expression is now.
-    """
+    """Set the signs with which a case continues in a lane, see ``EventWorkspace.carried``."""
     for e in range(events.directions.size):
-        before, rule = space.carried[case, e], events.directions[e]
-        if math.isnan(before):
-            continue
-        if abs(rule) > 1:
-            value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
-            sign, zero = start_sign(value, rate, noise, 0.0, t, direction, 0)
-            before = 0.0 if zero or sign == 0.0 else -0.5 * rule
-        if before != 0.0:
-            space.signs[lane, e], space.zero[lane, e] = before, 0.0
+        value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
+        sign = carried_sign(space.carried[case, e], value, rate, noise, t, direction, events.directions[e])
+        if sign != 0.0:
+            space.signs[lane, e], space.zero[lane, e] = sign, 0.0
 
 
 @compiled_subset
@@ -108,11 +100,11 @@ def resolve(
     case: int,
     theta: float,
 ) -> int:
-    """Let happen what `scan` marked, at time t in the state in ``one_point``, which becomes that after it.
+    """Apply the events that `scan` marked, at time t to the state in ``one_point``.
 
     `theta` is the fraction of the step where that is, 1 or more at its end.
 
-    Returns the status that it gives the case, `RUNNING` where that goes on.
+    Returns the status of the case, `RUNNING` where it continues.
     """
     if events.events_with_series > 0 and theta < 1.0 and happens_alone(events, space, theta):
         return Status.EVENT
@@ -144,7 +136,7 @@ def _count_together(
     happened: FloatArray,
     case: int,
 ) -> None:
-    """Count what is zero to rounding where something happens, and about to change its sign, as happening there too."""
+    """Count expressions that are zero up to rounding and about to change their sign as events at the same time."""
     for e in range(events.directions.size):
         value, rate, noise = (
             space.one_out[0, 3 * e],

@@ -1,4 +1,4 @@
-"""Decisions on events: signs at the start, what counts, what happens together, and whether jumps accumulate.
+"""Rules of events: signs at the start, occurrences, simultaneous events, accumulation of jumps.
 
 Single runs call them as plain Python; in sweeps they are compiled.
 """
@@ -10,7 +10,17 @@ import math
 from ..methods.event_constants import RESOLUTION, SHORT_SPAN, SOON, SOON_IN_A_ROW, TIME_NOISE, TOGETHER
 from .compiled_subset import compiled_subset
 
-__all__ = ["accumulates", "change_counts", "happens_together", "sign_beyond", "start_sign", "too_soon", "zero_level"]
+__all__ = [
+    "accumulates",
+    "carried_sign",
+    "change_counts",
+    "happens_together",
+    "recorded_after",
+    "sign_beyond",
+    "start_sign",
+    "too_soon",
+    "zero_level",
+]
 
 
 @compiled_subset
@@ -33,7 +43,7 @@ def start_sign(
     """Return the sign that an expression has where a motion begins, and whether it is zero there.
 
     One that is zero takes the sign of its rate at once. What rounding leaves of a zero is what it makes of the state
-    (``noise``) and of the time, and what was left when the zero was found, if the motion goes on from one
+    (``noise``) and of the time, and its residual when the zero was found, if the motion continues from one
     (``residual``). ``forward`` is the direction of time. A ``direction`` of 2 or -2 says that the event is armed
     (`dalembert.integrators.event_code.armed`): its expression has not changed its sign yet, even if it is zero or past
     it, and then counts as zero.
@@ -48,6 +58,23 @@ def start_sign(
 
 
 @compiled_subset
+def carried_sign(
+    before: float, value: float, rate: float, noise: float, t: float, forward: float, direction: int
+) -> float:
+    """Return the sign with which an expression goes on behind a stop; 0 where it is that of the state there.
+
+    ``before`` is its sign when it reached the stop: NaN where a motion begins, 0 where it was not known. An armed event
+    that is not zero has that of its side, wherever its expression is now.
+    """
+    if math.isnan(before):
+        return 0.0
+    if abs(direction) <= 1:
+        return before
+    sign, zero = start_sign(value, rate, noise, 0.0, t, forward, 0)
+    return 0.0 if zero or sign == 0.0 else -0.5 * direction
+
+
+@compiled_subset
 def change_counts(direction: int, sign: float) -> bool:
     """Return whether a change to a sign is an occurrence of an event with a direction."""
     return direction == 0 or direction * sign > 0.0
@@ -55,8 +82,18 @@ def change_counts(direction: int, sign: float) -> bool:
 
 @compiled_subset
 def happens_together(gap: float, t: float, begin: float) -> bool:
-    """Return whether what lies apart by ``gap`` happens together at time t, in a step or motion from ``begin`` on."""
+    """Return whether events ``gap`` apart are simultaneous at time t, in a step or motion from ``begin`` on."""
     return abs(gap) <= TOGETHER * max(abs(t), abs(begin))
+
+
+@compiled_subset
+def recorded_after(wanted: float, t: float, forward: float) -> bool:
+    """Return whether what is recorded at a time is the motion from an occurrence at time t on.
+
+    So it is from the time of the occurrence on, and within rounding before it: single runs, sweeps and runs with other
+    times to record take other steps, and locate the same occurrence a few roundings earlier or later.
+    """
+    return (t - wanted) * forward <= RESOLUTION * abs(t)
 
 
 @compiled_subset
@@ -67,7 +104,7 @@ def too_soon(gap: float, span: float, before: float) -> float:
 
 @compiled_subset
 def accumulates(gap: float, t: float, span: float, seen: bool, soon: float) -> bool:
-    """Return whether jumps follow each other too fast to be told apart.
+    """Return whether jumps follow each other too fast to be separated.
 
     ``gap`` is the time since the jump before, ``seen`` whether what jumps was seen beyond rounding in between, and
     ``soon`` how many in a row came `too_soon`.

@@ -19,7 +19,7 @@ from ..methods.event_constants import (
     ROOT_TRIES,
     TIME_NOISE,
 )
-from ..methods.step_constants import EPSILON, SMALLEST_NORMAL
+from ..methods.step_constants import EPSILON
 from .compiled_subset import call_code, compiled_subset, fma, row, square
 from .event_intervals import push_halves, sample, simple_piece
 from .event_rules import (
@@ -29,7 +29,8 @@ from .event_rules import (
     zero_level,
 )
 from .event_series import sample_event_series, value_at, zero_of_series
-from .workspace import EventKernels, EventWorkspace
+from .workspace import BEND, DOUBT, RATE, EventKernels, EventWorkspace
+from .zero_starts import bend_from_rates, short_share, unresolved
 
 __all__ = ["BROKEN", "NOTHING", "STOPPED", "count_occurrence", "occur", "scan", "state_at"]
 
@@ -153,7 +154,7 @@ def occur(
 def count_occurrence(
     events: EventKernels, space: EventWorkspace, e: int, now: float, sign: float, happened: FloatArray, case: int
 ) -> None:
-    """Take down an occurrence, a change to a sign.
+    """Record an occurrence, a change to a sign.
 
     It is marked in ``happens`` with 1 if the state jumps, 2 if the case ends, else 0.5.
     """
@@ -171,7 +172,7 @@ def count_occurrence(
 
 @compiled_subset
 def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int, t: float, h: float) -> None:
-    """Take down the rates of all expressions where a step begins, and the sizes below which they count as zero."""
+    """Record the rates of all expressions at the beginning of a step, and the sizes below which they count as zero."""
     if events.events_with_series == 0:
         for m in range(space.series.shape[0]):
             space.one_point[0, m] = space.series[m, 0]
@@ -183,7 +184,7 @@ def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int
             rate = space.event_series[e, 1] / h
         else:
             rate, noise = space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
-        space.rates[0, e], space.noise[0, e] = rate, zero_level(rate, noise, t)
+        space.rates[RATE, e], space.noise[0, e] = rate, zero_level(rate, noise, t)
 
 
 @compiled_subset
@@ -200,17 +201,17 @@ def scan(
     happened: FloatArray,
     case: int,
 ) -> tuple[int, float]:
-    """Look for events in a step whose series are in place; return what became of the motion, and the fraction where.
+    """Search for events in a step whose series are in place; return the outcome, and the fraction where it is.
 
     ``many`` and ``one`` are the addresses of the constants for eight points and for one. ``fresh`` says that the lane
     starts with this step, ``simple_step`` that each expression has at most one zero in it, ``values`` holding those
-    at its ends. What stops the motion is marked in ``happens``: 1 for a jump, 2 for an end.
+    at its ends. Events that stop the motion are marked in ``happens``: 1 for a jump, 2 for an end.
     """
     _begin_step(events, space, lane, one, t, h)
     for e in range(events.directions.size):
-        if fresh and space.zero[lane, e] != 0.0:
-            space.zero[lane, e] = max(abs(space.rates[0, e] * h), SMALLEST_NORMAL)
         space.happens[0, e] = 0.0
+        if fresh:
+            space.rates[BEND, e], space.rates[DOUBT, e] = math.nan, math.inf
     least = TIME_NOISE * max(abs(t), abs(t + h)) / abs(h)
     space.stack[0, 0], space.stack[0, 1], space.stack[0, 2] = 0.0, 1.0, 0.0
     height, budget, deepest = 1, BUDGET, DEEPEST
@@ -223,7 +224,11 @@ def scan(
                 sample_event_series(space, low, high - low)
             else:
                 sample(events.values, events.used, space, many, t, h, low, high - low)
-            simple, finite = simple_piece(events.directions, space, lane, fresh and low == 0.0, high)
+            simple, finite = simple_piece(events.directions, space, lane, fresh and low == 0.0, high, h)
+            if not simple and fresh and low == 0.0 and _wants_bends(events, space):
+                _find_bends(events, space, one, t, h)
+                height += 1  # the same piece once more
+                continue
         budget -= DEEP_COST if depth >= DEEP else 1
         if budget < 0:
             deepest = COARSE
@@ -232,7 +237,7 @@ def scan(
             continue
         if not finite:
             return BROKEN, low
-        _take_ends(events, space, lane, fresh and low == 0.0)
+        _take_ends(events, space, lane, fresh, low, high)
         number = _find(events, space, lane, one, t, h, low, high)
         stop = occur(events, space, lane, number, t, h, happened, case)
         if stop >= 0.0:
@@ -244,13 +249,52 @@ def scan(
 
 
 @compiled_subset
-def _take_ends(events: EventKernels, space: EventWorkspace, lane: int, fresh: bool) -> None:
-    """Take down the values at the ends of a piece; ``fresh`` says that it begins where the lane starts."""
+def _wants_bends(events: EventKernels, space: EventWorkspace) -> bool:
+    """Return whether the bend of an expression decides where a step begins."""
+    wanted = False
+    for e in range(events.directions.size):
+        wanted = wanted or (space.may_change[0, e] != 0.0 and space.rates[BEND, e] == math.inf)
+    return wanted
+
+
+@compiled_subset
+def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float, h: float) -> None:
+    """Find the bends of expressions where a step begins, without the errors of its polynomials; -inf is not known."""
+    if events.events_with_series > 0:  # these polynomials have no error
+        for e in range(events.directions.size):
+            space.rates[BEND, e], space.rates[DOUBT, e] = space.event_series[e, 2], 0.0
+        return
+    share = short_share(t, h)
+    for part in range(2):
+        theta = share * (2.0 - part)
+        state_at(space, space.series.shape[0], theta, 0)
+        space.one_clock[0, 0] = t + theta * h
+        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+        for e in range(events.directions.size):
+            rate = space.one_out[0, 3 * e + 1] * h
+            if part == 0:
+                space.rates[BEND, e] = rate
+            else:
+                bend = bend_from_rates(space.rates[RATE, e] * h, rate, space.rates[BEND, e], share)
+                space.rates[BEND, e] = bend if math.isfinite(bend) else -math.inf
+
+
+@compiled_subset
+def _take_ends(events: EventKernels, space: EventWorkspace, lane: int, fresh: bool, low: float, high: float) -> None:
+    """Record the values at the ends of a piece; ``fresh`` says that the step begins where the lane starts.
+
+    What the error of the polynomials may have made of an expression that was zero there is none, until it is seen.
+    """
     for e in range(events.directions.size):
         if space.may_change[0, e] == 0.0:
             continue
         space.ends[0, e], space.ends[1, e] = space.values[e, 0], space.values[e, 7]
         if fresh and space.zero[lane, e] != 0.0:
-            space.ends[0, e] = 0.0
+            if low == 0.0:
+                space.ends[0, e] = 0.0
+            if space.seen[lane, e] == 0.0 and unresolved(space.ends[0, e], low, space.rates[DOUBT, e]):
+                space.ends[0, e] = 0.0
+                if unresolved(space.ends[1, e], high, space.rates[DOUBT, e]):
+                    space.ends[1, e] = 0.0
         if abs(space.ends[0, e]) > space.noise[0, e]:
             space.seen[lane, e] = 1.0

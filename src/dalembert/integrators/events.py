@@ -17,10 +17,21 @@ from ..arrays import FloatArray
 from ..methods.event_constants import RESIDUAL, TIME_NOISE
 from ..methods.status import Status
 from .crossings import Crossing, Pieces, changes, located, pieces
-from .event_rules import accumulates, change_counts, happens_together, start_sign, too_soon, zero_level
-from .problem import DenseOutput, IntegrationProblem, JoinedOutput, Solution
+from .dense_output import DenseOutput, JoinedOutput
+from .event_rules import (
+    accumulates,
+    carried_sign,
+    change_counts,
+    happens_together,
+    recorded_after,
+    start_sign,
+    too_soon,
+    zero_level,
+)
+from .problem import IntegrationProblem, Solution
+from .zero_starts import ZeroStarts, short_share
 
-__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched"]
+__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched", "recorded_states"]
 
 StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
 Jump = Callable[[float, FloatArray], FloatArray | None]
@@ -86,7 +97,7 @@ class Occurrence:
 
 
 def integrate_watched(
-    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, before: FloatArray | None = None
+    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, carried: FloatArray | None = None
 ) -> tuple[Solution, list[Occurrence]]:
     """Integrate a problem with events.
 
@@ -99,9 +110,9 @@ def integrate_watched(
         The problem.
     watched
         The events.
-    before
-        The state (n_y,) from which the initial one has jumped, for a motion that goes on there: expressions that change
-        their sign by that occur at once.
+    carried
+        Signs (n_events,) from which a motion goes on behind a stop (`EventWorkspace.carried`): expressions that change
+        theirs by what happens at the stop occur at once. It gets the signs with which this part of the motion ends.
 
     Returns
     -------
@@ -110,7 +121,37 @@ def integrate_watched(
     list of Occurrence
         In the order of time.
     """
-    return _Run(step_blocks, problem, watched, before).solution()
+    return _Run(step_blocks, problem, watched, carried).solution()
+
+
+def recorded_states(
+    watched: Watched, wanted: FloatArray, dense: DenseOutput | None, t: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times to record that a motion reached, and the states there (k, n_y): after a jump at that time.
+
+    Parameters
+    ----------
+    wanted : ndarray (m,)
+        Times to record, in the order of the motion.
+    dense
+        The motion, None where it took no time.
+    t, y
+        Accepted steps, which hold the time of a jump twice.
+    """
+    forward = 1.0 if t[-1] >= t[0] else -1.0
+    reached = wanted[(wanted - t[-1]) * forward <= 0.0]
+    at = reached.copy()
+    for jumped in t[1:][t[1:] == t[:-1]]:
+        k = int(np.searchsorted(reached * forward, jumped * forward))
+        while k > 0 and recorded_after(reached[k - 1], jumped, forward):
+            k -= 1
+            at[k] = jumped
+    found = np.tile(y[0], (len(reached), 1))
+    if dense is not None and len(reached):
+        found = watched.settle(at, dense(at))
+    found[at == t[0]] = y[0]
+    found[at == t[-1]] = y[-1]
+    return reached, found
 
 
 @final
@@ -118,9 +159,9 @@ class _Run:
     """One integration in progress."""
 
     def __init__(
-        self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, before: FloatArray | None
+        self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, carried: FloatArray | None
     ) -> None:
-        self.step_blocks, self.problem, self.watched, self.before = step_blocks, problem, watched, before
+        self.step_blocks, self.problem, self.watched, self.carried = step_blocks, problem, watched, carried
         self.t, self.y = float(problem.t0), np.array(problem.y0, dtype=float)
         self.forward = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.span = abs(problem.t1 - problem.t0)
@@ -149,7 +190,7 @@ class _Run:
         t, y = np.concatenate(self.times), np.concatenate(self.states)
         dense = JoinedOutput(np.array(self.knots), self.parts) if self.parts else None
         if self.problem.t_eval is not None:
-            t, y = self._sampled(self.problem.t_eval, dense, t, y)
+            t, y = recorded_states(self.watched, self.problem.t_eval, dense, t, y)
         return Solution(
             status=status,
             t=t,
@@ -161,32 +202,27 @@ class _Run:
             end=self.t,
         ), self.occurrences
 
-    def _sampled(
-        self, wanted: FloatArray, dense: DenseOutput | None, t: FloatArray, y: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the times to evaluate that were reached, and the states there."""
-        reached = wanted[(wanted - t[-1]) * self.forward <= 0.0]
-        found = np.tile(y[0], (len(reached), 1))
-        if dense is not None:
-            found = self.watched.settle(reached, dense(reached))
-        found[reached == t[0]] = y[0]
-        found[reached == t[-1]] = y[-1]
-        return reached, found
-
     def _record(self, t: FloatArray, y: FloatArray) -> None:
         self.times.append(np.asarray(t, dtype=float))
         self.states.append(np.asarray(y, dtype=float).reshape(len(self.times[-1]), len(self.y)))
 
     def _begin(self) -> None:
-        """Take down the state and the signs from which the motion begins, or goes on after a jump."""
+        """Record the state and the signs from which the motion begins, or continues after a jump."""
         self._record(np.array([self.t]), self.y)
         self.began = self.t
         self.signs, self.zero = self._signs(self.t, self.y, self.residual, armed=True)
-        if self.before is not None:
-            signs, zero = self._signs(self.t, self.before, self.residual, armed=True)
-            known, self.before = ~zero & (signs != 0), None
-            self.signs[known], self.zero[known] = signs[known], False
+        if self.carried is not None and self.t == self.problem.t0:
+            self._go_on(self.carried)
         self.seen = np.zeros(len(self.counts), np.bool_)
+
+    def _go_on(self, carried: FloatArray) -> None:
+        """Take over the signs from which a motion goes on behind a stop."""
+        begins = self.watched.begins(self.t, self.y).tolist()
+        rows = zip(carried[: len(begins)].tolist(), begins, self.watched.rules, strict=True)
+        for e, (before, (value, rate, noise), rule) in enumerate(rows):
+            sign = carried_sign(before, value, rate, noise, self.t, self.forward, rule.direction)
+            if sign != 0.0:
+                self.signs[e], self.zero[e] = int(sign), False
 
     def _signs(
         self, t: float, y: FloatArray, residual: FloatArray, *, armed: bool
@@ -224,7 +260,7 @@ class _Run:
         return self._last(status)
 
     def _scan(self, block: Solution) -> tuple[bool, Status | None]:
-        """Look for events in a block of steps; return whether it ended the motion or a part of it, and how."""
+        """Search for events in a block of steps; return whether one ended the motion or a part of it, and how."""
         dense = block.dense
         assert dense is not None
         knots = dense.knots
@@ -247,8 +283,16 @@ class _Run:
         rate, noise = self._noise(float(knots[0]), block.y[0])
         least = TIME_NOISE * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
         fresh = self.t == self.began
-        slopes = np.where(self.zero, rate * sizes[0], np.nan) if fresh else None
-        cut = pieces(sample, len(sizes), noise, least, slopes, np.where(self._armed, self.signs, 0.0))
+        starts = None
+        if fresh and np.any(self.zero):
+
+            def rates(share: float) -> FloatArray:
+                times, y = states(np.array([0]), np.array([share]))
+                return np.asarray(self._noise(float(times[0]), y[0])[0] * sizes[0])
+
+            slopes, sides = np.where(self.zero, rate * sizes[0], np.nan), np.where(self._armed, self.signs, 0.0)
+            starts = ZeroStarts(slopes, sides, short_share(float(knots[0]), float(sizes[0])), rates)
+        cut = pieces(sample, len(sizes), noise, least, starts)
         if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
@@ -276,7 +320,7 @@ class _Run:
         state: Callable[[Crossing], tuple[float, FloatArray]],
         block: Solution | None,
     ) -> tuple[bool, Status | None]:
-        """Take down sign changes as events up to the first that ends the run or makes it jump."""
+        """Record sign changes as events up to the first that ends the run or makes it jump."""
         rules = self.watched.rules
         for crossing in found:
             rule = rules[crossing.function]
@@ -297,7 +341,7 @@ class _Run:
         return False, None
 
     def _occurred(self, crossing: Crossing, t: float, before: FloatArray, after: FloatArray) -> bool:
-        """Take down an occurrence; return whether it ends the run."""
+        """Record an occurrence; return whether it ends the run."""
         number = crossing.function
         self.counts[number] += 1
         self.occurrences.append(Occurrence(number, t, before, after, crossing.sign))
@@ -305,7 +349,7 @@ class _Run:
         return 0 < last <= self.counts[number]
 
     def _stop(self, together: Sequence[Crossing], t: float, y: FloatArray, block: Solution | None) -> Status | None:
-        """End the present part of the motion at time t in state y, where `together` occur; None to go on."""
+        """End the present part of the motion at time t in state y, where `together` occur; None to continue."""
         if block is not None:
             self._cut(block, t, y)
         jumps = [self.watched.rules[crossing.function].jump for crossing in together]
@@ -333,7 +377,7 @@ class _Run:
         return status
 
     def _accumulation(self, t: float, seen: bool) -> Status | None:
-        """Judge whether jumps follow each other too fast to be told apart; `seen`: there was motion in between."""
+        """Return the status where jumps accumulate; `seen`: there was motion beyond rounding in between."""
         before, self.jumped_at = self.jumped_at, t
         if before is None:
             return None
@@ -342,7 +386,7 @@ class _Run:
         return Status.EVENTS_ACCUMULATE if accumulates(gap, t, self.span, seen, self.soon) else None
 
     def _follow_act(self, block: Solution) -> None:
-        """Let the last record be the state after what controllers have done since, in which a block begins."""
+        """Replace the last record by the state after the actions of controllers, in which a block begins."""
         if self.problem.sampled is not None:
             last = max(k for k, states in enumerate(self.states) if len(states))
             self.states[last] = np.concatenate([self.states[last][:-1], block.y[:1]])
@@ -371,10 +415,12 @@ class _Run:
         self.t, self.y = t, y
 
     def _last(self, status: Status) -> Status | None:
-        """Look for events at the very end, where an expression may be zero without having changed its sign."""
+        """Search for events at the very end, where an expression may be zero without a change of sign."""
         if status is not Status.SUCCESS or self.span == 0.0:
             return status
         signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)), armed=False)
+        if self.carried is not None:
+            self.carried[: len(zero)] = np.where(zero, 0.0, self.signs)
         found = (Crossing(int(i), 0, 1.0, int(signs[i]), True) for i in np.flatnonzero((signs * self.signs < 0) & zero))
         ended, outcome = self._occur(found, lambda crossing: (self.t, self.y), None)
         return outcome if ended else status

@@ -160,8 +160,8 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
 
 
 @compiled_subset
-def _verdict(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
-    """Judge a step by its error, project its end, evaluate the stage there; return the verdict."""
+def _test_step(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Test the error of a step, project its end and evaluate the stage there; return the result of the test."""
     verdict = error_verdict(error)
     if verdict != ACCEPTED:
         return verdict
@@ -184,7 +184,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
-    verdict = _verdict(codes, tableau, run, error, t_new, y_new)
+    verdict = _test_step(codes, tableau, run, error, t_new, y_new)
     if verdict != ACCEPTED:
         return retry(settings, run, abs(h) * reduction(verdict, error, tableau.exponent), verdict)
     if settings.stop_if_stiff and progress.steps >= STIFFNESS_FROM:  # before the point of the last stage is overwritten

@@ -168,7 +168,7 @@ def dense_polynomial(
 ) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 
-    What its end lacks of ``work[y_new]``, be it rounding or a projection, is added as ``3*theta**2 -
+    The difference of its end from ``work[y_new]``, by rounding or a projection, is added as ``3*theta**2 -
     2*theta**3`` times the difference, which makes it continuous and leaves the slopes at both ends alone.
     """
     for m in range(n):

@@ -21,7 +21,7 @@ class Feedback:
     function : callable
         (t, q, qdot, *arguments) -> the value of the input, a number.
     arguments : tuple
-        What the function takes besides: nothing, or one tree of arrays.
+        Further arguments of the function: none, or one tree of arrays.
     """
 
     function: Callable[..., Any]
@@ -43,7 +43,7 @@ def feedback(function: Callable[..., Any], theta: Any = None) -> Feedback:
         traced by JAX. It must be continuous: steps do not end where it jumps, and derivatives would miss the jump.
         A function that is itself a pytree, such as a module of equinox, is differentiated by its arrays too.
     theta : pytree, optional
-        Weights: numbers, arrays, modules of equinox. What is no array is constant.
+        Weights: numbers, arrays, modules of equinox. Other leaves are constant.
 
     Raises
     ------

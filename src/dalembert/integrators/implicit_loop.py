@@ -121,7 +121,7 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     problem
         The problem; its arrays are copied.
     multipliers
-        Initial values (k,) of components without rates, which the kernels know behind those of the state.
+        Initial values (k,) of components without rates, which the kernels take after those of the state.
 
     Returns
     -------
@@ -172,20 +172,20 @@ def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
 
 @compiled_subset
 def _limited(quotient: float) -> float:
-    """Return what a step is divided by, within the limits of growth and reduction."""
+    """Return the divisor of the step size, within the limits of growth and reduction."""
     return max(1.0 / LARGEST_GROWTH, min(1.0 / LARGEST_REDUCTION, quotient))
 
 
 @compiled_subset
 def _shrinkage(error: float, iterations: int) -> float:
-    """Return what the step is to be divided by, were the next error as this one; slow iterations ask for more."""
+    """Return the divisor of the next step size for the error of this step; larger after slow iterations."""
     share = (2 * MAX_ITERATIONS + 1) / (2 * MAX_ITERATIONS + iterations)
     return _limited(sqrt(sqrt(error)) / (SAFETY * share))
 
 
 @compiled_subset
 def _predicted(quotient: float, h: float, last: float, error: float, previous: float) -> float:
-    """Return what the step is to be divided by where its error goes on to change as it last did."""
+    """Return the divisor of the next step size for an error that changes as it last did (predictive control)."""
     return max(quotient, _limited(last / abs(h) * sqrt(sqrt(error * error / previous)) / SAFETY))
 
 
@@ -205,7 +205,7 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
     if progress.factored != h:
         return BROKEN, 0
     predict(run.work, progress.ratio * abs(h))
-    # where no polynomial foretells the stages, the first correction is all of the increments, and tells nothing
+    # without a polynomial that predicts the stages, the first correction is the whole of the increments
     known_rate = 1.0 if progress.ratio == 0.0 else exp(0.8 * log(max(progress.known_rate, _UNIT)))
     outcome, iterations, rate = newton(codes.rhs, t, h, kept, run, y, space, tolerance, known_rate)
     progress.evaluations += 3 * iterations
@@ -217,7 +217,7 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
 
 @compiled_subset
 def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
-    """Go on with a new Jacobian or, where it is that already, with a smaller step; return the status."""
+    """Retry with a new Jacobian or, where it is new already, with a smaller step; return the status."""
     progress = run.progress
     progress.known_rate = progress.rate = 1.0
     if run.progress.fresh == 0:
@@ -241,8 +241,8 @@ def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Ru
 
 
 @compiled_subset
-def _verdict(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
-    """Judge a step by its error, project its end and evaluate the slope there; return the verdict."""
+def _test_step(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
     verdict = error_verdict(error)
     if verdict != ACCEPTED:
         return verdict
@@ -270,7 +270,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     for m in range(work.shape[1]):
         work[y_new, m] = work[y, m] + work[Z + 2, m]
     error = _error(codes, settings, space, run, h, y_new)
-    verdict = _verdict(codes, run, error, t_new, y_new)
+    verdict = _test_step(codes, run, error, t_new, y_new)
     quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
     if verdict != ACCEPTED:
         if error <= 1.0:
@@ -292,7 +292,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     elif slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == progress.end:
         progress.size = abs(h) * growth
     progress.last_size, progress.previous, progress.ratio = abs(h), max(error, _SMALLEST_PREVIOUS), 1.0 / abs(h)
-    if progress.unlimited != 0.0:  # no polynomial of so short a step foretells a longer one
+    if progress.unlimited != 0.0:  # the polynomial of so short a step does not predict a longer one
         progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
     if enters_piece(settings, run):
@@ -302,7 +302,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
 
 @compiled_subset
 def _begin_piece(codes: Addresses, run: Run, y: int, t: float, proposed: float) -> None:
-    """Forget what the last steps tell of the next, which has other inputs."""
+    """Discard the predictions from the last steps; the next step has other inputs."""
     progress = run.progress
     evaluate(codes.rhs, t, run, y, SLOPE)
     progress.evaluations += 1

@@ -64,7 +64,7 @@ def estimate(
 
 @compiled_subset
 def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
-    """RMS norm over the tolerances of what the step's polynomial errs by between its nodes.
+    """Return the RMS norm over the tolerances of the error of the step's polynomial between its nodes.
 
     The error at the end says nothing of it in components that are slaved to others by stiffness, because it is damped
     there. A point of the step before, whose polynomial is still kept, gives the term of degree four. ``ratio`` is the
@@ -92,7 +92,7 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
 def scale_of(
     work: FloatArray, y: int, differential: int, paired: int, h: float, rtol: float, atol: float, tolerance: float
 ) -> None:
-    """Write what Newton corrections are measured by.
+    """Write the scales of Newton corrections.
 
     Multipliers count the less the smaller the step is. No component is asked for more digits than rounding leaves: of
     systems with multipliers the state is positions and then velocities, each as exact as the largest of its kind, and
@@ -150,7 +150,7 @@ def keep_polynomial(work: FloatArray) -> None:
 def write_polynomial(work: FloatArray, y: int, y_new: int, pieces: FloatArray, piece: int, n: int) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 
-    What its end lacks of ``work[y_new]`` is added as in ``stages.dense_polynomial``.
+    The difference of its end from ``work[y_new]`` is added as in ``explicit_stages.dense_polynomial``.
     """
     for m in range(n):
         first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]

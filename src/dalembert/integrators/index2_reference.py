@@ -15,7 +15,8 @@ from ..arrays import FloatArray
 from ..methods.collocation import ERROR_WEIGHTS, INVERSE_POWERS, METHOD, NODES, REAL
 from ..methods.status import Status
 from ..methods.step_constants import LARGEST_REDUCTION, SAFETY, SMALLEST_SCALE, STRETCH
-from .problem import IntegrationProblem, PiecewisePolynomial, Solution
+from .dense_output import PiecewisePolynomial
+from .problem import IntegrationProblem, Solution
 from .step_control import smallest_step
 
 __all__ = ["integrate"]
@@ -60,7 +61,7 @@ class _Run:
         self.pieces: list[FloatArray] = []
 
     def solution(self) -> Solution:
-        """Run to the end and collect what was asked for."""
+        """Run to the end and return the solution."""
         status = self._run()
         dense = self._dense()
         t, y = np.array(self.knots), np.array(self.states)

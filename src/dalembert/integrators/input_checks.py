@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..errors import ValueInputError, unknown_name
 from ..ir.program import Layout
-from ..scene.model import InputSymbol
+from ..scene.symbol_table import InputSymbol
 from .samples import Samples
 
 __all__ = ["refuse_kind", "refuse_samples", "unknown_input"]
@@ -23,7 +23,7 @@ def refuse_samples(symbol: InputSymbol, record: Samples, low: float, high: float
     if not record.reaches(low, high):
         raise ValueInputError(
             f"the samples of input {name!r} are too short: their knots go from {knots}, and the run from t = {low:g} to"
-            f" {high:g}. Give samples of the whole span, or say how to go on: extrapolate='hold' or 'linear'"
+            f" {high:g}. Give samples of the whole span, or extrapolate='hold' or 'linear'"
         )
     if record.smoothness(low, high) >= symbol.smoothness:
         return
@@ -53,7 +53,7 @@ def refuse_kind(symbol: InputSymbol, record: Samples) -> None:
 
 
 def unknown_input(layout: Layout, name: str, key: str, names: Sequence[str]) -> str:
-    """Return the message for what is given as an input, under a key, and is none."""
+    """Return the message for a key among the inputs that is not an input."""
     if name in layout.held:
         return f"{key!r} is set by a controller of the scene: leave it out of inputs=, or take the controller out"
     if name in layout.parameters:

@@ -1,4 +1,4 @@
-"""Records of the inputs of one run, or of many cases: coefficients at given times, knots, and what loops are given."""
+"""Records of the inputs of one run, or of many cases: coefficients at given times, knots, and their table for loops."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class InputRecords:
         return every[apart] if t1 >= t0 else every[apart][::-1]
 
     def table(self, lanes: int, remembered: int = 0) -> InputTable:
-        """Return what a loop over so many lanes is given; a step of it remembers so many numbers.
+        """Return the table of the records for a loop over lanes whose steps have a memory of some size.
 
         The records must live as long as the table is used.
         """

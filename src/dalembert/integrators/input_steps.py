@@ -65,7 +65,7 @@ class InputTable(NamedTuple):
 
 
 def no_inputs() -> InputTable:
-    """Return what stands where no input has a record."""
+    """Return the table of a run without records."""
     none = np.zeros(0, np.int64)
     return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, np.zeros((0, 1), np.int64), *(np.zeros((0, 1)),) * 3)
 

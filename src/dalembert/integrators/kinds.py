@@ -24,7 +24,7 @@ __all__ = [
 
 
 class Kind(ABC):
-    """A type; a value of it is one or more words of 8 bytes, each of which LLVM knows."""
+    """A type; a value of it is one or more words of 8 bytes, each of a type of LLVM."""
 
     @property
     @abstractmethod

@@ -7,6 +7,7 @@ import numpy as np
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
 from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
+from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .projection import FAILED, NONE, WANTED, correct
@@ -39,7 +40,7 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
 
 @compiled_subset
 def hold_for_events(arguments: SweepArguments) -> None:
-    """Have those lanes looked at, of a step that was just taken, in which an expression may change its sign."""
+    """Mark the lanes in whose last step an expression may change its sign."""
     state, space = arguments.state, arguments.workspace
     new = state.states.shape[0] // 2 - state.progress.old
     time, constants, settings = row(state.clock, 0), row(state.constants, 0), row(state.settings, 0)
@@ -81,7 +82,7 @@ def handle_events(arguments: SweepArguments) -> None:
 
 @compiled_subset
 def _carry(arguments: SweepArguments, lane: int, searched: bool) -> None:
-    """Take down the signs with which the case of a lane has come to its end, where they are known."""
+    """Record the signs with which the case of a lane has ended, where they are known."""
     space, case = arguments.workspace, arguments.state.numbers.case[lane]
     if arguments.state.numbers.status[lane] == Status.SUCCESS:
         for e in range(arguments.events.directions.size):
@@ -149,7 +150,7 @@ def _copy_polynomials(arguments: SweepArguments, lane: int, h: float) -> None:
             size += abs(value)
             power *= scale
         gap = states[old + m, lane] - total
-        if abs(gap) <= ROUNDING * size:  # a correction by it would bend what begins flatly
+        if abs(gap) <= ROUNDING * size:  # a correction by it would bend series that begin with slope zero
             continue
         series[m, 2] += 3.0 * gap
         series[m, 3] -= 2.0 * gap
@@ -174,7 +175,7 @@ def _reduce(arguments: SweepArguments, lane: int, copied: bool, found: int, thet
 
 @compiled_subset
 def _stops(arguments: SweepArguments, lane: int, found: int, theta: float) -> bool:
-    """Return whether something happens in the step of a lane, which is taken back to where that is."""
+    """Return whether an event stops a lane within its step; the lane is moved back to that time."""
     state, space = arguments.state, arguments.workspace
     if found == NOTHING:
         return state.numbers.status[lane] == Status.SUCCESS and _ends_in_zeros(arguments, lane)
@@ -189,7 +190,7 @@ def _stops(arguments: SweepArguments, lane: int, found: int, theta: float) -> bo
 
 @compiled_subset
 def _ends_in_zeros(arguments: SweepArguments, lane: int) -> bool:
-    """Return whether something happens at the very end of the run of a lane."""
+    """Return whether an event occurs at the very end of the run of a lane."""
     state, space = arguments.state, arguments.workspace
     _give_point(arguments, lane)
     end, direction, one = state.clock[END, lane], state.settings[1, lane], row(space.own, lane)
@@ -228,7 +229,7 @@ def _project_alone(arguments: SweepArguments, lane: int) -> bool:
 
 @compiled_subset
 def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> None:
-    """Let happen what happens in a lane, whose time and state are those there; end its case or restart it."""
+    """Apply the events of a lane at its present time and state; end its case or restart it."""
     state, space, numbers = arguments.state, arguments.workspace, arguments.state.numbers
     t, end, direction = state.clock[NOW, lane], state.clock[END, lane], state.settings[1, lane]
     _give_point(arguments, lane)
@@ -250,10 +251,10 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
 
 @compiled_subset
 def _drop_samples(arguments: SweepArguments, lane: int, t: float) -> None:
-    """Drop the samples of a lane that were recorded at or after a time."""
+    """Drop the samples of a lane that show the motion from an occurrence at a time on."""
     state, t_eval, n = arguments.state, arguments.t_eval, arguments.shape.n
     i, direction, sampled = state.numbers.case[lane], state.settings[1, lane], state.numbers.sampled[lane]
-    while sampled > 0 and (t_eval[sampled - 1] - t) * direction >= 0.0:
+    while sampled > 0 and recorded_after(t_eval[sampled - 1], t, direction):
         sampled -= 1
         for m in range(n):
             arguments.samples[i, sampled * n + m] = np.nan
@@ -264,7 +265,7 @@ def _drop_samples(arguments: SweepArguments, lane: int, t: float) -> None:
 
 @compiled_subset
 def _restart(arguments: SweepArguments, lane: int) -> None:
-    """Begin anew in a lane, from the state in ``one_point``: signs, and what a step remembers."""
+    """Restart a lane from the state in ``one_point``: its signs, and the memory of its step."""
     state, space, events, limits = arguments.state, arguments.workspace, arguments.events, arguments.limits
     t, direction, one = state.clock[NOW, lane], state.settings[1, lane], row(space.own, lane)
     state.numbers.fresh[lane] = 1

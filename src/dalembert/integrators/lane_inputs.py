@@ -1,10 +1,10 @@
-"""Inputs with knots in lanes: the end of a lane's next steps is its next knot, from which its case goes on."""
+"""Inputs with knots in lanes: the end of a lane's next steps is its next knot, from which its case continues."""
 
 from __future__ import annotations
 
 from ..ir.input_parameters import WIDTH
 from ..methods.status import RUNNING, Status
-from ..transforms.runge_kutta import CONTROLS, PROPOSAL_AT
+from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
 from .compiled_subset import call_code, compiled_subset, lowest, row
 from .input_steps import begin_inputs, pass_knots
 from .step_control import status_after
@@ -26,7 +26,7 @@ def begin_lane_inputs(arguments: SweepArguments, lane: int) -> None:
 
 @compiled_subset
 def pass_lane_knots(arguments: SweepArguments) -> int:
-    """Let the cases go on that have reached a knot, with the inputs from there on; return a bit for each lane."""
+    """Set the inputs of the cases that have reached a knot, so that they continue; return a bit for each lane."""
     state, shape = arguments.state, arguments.shape
     left, passed = state.progress.look, 0
     while left != 0:
@@ -50,9 +50,9 @@ def pass_lane_knots(arguments: SweepArguments) -> int:
 
 @compiled_subset
 def run_on_at_knots(arguments: SweepArguments) -> None:
-    """Have cases that have reached a knot, and not the end of their run, count as running.
+    """Mark cases that have reached a knot, and not the end of their run, as running.
 
-    What is watched along a motion does not end at a knot, where it is as smooth as the motion.
+    Events and reductions do not end at a knot, where they are as smooth as the motion.
     """
     numbers, clock = arguments.state.numbers, arguments.state.clock
     for lane in range(clock.shape[1]):
@@ -62,7 +62,7 @@ def run_on_at_knots(arguments: SweepArguments) -> None:
 
 @compiled_subset
 def watch_inputs(arguments: SweepArguments, lanes: int) -> None:
-    """Give what watches the motions of some lanes (a bit for each) the coefficients that have just been set there."""
+    """Copy the new coefficients of inputs in some lanes (a bit for each) to the constants of event functions."""
     state, space, inputs = arguments.state, arguments.workspace, arguments.inputs
     count, left = state.constants.shape[0], lanes
     while left != 0:

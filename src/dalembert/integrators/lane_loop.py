@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 from ..interrupts import STOPPED
 from .case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
+from .case_records import record_cases
 from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
 from .lane_inputs import begin_lane_inputs, pass_lane_knots, run_on_at_knots, watch_inputs
@@ -38,15 +39,17 @@ def _pauses(arguments: SweepArguments) -> bool:
     return progress.returns != 0 or arguments.turn[0] >= STOPPED
 
 
-def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[SweepArguments], int]:
-    """Return the loop, with or without events and reductions, projections, and knots of inputs.
+def sweeping(
+    watched: bool, projected: bool, knots: bool = False, recorded: bool = False
+) -> Callable[[SweepArguments], int]:
+    """Return the loop, with or without events and reductions, projections, knots of inputs, and records of all cases.
 
     It returns 1 where it has paused.
     """
 
     @compiled_subset
     def load(arguments: SweepArguments) -> bool:
-        """Hand in the cases that have ended and enter others; return whether there are any."""
+        """Store the results of cases that have ended and load others; return whether there are any."""
         if knots:
             passed = pass_lane_knots(arguments)
             if watched:
@@ -90,6 +93,8 @@ def sweeping(watched: bool, projected: bool, knots: bool = False) -> Callable[[S
             if progress.look != 0:
                 if projected:
                     project_lanes(arguments)
+                if recorded:
+                    record_cases(arguments)
                 if watched and knots:
                     run_on_at_knots(arguments)
                 if watched:

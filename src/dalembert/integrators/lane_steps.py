@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..methods.status import RUNNING, Status
-from ..transforms.runge_kutta import GROWTH_AT, PROPOSAL_AT
+from ..transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row
 from .projection import FAILED, NONE, WANTED, correct
 from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, status_after
@@ -46,7 +46,7 @@ def advance_together(arguments: SweepArguments) -> int:
 
 @compiled_subset
 def accept_steps(arguments: SweepArguments) -> None:
-    """Accept or reject the steps of the lanes that are looked at; those that were accepted are marked as wanted."""
+    """Accept or reject the steps of the lanes that are looked at; mark accepted steps for projection."""
     numbers, left = arguments.state.numbers, arguments.state.progress.look
     while left != 0:
         lane = lowest(left)

@@ -22,7 +22,7 @@ _MARGIN = 0.78
 """Predicted ratio of times up to which the Runge-Kutta pair is taken: near 1 the prediction is a guess."""
 
 _CONTROL = 1.4
-"""Lines of a Taylor step that a line of the control of its defect counts as (measured on one to six pendulums)."""
+"""Lines of a Taylor step that a line of its residual control counts as (measured on one to six pendulums)."""
 
 _CALLS = {"exp": 60, "log": 60, "tan": 60, "atan": 60, "asin": 60, "acos": 60} | dict.fromkeys(
     ("atan2", "sinh", "cosh", "tanh", "pow"), 150
@@ -43,7 +43,7 @@ def runge_kutta_pays(rhs: Kernel, series_lines: int, control: tuple[int, int], t
     series_lines : int
         Lines of the recurrences of a Taylor step, unrolled.
     control : (int, int)
-        Evaluations in the control of its defect, and lines besides; 0 where there is none.
+        Evaluations and other lines of its residual control; 0 where there is none.
     tolerance : float
         Relative tolerance.
 

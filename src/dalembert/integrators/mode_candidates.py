@@ -45,12 +45,12 @@ _MOST_OPTIONS = 8
 
 
 class Candidates(NamedTuple):
-    """Working memory of mode selection, with one entry for each contact where nothing else is said.
+    """Working memory of mode selection, with one entry for each contact unless stated otherwise.
 
     Attributes
     ----------
     kind : (n_contacts,)
-        What is known of each contact: FREE, LIFTING, TOUCHING, GRIPPED or SLIDING.
+        Class of each contact: FREE, LIFTING, TOUCHING, GRIPPED or SLIDING.
     broken : (n_contacts,)
         Where friction has just failed to hold it: the direction of slip along a line, 2 in a plane; else 0.
     struck : (n_contacts,)
@@ -74,7 +74,7 @@ class Candidates(NamedTuple):
     best_mode, best_sides, best_along, best_motion
         The combination that is taken, and its accelerations, or rates after an impact (n_q,).
     motion : (n_q,)
-        The accelerations, or rates after an impact, of the combination at hand.
+        The accelerations, or rates after an impact, of the present combination.
     clear_mode, clear_sides
         The first combination that holds beyond rounding.
     sticking

@@ -13,7 +13,19 @@ import math
 from ..methods.status import Status
 from .compiled_subset import compiled_subset, sqrt
 from .contact_system import compliance, shift_forces, solve_mode
-from .contact_table import MU, MU_STATIC, OPEN, SLIP, STICK, ContactSpace, ContactTable, number, row_size
+from .contact_table import (
+    MU,
+    MU_STATIC,
+    OPEN,
+    SLIP,
+    STICK,
+    ContactSpace,
+    ContactTable,
+    mass,
+    number,
+    power_size,
+    row_size,
+)
 from .mode_candidates import FREE, GRIPPED, LIFTING, TOUCHING, Candidates, combine, list_options, next_combination
 from .slip_direction import steady_directions, uneven
 
@@ -67,12 +79,24 @@ def _friction(table: ContactTable, space: ContactSpace, i: int) -> float:
 
 
 @compiled_subset
-def _speed(space: ContactSpace) -> float:
-    """Return the largest acceleration, or rate after an impact."""
-    largest = 0.0
+def _speed(table: ContactTable, space: ContactSpace) -> float:
+    """Return the size of the accelerations, or of the rates after an impact, in the same terms as `row_size`."""
+    total = 0.0
     for j in range(space.motion.size):
-        largest = max(largest, abs(space.motion[j]))
-    return largest
+        inertia = mass(table, space, j, j)
+        total += (inertia if inertia > 0.0 else 1.0) * space.motion[j] * space.motion[j]
+    return sqrt(total)
+
+
+@compiled_subset
+def _pushed(table: ContactTable, space: ContactSpace, i: int) -> float:
+    """Return the size of the accelerations along a contact that a unit of its normal reaction may cause."""
+    size = 0.0
+    if table.constraint[i] >= 0:
+        size = row_size(table, space, table.constraint[i])
+    for a in range(table.width[i]):
+        size = max(size, row_size(table, space, table.constraints + table.first[i] + a))
+    return size * power_size(table, space, table.normal[i])
 
 
 @compiled_subset
@@ -87,12 +111,12 @@ def _forward(
     for a in range(table.width[i]):
         rows = max(rows, row_size(table, space, table.constraints + first + a))
     held = abs(compliance(table, space, place, first, first)) * _friction(table, space, i)
-    return _share(forward, _speed(space) * rows + held)
+    return _share(forward, _speed(table, space) * rows + held)
 
 
 @compiled_subset
-def _contested(table: ContactTable, space: ContactSpace, pick: Candidates, i: int) -> bool:
-    """Return whether a contact along a line is held by friction now, and goes on sticking or begins to slip."""
+def _held_by_friction(table: ContactTable, space: ContactSpace, pick: Candidates, i: int) -> bool:
+    """Return whether friction holds a contact along a line now, and it either sticks or begins to slip afterwards."""
     rests = pick.kind[i] == GRIPPED and table.width[i] == 1 and number(table, space, i, MU_STATIC) > 0.0
     return rests and (pick.mode[i] == STICK or pick.mode[i] == SLIP)
 
@@ -107,40 +131,40 @@ def _coupled(table: ContactTable, space: ContactSpace, place: int, i: int, j: in
 
 
 @compiled_subset
-def _together(table: ContactTable, space: ContactSpace, pick: Candidates, i: int, j: int) -> bool:
-    """Return whether two contacts stick now, of which one at least is to go on sticking."""
+def _both_held_by_friction(table: ContactTable, space: ContactSpace, pick: Candidates, i: int, j: int) -> bool:
+    """Return whether two contacts stick now, at least one of which keeps sticking."""
     sticks = pick.mode[i] == STICK or pick.mode[j] == STICK
-    return sticks and _contested(table, space, pick, i) and _contested(table, space, pick, j)
+    return sticks and _held_by_friction(table, space, pick, i) and _held_by_friction(table, space, pick, j)
 
 
 @compiled_subset
 def _has_own_slip(table: ContactTable, space: ContactSpace, place: int, i: int) -> bool:
-    """Return whether a contact along a line slips beyond rounding in the combination at hand."""
+    """Return whether a contact along a line slips beyond rounding in the present combination."""
     r, force = table.first[i], 0.0
     for j in range(table.constraint.size):
         force += abs(space.normal[j]) + _friction(table, space, j)
-    size = _speed(space) * row_size(table, space, table.constraints + r)
+    size = _speed(table, space) * row_size(table, space, table.constraints + r)
     return abs(space.slip[r]) > _GRAZING * (size + abs(compliance(table, space, place, r, r)) * force)
 
 
 @compiled_subset
-def _torn(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
+def _splits_coupled_contacts(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> bool:
     """Return whether a contact sticks that can only slip together with one that begins to slip.
 
     One that slips although the other sticks has a slip of its own, as on a belt that runs while a wall stands still.
     """
-    torn = False
+    splits = False
     for i in range(table.constraint.size):
         for j in range(i + 1, table.constraint.size):
-            if pick.mode[i] != pick.mode[j] and _together(table, space, pick, i, j):
+            if pick.mode[i] != pick.mode[j] and _both_held_by_friction(table, space, pick, i, j):
                 own = _has_own_slip(table, space, place, i if pick.mode[i] == SLIP else j)
-                torn = torn or (not own and _coupled(table, space, place, i, j))
-    return torn
+                splits = splits or (not own and _coupled(table, space, place, i, j))
+    return splits
 
 
 @compiled_subset
 def _unchanged(table: ContactTable, pick: Candidates) -> bool:
-    """Return whether contacts that can no longer share a load are to go on as they were."""
+    """Return whether contacts that can no longer share a load keep their states."""
     parted, same = False, True
     for i in range(table.constraint.size):
         parted = parted or pick.parted[i] != 0
@@ -151,24 +175,26 @@ def _unchanged(table: ContactTable, pick: Candidates) -> bool:
 
 @compiled_subset
 def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int, i: int, force: float) -> float:
-    """Return the margin of what one contact does; `force` is the size of all forces."""
+    """Return the margin of the laws of one contact; `force` is the size of all forces."""
     least, state = 1.0, pick.mode[i]
     press = pick.sides[i] * space.normal[i]
     if state == OPEN:
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
             return 1.0
-        return _share(_beyond(space.gap[i], pick.still[i]), _speed(space) * row_size(table, space, table.constraint[i]))
+        size = _speed(table, space) * row_size(table, space, table.constraint[i])
+        return _share(_beyond(space.gap[i], pick.still[i]), size)
     if pick.turned[i] == 0 and (table.constraint[i] >= 0 or table.sided[i] != 0):
         least = min(least, _share(_beyond(press, pick.least[i]), force))
     if state == STICK:
         used = 0.0
         for a in range(table.width[i]):
             row = table.constraints + table.first[i] + a
-            if abs(space.slip[table.first[i] + a]) > _POWERLESS * (_speed(space) * row_size(table, space, row) + force):
+            size = _speed(table, space) * row_size(table, space, row) + force * _pushed(table, space, i)
+            if abs(space.slip[table.first[i] + a]) > _POWERLESS * size:
                 return -1.0
             used += space.forces[table.first[i] + a, 0] * space.forces[table.first[i] + a, 0]
         if pick.turned[i] != 0:
-            press = max(press, 0.0)  # it is zero, and rounding has its sign
+            press = max(press, 0.0)  # it is zero, and its sign is rounding
         limit = number(table, space, i, MU if pick.slides[i] != 0 else MU_STATIC) * press
         least = min(least, _share(_beyond(limit - sqrt(used), pick.least[i]), force))
     if state == SLIP and pick.kind[i] == GRIPPED and number(table, space, i, MU_STATIC) > 0.0:
@@ -183,7 +209,7 @@ def _law(table: ContactTable, space: ContactSpace, pick: Candidates, place: int,
 
 @compiled_subset
 def _laws(table: ContactTable, space: ContactSpace, pick: Candidates, place: int) -> float:
-    """Return the margin of what all contacts do, with the forces at hand."""
+    """Return the margin of the laws of all contacts, with the present forces."""
     force, least = 0.0, 1.0
     for i in range(table.constraint.size):
         force += abs(space.normal[i]) + _friction(table, space, i)
@@ -230,7 +256,7 @@ def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: i
         total += 0.0 * space.motion[j]
     if total != 0.0:
         return math.nan
-    if _torn(table, space, pick, place) or _unchanged(table, pick):
+    if _splits_coupled_contacts(table, space, pick, place) or _unchanged(table, pick):
         return -1.0
     least = _laws(table, space, pick, place)
     if space.undetermined[0] > 0:
@@ -239,8 +265,8 @@ def _margin(table: ContactTable, space: ContactSpace, pick: Candidates, place: i
 
 
 @compiled_subset
-def _take(pick: Candidates) -> None:
-    """Take the combination at hand; its motion is taken down already."""
+def _select_combination(pick: Candidates) -> None:
+    """Select the present combination; its motion is recorded already."""
     for i in range(pick.mode.size):
         pick.best_mode[i], pick.best_sides[i] = pick.mode[i], pick.sides[i]
         pick.best_along[i, 0], pick.best_along[i, 1] = pick.along[i, 0], pick.along[i, 1]
@@ -249,15 +275,15 @@ def _take(pick: Candidates) -> None:
 
 
 @compiled_subset
-def _apart(table: ContactTable, pick: Candidates, first: bool) -> bool:
-    """Return whether the combination and the first clear one cannot both hold; the first one is taken down."""
-    apart = False
+def _excludes_first(table: ContactTable, pick: Candidates, first: bool) -> bool:
+    """Return whether the combination excludes the first clear one; the first one is recorded."""
+    excludes = False
     for i in range(pick.mode.size):
         if first:
             pick.clear_mode[i], pick.clear_sides[i] = pick.mode[i], pick.sides[i]
         opens = (pick.mode[i] == OPEN) != (pick.clear_mode[i] == OPEN)
-        apart = apart or opens or (table.sided[i] != 0 and pick.sides[i] != pick.clear_sides[i])
-    return apart
+        excludes = excludes or opens or (table.sided[i] != 0 and pick.sides[i] != pick.clear_sides[i])
+    return excludes
 
 
 @compiled_subset
@@ -273,7 +299,7 @@ def _try_all(
         pick.choice[i] = 0
         keep = expected or pick.turned[i] != 0
         pick.base_sides[i] = pick.given_sides[i] if keep else 1.0
-    best, clear, lost, torn = 0, 0, False, False
+    best, clear, lost, ambiguous = 0, 0, False, False
     while True:
         if combine(table, space, pick):
             steady_directions(table, space, pick)
@@ -287,13 +313,13 @@ def _try_all(
             grade = 2 if margin >= 0.0 or meets else 1
         if grade > best:
             best = grade
-            _take(pick)
+            _select_combination(pick)
         if margin > ROUNDING:
-            torn = torn or _apart(table, pick, clear == 0)
+            ambiguous = ambiguous or _excludes_first(table, pick, clear == 0)
             clear += 1
         if not next_combination(pick):
             break
-    if torn:
+    if ambiguous:
         return _AMBIGUOUS, best
     if best > 0:
         return _SUCCESS, best

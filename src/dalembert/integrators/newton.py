@@ -1,6 +1,6 @@
 """Newton's iteration for the increments of one step of Radau IIA.
 
-All vectors are rows of one array ``work`` (ROWS, n); the first rows are those of ``packing``. For the system
+All vectors are rows of one array ``work`` (ROWS, n); the first rows are those of ``packed_tableaus``. For the system
 E y' = f(t, y), E the identity in the first ``differential`` components and zero in the rest, the increments
 Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transformed by W = T^-1 Z, a simplified Newton
 step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
@@ -40,8 +40,8 @@ __all__ = [
     "predict",
 ]
 
-# Rows of the working array behind those of ``packing``: slope at the start, error, scale, increments, slopes at the
-# nodes, modes, and coefficients of the last step's polynomial.
+# Rows of the working array behind those of ``packed_tableaus``: slope at the start, error, scale, increments, slopes
+# at the nodes, modes, and coefficients of the last step's polynomial.
 SLOPE, ERROR, SCALE, Z, F, W, P = 4, 5, 6, 7, 10, 13, 16
 ROWS = 19
 
@@ -149,6 +149,45 @@ def predict(work: FloatArray, ratio: float) -> None:
 
 
 @compiled_subset
+def _residuals(work: FloatArray, space: NewtonWorkspace, h: float, differential: int) -> float:
+    """Write the residuals of the modes to the workspace; return 0, or NaN where slopes are not finite."""
+    finite = 0.0
+    for m in range(work.shape[1]):
+        f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
+        finite += 0.0 * (f0 + f1 + f2)
+        a = fma(TO_MODES[0, 2], f2, fma(TO_MODES[0, 0], f0, TO_MODES[0, 1] * f1))
+        b = fma(TO_MODES[1, 2], f2, fma(TO_MODES[1, 0], f0, TO_MODES[1, 1] * f1))
+        c = fma(TO_MODES[2, 2], f2, fma(TO_MODES[2, 0], f0, TO_MODES[2, 1] * f1))
+        if m < differential:
+            w1, w2, w3 = work[W, m], work[W + 1, m], work[W + 2, m]
+            a -= REAL / h * w1
+            b -= (_A * w2 + _B * w3) / h
+            c -= (_A * w3 - _B * w2) / h
+        space.first[m], space.second[m], space.third[m] = a, b, c
+    return finite
+
+
+@compiled_subset
+def _correct(work: FloatArray, space: NewtonWorkspace) -> float:
+    """Add the corrections to modes and increments; return the sum of their squares in units of ``work[SCALE]``."""
+    first, second, third = space.first, space.second, space.third
+    total = 0.0
+    for m in range(work.shape[1]):
+        work[W, m] += first[m]
+        work[W + 1, m] += second[m]
+        work[W + 2, m] += third[m]
+        weight = 1.0 / work[SCALE, m]
+        total += square(first[m] * weight) + square(second[m] * weight) + square(third[m] * weight)
+        for i in range(3):
+            work[Z + i, m] = fma(
+                FROM_MODES[i, 2],
+                work[W + 2, m],
+                fma(FROM_MODES[i, 0], work[W, m], FROM_MODES[i, 1] * work[W + 1, m]),
+            )
+    return total
+
+
+@compiled_subset
 def newton(
     rhs: int,
     t: float,
@@ -165,8 +204,7 @@ def newton(
     ``tolerance`` is in units of ``work[SCALE]``; ``known_rate`` is rate/(1 - rate) of the last step, from which the
     first correction is judged.
     """
-    work, first, second, third = run.work, space.first, space.second, space.third
-    n = work.shape[1]
+    work, n = run.work, run.work.shape[1]
     rate, before, factor_ = 0.0, 0.0, known_rate
     # With multipliers every other iteration gains little: they follow what the one before has done to the state.
     most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
@@ -175,37 +213,11 @@ def newton(
             for m in range(n):
                 work[POINT, m] = work[y, m] + work[Z + i, m]
             evaluate(rhs, t + NODES[i] * h, run, POINT, F + i)
-        finite = 0.0
-        for m in range(n):
-            f0, f1, f2 = work[F, m], work[F + 1, m], work[F + 2, m]
-            finite += 0.0 * (f0 + f1 + f2)
-            a = fma(TO_MODES[0, 2], f2, fma(TO_MODES[0, 0], f0, TO_MODES[0, 1] * f1))
-            b = fma(TO_MODES[1, 2], f2, fma(TO_MODES[1, 0], f0, TO_MODES[1, 1] * f1))
-            c = fma(TO_MODES[2, 2], f2, fma(TO_MODES[2, 0], f0, TO_MODES[2, 1] * f1))
-            if m < differential:
-                w1, w2, w3 = work[W, m], work[W + 1, m], work[W + 2, m]
-                a -= REAL / h * w1
-                b -= (_A * w2 + _B * w3) / h
-                c -= (_A * w3 - _B * w2) / h
-            first[m], second[m], third[m] = a, b, c
-        if finite != 0.0:
+        if _residuals(work, space, h, differential) != 0.0:
             return BROKEN, iteration + 1, rate
-        solve(space.real, space.real_pivots, first)
-        solve_pair(space.re, space.im, space.pair_pivots, second, third)
-        total = 0.0
-        for m in range(n):
-            work[W, m] += first[m]
-            work[W + 1, m] += second[m]
-            work[W + 2, m] += third[m]
-            weight = 1.0 / work[SCALE, m]
-            total += square(first[m] * weight) + square(second[m] * weight) + square(third[m] * weight)
-            for i in range(3):
-                work[Z + i, m] = fma(
-                    FROM_MODES[i, 2],
-                    work[W + 2, m],
-                    fma(FROM_MODES[i, 0], work[W, m], FROM_MODES[i, 1] * work[W + 1, m]),
-                )
-        size = sqrt(total / (3 * n))
+        solve(space.real, space.real_pivots, space.first)
+        solve_pair(space.re, space.im, space.pair_pivots, space.second, space.third)
+        size = sqrt(_correct(work, space) / (3 * n))
         if not size < np.inf:
             return BROKEN, iteration + 1, rate
         if iteration > 0:

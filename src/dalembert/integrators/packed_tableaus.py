@@ -12,7 +12,7 @@ from .arguments import IntVector, Vector
 
 __all__ = ["DELTA", "POINT", "STAGES", "PackedTableau", "packed_tableau"]
 
-# Rows of the working array: two that hold the ends of a step in turn, two for scratch, and the stages.
+# Rows of the working array: two that hold the ends of a step in turn, two temporary ones, and the stages.
 POINT, DELTA, STAGES = 2, 3, 4
 
 

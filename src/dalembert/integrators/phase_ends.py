@@ -36,7 +36,7 @@ def next_history(history: int, mode: int) -> int:
 
 @compiled_subset
 def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int, t: float) -> bool:
-    """Take down the events of users in a phase; return whether one of them ends the case, or maps its state."""
+    """Record the events of users in a phase; return whether one of them ends the case, or maps its state."""
     over, jumps = False, False
     for e in range(plan.terminal.size):
         count, before = space.happened[first + 3 * e], table.occurred[i, 3 * e]
@@ -55,7 +55,7 @@ def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int,
 
 @compiled_subset
 def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
-    """Take down the guards that have fired; return whether the reactions are no longer determined."""
+    """Record the guards that have fired; return whether the reactions are no longer determined."""
     asked, paradox = plan.terminal.size, False
     for m in range(table.cases.fired.shape[1]):
         table.cases.fired[i, m] = 0
@@ -72,7 +72,7 @@ def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
 
 @compiled_subset
 def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, place: int, lane: int) -> bool:
-    """Take down how a case ended its run; return whether a decision is needed."""
+    """Record how a case ended its run; return whether a decision is needed."""
     i, t, status = space.chosen[place], space.ends[place, 0], int(space.ends[place, 1])
     numbers, cases = table.numbers, table.cases
     numbers.steps[i] += int(space.ends[place, 2])

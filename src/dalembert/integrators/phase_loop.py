@@ -1,7 +1,7 @@
 """Motions with contacts, phase after phase, as compiled code: single runs and sweeps.
 
 A thread takes some cases at a time. Those that are in one mode run side by side up to the guard that ends it for each;
-then mode selection (`dalembert.integrators.contact_decisions`) decides how each goes on. A case leaves the loop when it
+then mode selection (`dalembert.integrators.contact_decisions`) selects their next modes. A case leaves the loop when it
 ends, or when it enters a mode that has not been compiled.
 """
 
@@ -14,6 +14,7 @@ from ..interrupts import STOPPED
 from ..methods.status import Status
 from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
+from .event_rules import recorded_after
 from .lane_loop import SweepArguments
 from .phase_ends import ended, mode_number
 from .phase_stops import begin_stops, goes_to, pass_stops
@@ -99,6 +100,11 @@ def _expand(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: i
         for m in range(table.p.shape[1]):
             space.scene[m, lane] = space.gathered[2 + m, place]
     expand = plan.runners.expand[runner]
+    if expand == 0:
+        for lane in range(space.clock.shape[1]):
+            for m in range(n):
+                space.posed[m, lane] = space.states[m, lane]
+        return
     call_code(expand, row(space.clock, 0), row(space.states, 0), row(space.constants, 0), 0, row(space.posed, 0))
 
 
@@ -114,7 +120,7 @@ def _pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
 
 @compiled_subset
 def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
-    """Decide how the wanted cases go on: again after an impact, with the numbers for the new rates."""
+    """Select the next modes of the marked cases: again after an impact, with the numbers for the new rates."""
     lanes, pending = space.clock.shape[1], True
     while pending:
         for lane in range(lanes):
@@ -156,7 +162,7 @@ def _forget(table: CaseTable, i: int) -> None:
 
 @compiled_subset
 def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
-    """Let a case go on in the mode that was selected."""
+    """Put a case into the mode that was selected."""
     numbers, table.begun[i] = table.numbers, table.t[i]
     for e in range(table.carried.shape[1]):
         table.carried[i, e] = math.nan
@@ -174,7 +180,7 @@ def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
 
 @compiled_subset
 def _log(table: CaseTable, i: int) -> None:
-    """Take down how the only case begins a phase."""
+    """Record the start of a phase of the only case."""
     log, numbers, cases, line = table.log, table.numbers, table.cases, table.numbers.logged[i]
     numbers.logged[i] += 1
     k, n = cases.sides.shape[1], cases.x.shape[1]
@@ -191,9 +197,11 @@ def _log(table: CaseTable, i: int) -> None:
 
 @compiled_subset
 def _sample(table: CaseTable, i: int) -> None:
-    """Take down the samples that a case has reached."""
+    """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
     numbers, wanted, cases = table.numbers, table.t_eval.size, table.cases
     forward, number = 1.0 if cases.span[i] >= 0.0 else -1.0, mode_number(table, i)
+    while numbers.next[i] > 0 and recorded_after(table.t_eval[numbers.next[i] - 1], table.t[i], forward):
+        numbers.next[i] -= 1
     while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - table.t[i]) * forward <= 0.0:
         place = i * wanted + numbers.next[i]
         table.sampled_t[place], table.sampled_mode[place] = table.t[i], number
@@ -238,7 +246,7 @@ def _begin(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, first: int
 
 @compiled_subset
 def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> int:
-    """Choose those of some cases that go on in one mode, the first that there is; return their number."""
+    """Choose those of some cases that continue in one mode, the first found; return their number."""
     size, runner, numbers = 0, NOBODY, table.numbers
     for place in range(begin, end):
         i = table.order[place]
@@ -251,7 +259,7 @@ def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> i
 
 @compiled_subset
 def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
-    """Take down how as many cases from one on as there are lanes ended their runs, and decide how they go on."""
+    """Record how a pack of cases ended their runs, and select their next modes."""
     lanes, deciding = space.clock.shape[1], False
     here = min(lanes, size - first)
     _expand(plan, table, space, runner, first, size)

@@ -1,6 +1,6 @@
 """Stops of the loop over phases: times at which conditions on time change, inputs have knots, and controllers act.
 
-A stop ends a run of the loop over lanes, not a phase: the mode goes on behind it, with other parameters, and what has
+A stop ends a run of the loop over lanes, not a phase: the mode continues after it, with other parameters, and what has
 changed its sign by that occurs at once.
 """
 
@@ -20,10 +20,10 @@ from .compiled_subset import call_code, compiled_subset, row
 from .contact_cases import ContactCases
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 
-__all__ = ["BEFORE_START", "BEHIND", "StopTable", "begin_stops", "goes_to", "no_stops", "pass_stops"]
+__all__ = ["BEFORE_START", "StopTable", "begin_stops", "goes_to", "no_stops", "pass_stops"]
 
-BEFORE_START, BEHIND = -1, -2
-"""In place of the next stop of a case, which is not found yet: the first at its time or behind it; or behind it."""
+BEFORE_START = -1
+"""In place of the next stop of a case, which is not found yet: the first at its time or behind it."""
 
 
 class StopTable(NamedTuple):
@@ -37,7 +37,7 @@ class StopTable(NamedTuple):
         Times in the direction of each case; which controllers act, as bits; and at which time conditions are decided
         from there on, NaN where that does not change.
     next : (k,)
-        The next stop, or `BEFORE_START` or `BEHIND`.
+        The next stop, or `BEFORE_START`.
     edges : (k,)
         Where the first of the present pieces of inputs ends.
     place : int
@@ -88,11 +88,8 @@ def begin_stops(stops: StopTable, p: FloatArray, i: int, t: float, t1: float) ->
     if stops.first.size == 0 or stops.next[i] >= 0:
         return
     direction = 1.0 if t1 >= t else -1.0
-    place, behind = stops.first[i], stops.next[i] == BEHIND
-    while place < stops.first[i + 1]:
-        ahead = (stops.times[place] - t) * direction
-        if ahead > 0.0 or (ahead == 0.0 and not behind):
-            break
+    place = stops.first[i]
+    while place < stops.first[i + 1] and (stops.times[place] - t) * direction < 0.0:
         place += 1
     stops.next[i] = place
     if stops.inputs.knots.size > 0:
@@ -143,7 +140,7 @@ def pass_stops(
     scene: FloatArray,
     acted: FloatArray,
 ) -> None:
-    """Let cases go on from the stops that they have reached.
+    """Continue cases from the stops that they have reached.
 
     ``reaching`` (2, lanes) has a case for each lane, or -1, and gets the controllers that act. Their times, variables
     and parameters are in ``clock``, ``posed`` and ``scene``.

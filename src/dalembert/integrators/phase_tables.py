@@ -24,8 +24,8 @@ __all__ = [
 ]
 
 NOBODY, NOT_BEGUN, JUMPS = -1, -2, -3
-"""In place of the number of a runner: none serves the mode; the case is to begin, in a mode that is to be selected;
-an event of a user has occurred that maps its state, and its mode is to be selected after that."""
+"""In place of the number of a runner: none has been made yet for the mode; the case is to begin, in a mode that is to
+be selected; an event of a user has occurred that maps its state, and its mode is to be selected after that."""
 
 
 class CaseNumbers(NamedTuple):
@@ -40,7 +40,7 @@ class CaseNumbers(NamedTuple):
     phases, steps : (k,)
         How many phases that took time others have followed; steps.
     history : (k,)
-        A number that tells apart the modes of the phases that took time, in their order.
+        A hash of the modes of the phases that took time, in their order.
     soon : (k,)
         Phases in a row that ended too soon.
     next : (k,)
@@ -78,7 +78,7 @@ class RunnerTable(NamedTuple):
     first_guard : (n,)
         Row of the first guard in ``PhasePlan.guards``.
     expand : (n,)
-        Code of coordinates and rates.
+        Code of coordinates and rates; 0 where these are the state.
     """
 
     mode: IntVector
@@ -120,7 +120,7 @@ class PhasePlan(NamedTuple):
 
 
 class CaseTable(NamedTuple):
-    """All cases, and those of them, in their ``order``, that go on.
+    """All cases, and those of them, in their ``order``, that continue.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class CaseTable(NamedTuple):
     totals : (k, n_running)
         Minima, maxima and integrals so far.
     order, turn : (n,), (1,)
-        Cases that go on, and how many of them threads have taken.
+        Cases that continue, and how many of them threads have taken.
     t_eval : (m,)
         Times of samples [s].
     sampled_t, sampled_x, sampled_mode, sampled_history, sampled_directions, sampled_sides, sampled_rest
@@ -195,7 +195,7 @@ class ThreadWorkspace(NamedTuple):
     y, ends, happened, totals
         Results of these loops.
     carried
-        Signs of events from which cases go on in them, and with which they end.
+        Signs of events with which cases continue in them, and with which they end.
     reaching, acted
         Cases that reach stops, one a lane, with the controllers that act there; and what these set.
     chosen

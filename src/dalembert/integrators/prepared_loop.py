@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..methods.status import RUNNING, Status
-from ..transforms.runge_kutta import CONTROLS, GROWTH_AT, PROPOSAL_AT
+from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
 from .input_steps import InputTable, begin_inputs, pass_knots
@@ -107,7 +107,7 @@ def LOOP(arguments: PreparedArguments) -> int:
 
 @compiled_subset
 def _begin(arguments: PreparedArguments) -> int:
-    """Compute the constants and what the first step remembers; return the status."""
+    """Compute the constants and the memory of the first step; return the status."""
     kernels, limits, progress = arguments.kernels, arguments.limits, arguments.progress
     constants, clock, settings, states = arguments.constants, arguments.clock, arguments.settings, arguments.states
     progress.t, progress.steps, progress.attempts, progress.row = limits.t0, 0, 0, 0

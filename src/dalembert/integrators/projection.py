@@ -101,7 +101,7 @@ def project_row(
     delta: FloatArray,
     mark: NDArray[np.int64],
 ) -> bool:
-    """Project the state that begins a row of ``states``, where there are projections; return whether that came about.
+    """Project the state that begins a row of ``states``, where there are projections; return whether that succeeded.
 
     ``clock`` (1, 1), ``delta`` (n, 1) and ``mark`` (1,) are overwritten.
     """

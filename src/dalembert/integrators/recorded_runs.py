@@ -16,9 +16,10 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
+from .dense_output import PiecewisePolynomial
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 from .packed_tableaus import POINT
-from .problem import IntegrationProblem, PiecewisePolynomial, Solution
+from .problem import IntegrationProblem, Solution
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
 
@@ -133,7 +134,7 @@ def evaluate(code: int, t: float, run: Run, y: int, out: int) -> None:
 
 @compiled_subset
 def project(position: int, velocity: int, t: float, run: Run, y: int) -> bool:
-    """Project a row of the work onto the constraints, if there are any; return whether that came about."""
+    """Project a row of the work onto the constraints, if there are any; return whether that succeeded."""
     return project_row(position, velocity, t, run.clock, run.work, y, run.constants, run.delta, run.mark)
 
 
@@ -168,17 +169,14 @@ def block_is_full(progress: Progress) -> bool:
 def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float]:
     """Return the next step, with its sign, and where it ends; `knots` is the kernel of its limits at knots of tables.
 
-    What was proposed stays in ``progress.unlimited`` where a knot cuts the step, and is 0 where none does.
+    Where a knot cuts the step, ``progress.unlimited`` keeps the proposed size; it is 0 where none does.
     """
     progress, t, end = run.progress, run.progress.t, run.progress.end
     size, progress.size = next_step(progress.size, t, end, settings.max_step)
     if knots != 0:
-        if progress.retried == 0:
-            progress.unlimited = 0.0
         limit = _limit_at_knots(settings, run, knots)
-        if limit < size:
-            progress.unlimited = max(progress.size, progress.unlimited)
-            size = limit
+        progress.unlimited = progress.size if limit < size else 0.0
+        size = min(size, limit)
     if size == abs(end - t):
         return end - t, end
     h = size if settings.t1 >= settings.t0 else -size
@@ -244,7 +242,7 @@ def pending(run: Run, t_new: float) -> bool:
 
 @compiled_subset
 def record(position: int, velocity: int, settings: Settings, run: Run, piece: int, y_new: int, t_new: float) -> int:
-    """Accept a step and record what is wanted of it, by its polynomial where that is `pending`; return the status."""
+    """Accept a step and record its requested states, by its polynomial where one is `pending`; return the status."""
     progress, t, projected = run.progress, run.progress.t, True
     while pending(run, t_new):
         at = run.t_eval[progress.recorded]
@@ -351,7 +349,7 @@ def run_in_blocks(
 
 
 def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[FloatArray]) -> Solution:
-    """Return the solution of a run that has ended, from what `run_in_blocks` returned."""
+    """Return the solution of a run that has ended, from the result of `run_in_blocks`."""
     progress = run.progress
     return Solution(
         status=Status(status),

@@ -29,7 +29,7 @@ from ..methods.chebyshev import (
 )
 from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from ..methods.step_constants import EPSILON
-from .problem import DenseOutput, JoinedOutput
+from .dense_output import DenseOutput, JoinedOutput
 
 __all__ = [
     "DEEP_IN_MEAN",

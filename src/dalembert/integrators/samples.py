@@ -140,7 +140,7 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         ``CubicSpline`` (not-a-knot), twice differentiable as a prescribed position and a holonomic constraint need it.
     extrapolate : str
         What values are outside of the knots: "error" refuses runs that need some, "hold" keeps the first and the last,
-        "linear" goes on with the slopes at the ends.
+        "linear" continues with the slopes at the ends.
 
     Inside of ``jax.jit``, ``jax.grad`` and ``jax.vmap``, for the solve functions of models in JAX, both arrays may be
     traced. A record is a pytree there, whose leaves are the two arrays; what is traced is not checked.
@@ -193,14 +193,14 @@ def checked_samples(name: str, record: Samples) -> Samples:
     found = samples(record.t, record.values, record.kind, record.extrapolate)
     if not found.checked:
         raise ValueInputError(
-            f"the samples of input {name!r} are traced by JAX, and numbers are wanted here: give them to the solve"
+            f"the samples of input {name!r} are traced by JAX, and numbers are required here: give them to the solve"
             ' function of model.solve_fn(...), backend="jax"'
         )
     return found
 
 
 def _array(name: str, given: Any) -> Any:
-    """Return a copy of an array of finite numbers; what JAX traces, as an array of its own."""
+    """Return a copy of an array of finite numbers; a traced value becomes an array of JAX."""
     try:
         array = np.array(array_of(given), dtype=float, order="C")
     except ValueError as reason:

@@ -1,4 +1,4 @@
-"""Constants of a run that change on the way: what they are on each of its segments."""
+"""Constants of a run on each of its segments."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Segments:
         return len(self.constants)
 
     def cut(self, times: FloatArray, acts: NDArray[np.int64]) -> Segments:
-        """Return the segments cut at further times (m,) too, at which controllers do something (m,)."""
+        """Return the segments cut at further times (m,), with the actions (m,) of controllers there."""
         edges = np.union1d(self.edges, times)  # runs with controllers go forwards
         if len(self.edges) == 2 and self.edges[0] == self.edges[1]:
             edges = self.edges

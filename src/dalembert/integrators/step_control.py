@@ -89,7 +89,7 @@ def error_verdict(error: float) -> int:
 
 @compiled_subset
 def attempt_verdict(size: float, broken: bool, proposed: float, retries: bool, t: float, rest: float) -> int:
-    """Return the verdict on a step of a generated kernel: accepted, rejected, or the status of a run that is stuck.
+    """Return the verdict on a step of a generated kernel: accepted, rejected, or the status of a failed run.
 
     Parameters
     ----------
@@ -117,14 +117,14 @@ def attempt_verdict(size: float, broken: bool, proposed: float, retries: bool, t
 
 @compiled_subset
 def blind_retry(size: float, t: float, rest: float, retries: bool) -> float:
-    """Return the size of another attempt after a step whose end could not be projected, 0 where there is none."""
+    """Return the size of another attempt after a failed projection, 0 where none is possible."""
     smaller = REDUCTION_BLIND * size
     return smaller if retries and smaller >= smallest_step(t, rest) else 0.0
 
 
 @compiled_subset
 def status_after(ended: bool, attempts: float, most: float) -> int:
-    """Return the status after an attempt: of a run that has reached its end, used up its attempts, or goes on."""
+    """Return the status after an attempt: the run has reached its end, used up its attempts, or continues."""
     if ended:
         return Status.SUCCESS
     return Status.MAX_STEPS if attempts >= most else RUNNING

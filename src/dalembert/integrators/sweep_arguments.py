@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
+from ..once import once
 from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
 from .input_steps import InputTable
 from .workspace import EventKernels, EventWorkspace, LaneState
 
-__all__ = ["CaseShape", "Columns", "SweepArguments", "SweepKernels"]
+__all__ = ["CaseRows", "CaseShape", "Columns", "SweepArguments", "SweepKernels", "no_rows"]
 
 
 class SweepKernels(NamedTuple):
@@ -56,6 +59,30 @@ class Columns(NamedTuple):
     stride: IntVector
 
 
+class CaseRows(NamedTuple):
+    """Cases as rows, where no kernel makes their constants, and records of their steps; with no rows where not so.
+
+    Attributes
+    ----------
+    times, states, constants : (k, n_t), (k, n_y), (k, n_c), or one row each for all cases
+        Times from start to end, in order; first states and constants.
+    record : (k * room, 2 + n_y) or (k * n_t, 1 + n_y)
+        Gets for each case what `dalembert.integrators.foreign_loop` records; behind the last step of a case that began,
+        steps of size 0 at its end.
+    """
+
+    times: Matrix
+    states: Matrix
+    constants: Matrix
+    record: Matrix
+
+
+@once
+def no_rows() -> CaseRows:
+    """Return what stands where cases are given as columns."""
+    return CaseRows(*(np.empty((0, 0)),) * len(CaseRows._fields))
+
+
 class SweepArguments(NamedTuple):
     """Arguments of the loop over lanes.
 
@@ -67,8 +94,9 @@ class SweepArguments(NamedTuple):
         The next case, shared by threads.
     t_eval : (m,)
         Times to record.
-    out, ends, samples : (k, n_y), (k, 3), (k, m * n_y)
-        Get final states; final time, status and steps; states at the times to record.
+    out, ends, samples : (k, n_y), (k, 3) or (k, 5), (k, m * n_y)
+        Get final states; final time, status and steps, and where there is room attempts and rows of a record; states at
+        the times to record.
     inside : (k, m) or (0, 0)
         Gets the samples that were interpolated.
     kept_constants : (k, n_c) or (0, 0)
@@ -81,6 +109,8 @@ class SweepArguments(NamedTuple):
         Records at whose knots steps end.
     steps : (m, ...) or (0, 0)
         Gets the steps of a case that is alone (`dalembert.integrators.step_records`).
+    rows : CaseRows
+        Cases that are given so, in place of columns.
     """
 
     kernels: SweepKernels
@@ -101,3 +131,4 @@ class SweepArguments(NamedTuple):
     totals: Matrix
     inputs: InputTable
     steps: Matrix
+    rows: CaseRows

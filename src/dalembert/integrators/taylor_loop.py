@@ -53,7 +53,7 @@ class TaylorArguments(NamedTuple):
     times : (...,)
         Gets the end of step k where it has room.
     low : (n_y + 1,)
-        What rounding took from the state and from the time so far.
+        Rounding errors of the state and of the time so far.
     clock, delta, mark : (1, 1), (n_y, 1), (1,)
         Are overwritten.
     inputs : InputTable
@@ -81,7 +81,7 @@ class TaylorArguments(NamedTuple):
 
 @compiled_subset
 def _sum(a: float, b: float) -> tuple[float, float]:
-    """Return a + b as rounded, and what rounding took (Knuth's two-sum)."""
+    """Return a + b as rounded, and the rounding error (Knuth's two-sum)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)

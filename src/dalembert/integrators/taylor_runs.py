@@ -15,9 +15,10 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..transforms.taylor import scale_floor
 from .arguments import address_of, pack, place_of
+from .dense_output import PiecewisePolynomial
 from .input_records import InputRecords
 from .input_steps import no_inputs
-from .problem import IntegrationProblem, PiecewisePolynomial, Solution
+from .problem import IntegrationProblem, Solution
 from .taylor_loop import TaylorArguments, TaylorProgress
 
 __all__ = ["StepCode", "integrate"]
@@ -109,7 +110,7 @@ class _Workspace:
         self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
 
     def begin(self, problem: IntegrationProblem) -> bool:
-        """Take in the start of a problem; return whether its numbers are finite."""
+        """Load the start of a problem; return whether its numbers are finite."""
         y, c = self.y[0], self.constants[:, 0]
         y[:-1], y[-1], c[...], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
         direction = 1.0 if problem.t1 >= problem.t0 else -1.0
@@ -120,7 +121,7 @@ class _Workspace:
         return bool(y[:-1] @ state + c @ constants == 0.0)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
-        """Take at most `limit` steps; return the status, ends of steps (k,) and what they put out (k, width)."""
+        """Take at most `limit` steps; return the status, ends of steps (k,) and their outputs (k, width)."""
         if limit <= FIRST_BLOCK:
             self._words[_LIMIT_AT] = limit
             status = call(self.address)
@@ -149,7 +150,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
     problem
         The problem; its arrays are copied.
     watch
-        Asked between blocks of steps whether to stop, in runs that have many more steps before them.
+        Called between blocks of steps of long runs; returns whether to stop.
 
     Returns
     -------
@@ -191,7 +192,7 @@ def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None =
 
 
 def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
-    """Take whole turns from large angles of a state y (n,), and return how many; `low` gets what rounding takes."""
+    """Subtract whole turns from large angles of a state y (n,), and return how many; `low` gets the rounding errors."""
     whole = np.trunc(y[angles] / _TURN)
     turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
     near = y[angles] - turns * _TURN_HIGH
@@ -207,7 +208,7 @@ _Block = tuple[FloatArray, FloatArray, FloatArray | None]
 
 @final
 class _Record:
-    """The record of a run: its steps or the states at the times asked for, and the series if they are wanted."""
+    """The record of a run: its steps or the states at the requested times, and the series if requested."""
 
     def __init__(self, problem: IntegrationProblem, order: int) -> None:
         self.problem, self.order = problem, order
@@ -219,7 +220,7 @@ class _Record:
             self.samples.append((first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)), None))
 
     def add(self, times: FloatArray, rows: FloatArray, turns: FloatArray | None) -> None:
-        """Take in a block of steps, less some turns (n,)."""
+        """Add a block of steps, less some turns (n,)."""
         if not len(times):
             return
         start, self.end = self.end, float(times[-1])
@@ -287,7 +288,7 @@ class _Record:
 @final
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Coefficients of the polynomials of steps, computed from what the steps put out when they are needed."""
+    """Coefficients of the polynomials of steps, computed on demand from the outputs of the steps."""
 
     order: int
     direction: float

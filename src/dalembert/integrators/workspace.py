@@ -17,14 +17,18 @@ from .arguments import Address, IntVector, Matrix, Record
 __all__ = [
     "ATTEMPTS",
     "BEFORE",
+    "BEND",
     "BOUNDS",
+    "DOUBT",
     "END",
     "FIRST",
     "IDLE",
+    "LONG_ENDS",
     "NEXT",
     "NOW",
     "OCCURRENCE",
     "POINT_LANES",
+    "RATE",
     "REJECTIONS",
     "RUNNING",
     "EventKernels",
@@ -52,8 +56,14 @@ ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 ROUNDING = 16.0 * EPSILON
 """Share of its terms by which a polynomial may miss the end of its step without being corrected."""
 
+RATE, BEND, DOUBT = range(3)
+"""Rows of ``EventWorkspace.rates``."""
+
 OCCURRENCE = 3
 """Columns of ``EventWorkspace.occurrences``: event, time and sign."""
+
+LONG_ENDS = 5
+"""Columns of ``SweepArguments.ends`` where there are those for attempts and rows of a record, too."""
 
 IDLE = -2
 """Status of a lane without a case."""
@@ -211,15 +221,17 @@ class EventWorkspace(NamedTuple):
 
     ``event_series`` are those of the events that have any, in the fraction of the step, and ``start_noise`` what
     rounding of the state made of them where each lane began. ``may_change`` are 1 for events that may change their sign
-    in the present step, else 0; ``rates`` belong to its beginning.
+    in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND` and `DOUBT` are, over the step, the
+    bends of armed events that are zero there, and the errors of bends along its polynomials
+    (`dalembert.integrators.zero_starts`).
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
     Where ``occurrences`` has rows, it gets event, time and sign of each occurrence, from the second row on; the first
     has their number.
 
-    Where ``carried`` (n_cases, n_events) has rows, it has the signs from which cases go on, NaN for those that begin, 0
-    where a sign is not known; it gets those at their ends.
+    Where ``carried`` (n_cases, n_events) has rows, it has the signs with which cases continue: NaN at a start,
+    0 where a sign is not known; it gets those at their ends.
     """
 
     own: Matrix
@@ -288,7 +300,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         stack=aligned(2 * DEEPEST + 4, 3),
         event_series=aligned(max(events.events_with_series, 1), degree),
         start_noise=aligned(lanes, k),
-        rates=aligned(1, k),
+        rates=aligned(3, k),
         may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
         occurrences=np.zeros((0, OCCURRENCE)),

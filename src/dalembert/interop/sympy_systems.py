@@ -69,7 +69,7 @@ def scene_from_sympy(source: Any, name: str | None = None) -> Scene:
     return _scene(held, name)
 
 
-# -- what SymPy's objects hold ------------------------------------------------------------------
+# -- contents of SymPy's objects ----------------------------------------------------------------
 
 
 def _of_system(system: System) -> _Contents:
@@ -109,7 +109,7 @@ def _of_kane(method: KanesMethod, name: str) -> _Contents:
 
 
 def _hidden_of_kane(method: Any) -> _Contents:
-    """Return what a `KanesMethod` holds and does not show; the only place that looks into it."""
+    """Return the private contents of a `KanesMethod`; the only place that reads its internals."""
     velocity = tuple(method._k_nh * method.u + method._f_nh) if method._k_nh else ()
     rates = method.q.diff(dynamicsymbols._t)  # as they were given; kindiffdict() has them solved, with divisions
     kinematic = method._k_kqdot_implicit * rates + method._k_ku_implicit * method.u + method._f_k_implicit
@@ -140,12 +140,12 @@ def _of_lagrange(method: LagrangesMethod, name: str) -> _Contents:
 
 
 def _hidden_of_lagrange(method: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return Lagrangian and holonomic constraints of a `LagrangesMethod`; the only place that looks into it."""
+    """Return Lagrangian and holonomic constraints of a `LagrangesMethod`; the only place that reads its internals."""
     return method._L[0], tuple(method._hol_coneqs)
 
 
 def _pairs(loads: Iterable[Any]) -> tuple[tuple[Any, Any], ...]:
-    """Return loads as pairs of a point or frame and a vector; a body stands for its mass centre or frame."""
+    """Return loads as pairs of a point or frame and a vector; a body is replaced by its mass centre or frame."""
     return tuple((load[0], load[1]) for load in loads)
 
 
@@ -183,11 +183,11 @@ def _scene(held: _Contents, name: str) -> Scene:
     if named:
         equations = [sp.sympify(equation).xreplace(still) for equation in held.kinematic_equations]
         scene.kinematic_equations = (*equations, *(q.diff(dynamicsymbols._t) - u for u, q in loose.items()))
-    scene.loads = tuple((target, _quiet(vector, still)) for target, vector in loads)
+    scene.loads = tuple((target, _without_auxiliary_speeds(vector, still)) for target, vector in loads)
     scene.lagrangian = held.lagrangian
     targets = dict.fromkeys([target for body in moving for target in _targets(body)] + [t for t, _ in loads])
     scene.velocities = tuple((target, _velocity(target, frame, still)) for target in targets)
-    return _settled(scene) if held.lagrangian is None and located(scene) else scene
+    return _with_derived_velocities(scene) if held.lagrangian is None and located(scene) else scene
 
 
 def _targets(body: Any) -> tuple[Any, ...]:
@@ -206,18 +206,18 @@ def _velocity(target: Any, frame: ReferenceFrame, still: dict[Any, Any]) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # SymPy warns where points give a velocity in several ways
             if isinstance(target, Point):
-                return _quiet(target.vel(frame), still)
-            return _quiet(target.ang_vel_in(frame), still)
+                return _without_auxiliary_speeds(target.vel(frame), still)
+            return _without_auxiliary_speeds(target.ang_vel_in(frame), still)
     except ValueError as unknown:
         what = "point" if isinstance(target, Point) else "frame"
         how = "locate it, or set_vel" if isinstance(target, Point) else "orient it, or set_ang_vel"
         raise SceneError(
             "SymPy's system",
-            [f"SymPy knows no velocity of the {what} {target.name!r} in {frame.name!r}; {how}: {unknown}"],
+            [f"SymPy has no velocity of the {what} {target.name!r} in {frame.name!r}; {how}: {unknown}"],
         ) from None
 
 
-def _quiet(vector: Any, still: dict[Any, Any]) -> Any:
+def _without_auxiliary_speeds(vector: Any, still: dict[Any, Any]) -> Any:
     """Return a vector without auxiliary speeds, which are zero."""
     return vector.xreplace(still) if still and isinstance(vector, Vector) else vector
 
@@ -226,12 +226,12 @@ def _origin(bodies: Sequence[Any], frame: ReferenceFrame, still: dict[Any, Any])
     """Return a point at rest that the bodies are located from, or else a new one."""
     for body in bodies:
         for point in Tree(body.masscenter, "_pos_dict").parent:
-            if frame in point._vel_dict and _quiet(point._vel_dict[frame], still) == 0:
+            if frame in point._vel_dict and _without_auxiliary_speeds(point._vel_dict[frame], still) == 0:
                 return point
     return Point("O")
 
 
-def _settled(scene: Scene) -> Scene:
+def _with_derived_velocities(scene: Scene) -> Scene:
     """Return a scene without its velocities where they follow from the positions, and with gravity as gravity."""
     from ..mechanics.kane import velocities_agree
     from ..scene.reading import read

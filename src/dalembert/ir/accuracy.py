@@ -160,7 +160,7 @@ def _angle(a: Probed, b: Probed) -> Probed:
 
 
 def _function(function: Callable[[Any], Any], slope: Callable[[Any, Any], Any]) -> Callable[[Probed], Probed]:
-    """Return the rule of a function from itself and its slope, which is given the operand and the value."""
+    """Return the rule of a function from the function and its derivative in terms of operand and value."""
 
     def rule(a: Probed) -> Probed:
         value = function(a[0])

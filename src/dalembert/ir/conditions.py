@@ -48,7 +48,7 @@ class Conditions:
     place : int
         Number of `CONDITION_TIME` among the parameters; None where nothing is decided, and it is none of them.
     functions : tuple of Kernel
-        Of (t, p), with one output each. What is decided within a function comes before it.
+        Of (t, p), with one output each. Conditions within a function come before it.
     kinds : tuple of str
         `ZERO` or `WHOLE`, one a function.
     nested : tuple of bool
@@ -75,7 +75,7 @@ class Conditions:
 
     @classmethod
     def read(cls, reader: Reader) -> Conditions:
-        """Return the conditions that come next in the text of a program."""
+        """Read the conditions at the present place of the text of a program."""
         reader.require("conditions")
         place = None
         if reader.take("decided"):
@@ -106,7 +106,7 @@ class Conditions:
         return self.place is not None
 
     def decide_at(self, p: NDArray[np.float64], times: Any) -> None:
-        """Let conditions of parameters p (n_p,) or (k, n_p) be decided at times () or (k,)."""
+        """Set the time at which conditions are decided, () or (k,), in parameters p (n_p,) or (k, n_p)."""
         if self.place is not None:
             p[..., self.place] = times
 

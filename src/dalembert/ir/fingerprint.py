@@ -100,7 +100,7 @@ def turns(a: Circle, count: int) -> Circle:
 
 
 def square_root(number: int) -> int | None:
-    """Return the fingerprint of the square root of a small positive integer, or None where the field has none.
+    """Return the fingerprint of the square root of a small positive integer; None where the field has no root.
 
     Each prime factor has one root, chosen once, so that sqrt(2) * sqrt(3) is sqrt(6).
     """

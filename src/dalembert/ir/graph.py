@@ -108,7 +108,7 @@ class Graph(Algebra):
             made = self.call(node.op, *(new[arg.index] for arg in node.args))
             if generic is not None and made is not node and node.op not in _RATIONAL:
                 return self.const(next(generic))
-            if made.deps & forbidden:  # its value does not depend on the input, but its cheapest form named it
+            if made.deps & forbidden:  # the value does not depend on the input, but its cheapest form contained it
                 self.freed_of(made, list(values))
             return made
 
@@ -186,7 +186,7 @@ def _graph_of(
     samples: dict[int, dict[int, tuple[float, float, bool]]],
     errors: dict[int, Any],
 ) -> Graph:
-    """Return a graph that has left the process, with the same values in the same forms, and the same numbers."""
+    """Return an unpickled graph, with the same values in the same forms, and the same numbers."""
     made = Graph.__new__(Graph)
     made.decimals, made.written, made.samples, made._errors = decimals, written, samples, errors
     made.nodes = [

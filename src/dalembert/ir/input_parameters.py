@@ -21,5 +21,5 @@ def hidden_parameters(name: str) -> tuple[str, ...]:
 
 
 def coefficient_places(parameters: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[int, ...]:
-    """Return where among parameters, and so among constants, those of each input begin; they follow one another."""
+    """Return the place of the first parameter of each input among the parameters, and so among the constants."""
     return tuple(parameters.index(hidden_parameters(name)[0]) for name in inputs)

@@ -27,13 +27,13 @@ def interpret(
     Parameters
     ----------
     kernel : Kernel
-        What to run.
+        Kernel to evaluate.
     arguments : mapping of str to number or sequence
         The arguments by name.
     operations : mapping of str to callable, optional
         Another meaning of the operations, for example in extended precision; Python floats by default.
     literal : callable, optional
-        What a literal becomes.
+        Conversion of literals.
 
     Returns
     -------
@@ -92,7 +92,7 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
 @final
 @dataclass(frozen=True, eq=False)
 class _Tape:
-    """A kernel as places in one list: what is loaded, what is literal, and operations on the places of operands."""
+    """A kernel on places of one list: loads, literals, and operations on the places of their operands."""
 
     kernel: Kernel
     loads: tuple[tuple[int, str, int | None], ...]

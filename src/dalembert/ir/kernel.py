@@ -60,7 +60,7 @@ class Kernel:
     body : tuple of Assignment
         Operations, each after its operands.
     outputs : tuple of Operand
-        What is written to the output array, in order.
+        Values of the output array, in order.
 
     Notes
     -----
@@ -110,7 +110,7 @@ class Kernel:
 
     @classmethod
     def read(cls, reader: Reader) -> Kernel:
-        """Return the kernel that comes next in a text."""
+        """Read the kernel at the present place of a text."""
         reader.require("kernel")
         name = reader.word("the name of the kernel")
         reader.require("(")

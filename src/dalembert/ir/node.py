@@ -20,7 +20,7 @@ class UnitName(str):
     Attributes
     ----------
     quaternion : str
-        What its four components have in common.
+        Name of the quaternion, common to its four components.
     place : int
         Which of them it is.
     """
@@ -116,5 +116,5 @@ class Node:
 
 
 def _node_of(graph: Algebra, index: int) -> Node:
-    """Return a node of a graph that has left the process."""
+    """Return a node of an unpickled graph."""
     return graph.nodes[index]

@@ -1,7 +1,7 @@
 """Text form of names, numbers and operations of programs: printers, and a reader of tokens.
 
-A line is one statement; a line that ends in a comma goes on in the next. ``#`` begins a comment, and indentation means
-nothing. What is no plain word, such as the label of a constraint, stands in double quotes with the escapes of Python.
+A line is one statement; a line that ends in a comma continues in the next. ``#`` begins a comment, indentation has no
+meaning. Names that are no plain words, such as labels of constraints, are in double quotes with escapes of Python.
 Numbers are printed by ``repr``, so that they are read as the same doubles; ``inf`` and ``nan`` are numbers.
 """
 

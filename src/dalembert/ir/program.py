@@ -40,7 +40,7 @@ class Layout:
     constraints : tuple of str
         Labels of the constraints, holonomic ones first.
     holonomic : int
-        How many of them are holonomic.
+        Number of holonomic constraints.
     constants : int
         Length of c: the parameters, then the expressions of parameters alone; 0 before these are hoisted.
     aliases : mapping of str to str
@@ -57,6 +57,8 @@ class Layout:
         Names of the first-order states, which are the last components of y.
     held : tuple of str
         Names of the inputs that controllers set and hold, which are among the states.
+    angles : tuple of str
+        Coordinates without a unit: angles and components of quaternions; none where there are no constraints.
     """
 
     coordinates: tuple[str, ...]
@@ -76,10 +78,11 @@ class Layout:
     inputs: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
+    angles: tuple[str, ...] = ()
 
     @property
     def given(self) -> tuple[str, ...]:
-        """Names of the parameters that users give: all but those that runs set themselves."""
+        """Names of the parameters that users give: all that runs do not set themselves."""
         own = {name for u in self.inputs for name in hidden_parameters(u)} | {CONDITION_TIME}
         return tuple(name for name in self.parameters if name not in own)
 
@@ -105,7 +108,7 @@ class Program:
     """The kernels of one scene in one formulation, and the layout of their arrays.
 
     Where the scene is `nonanalytic`, what its series do not show may happen in reactions, too, that no rate depends on.
-    `energy_note` is what those are warned of who ask for the energy.
+    `energy_note` is the warning for requests of the energy.
     `conditions` are those that are decided once for each segment of a run, None where there are none.
 
     ``str(program)`` is its text for people to read, in the notation of `dalembert.ir.notation`: what the arrays hold,
@@ -204,5 +207,5 @@ def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
 
 @once
 def representative(program: Program) -> Program:
-    """Return the first of all equal programs: of representatives, equal ones are the same, which is seen at once."""
+    """Return the first of all equal programs, so that equal representatives are the same object."""
     return program

@@ -108,6 +108,7 @@ LAYOUT_FIELDS: dict[str, _Field] = {
     "inputs": _NAMES,
     "states": _NAMES,
     "held": _NAMES,
+    "angles": _NAMES,
     "aliases": _ALIASES,
 }
 

@@ -32,7 +32,7 @@ class Probe(NamedTuple):
 def random_inputs(nodes: Sequence[Node], draw: random.Random) -> dict[Node, float]:
     """Return a positive number of moderate size for every input that some expressions depend on.
 
-    What jumps in time alone has one of its own, as if it were an input: random times may all be on one side.
+    Conditions on time have a random value of their own, as inputs have: random times may all be on one side.
     """
     deciding = nodes[0].graph.known_mask(CONDITION_TIME) if nodes else 0
     return {
@@ -117,7 +117,7 @@ def match(first: Sequence[Node], second: Sequence[Node], *, points: int = 8, tol
 
 
 def lost_at_zero(node: Node, reference: Sequence[Node], moving: Sequence[Node]) -> int:
-    """Return at how many special points an expression has no value, and a reference has.
+    """Return the number of special points at which an expression has no value and a reference has one.
 
     Points with a parameter that is zero, and those with moving inputs that are all zero, or all one.
     """

@@ -56,7 +56,7 @@ class Table:
     Attributes
     ----------
     name : str
-        What people call it.
+        Name for users.
     edges : ndarray (m,)
         Where pieces end, increasing; piece i is edges[i - 1] <= x < edges[i].
     origins : ndarray (m + 1,)
@@ -155,7 +155,7 @@ _KNOWN: dict[int, Table] = {}
 
 
 def registered(table: Table) -> Table:
-    """Return the table with these numbers, which is known by its key from now on."""
+    """Register a table with these numbers and return it; `table_of` finds it by its key."""
     return _KNOWN.setdefault(table.key, table)
 
 

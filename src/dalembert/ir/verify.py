@@ -59,7 +59,7 @@ def _fail_to_define(kernel: Kernel, target: str, known: set[str | float]) -> NoR
 
 
 def _check_literal(kernel: Kernel, operand: str | float, where: str) -> None:
-    """Require that an operand which is no known value is a finite number."""
+    """Require that an operand is a known value or a finite number."""
     if isinstance(operand, str):
         _fail(kernel, f"{where} uses {operand} before its assignment")
     if not math.isfinite(operand):

@@ -13,9 +13,10 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
-from .algebra import TOLERANCE, Algebra
+from .algebra import Algebra
 from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph, Node, UnitName
+from .interning import TOLERANCE
 from .ops import GRAPH_OPERATIONS, TABLE_OPERATIONS
 
 __all__ = ["TOLERANCE", "agree", "magnitude", "terms_of", "vanishes"]
@@ -33,7 +34,7 @@ _UNDEFINED = (math.nan, math.inf, True)
 
 
 def vanishes(node: Node) -> bool:
-    """Whether a value is zero: exactly, or but for the rounding of the decimal numbers that it was computed from."""
+    """Return whether a value is zero: exactly, or up to the rounding of the decimals that it was computed from."""
     if node.is_zero:
         return True
     graph = node.graph
@@ -55,7 +56,7 @@ def vanishes(node: Node) -> bool:
 
 
 def agree(first: Sequence[Node], second: Sequence[Node]) -> bool:
-    """Whether two vectors are equal: exactly, or but for the rounding of the decimal numbers in them.
+    """Return whether two vectors are equal: exactly, or up to the rounding of the decimal numbers in them.
 
     A component may be what rounding has left of a difference, which SymPy has evaluated: the largest component counts.
     """
@@ -129,7 +130,7 @@ def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
             known[top.index] = (_place(top, draw), 0.0, False)
         elif top.op == "const":
             known[top.index] = _constant(graph, top)
-        elif deciding & top.deps and top.op in DECIDED:  # random times may all be on one side of a jump
+        elif deciding & top.deps and top.op in DECIDED:  # random times may all lie on one side of a jump
             known[top.index] = (random.Random(f"{top.fingerprint} {draw}").uniform(0.4, 1.3), 0.0, False)
         else:
             known[top.index] = _operation(top.op, [known[arg.index] for arg in top.args])

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
+from ..reduction.step_limits import step_limits
 from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
-from ..transforms.knot_limits import knot_limits
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
-from ..transforms.zero_limits import zero_limits
 
 if TYPE_CHECKING:
     from ..mechanics.equations import EquationsOfMotion
     from ..reduction import ReducedSystem
 
-__all__ = [
-    "lower",
-]
+__all__ = ["lower"]
 
 
 def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Program:
@@ -36,43 +33,24 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     system : ReducedSystem
         In any formulation.
     records : list of PassRecord, optional
-        What each pass did to each kernel is appended to it.
+        Gets a record of each pass on each kernel.
     """
     equations = system.equations
-    graph, symbols = equations.graph, equations.symbols
-    parameters = {graph.input(name): ("p", i) for i, name in enumerate(symbols.parameters)}
+    graph = equations.graph
+    parameters = {graph.input(name): ("p", i) for i, name in enumerate(equations.symbols.parameters)}
     common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
     state = common | {node: ("y", i) for node, i in system.places.items()}
     scene = common | {node: ("y", i) for i, node in enumerate(equations.variables)}
-    rows = equations.constraints
     residuals = [
-        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift for row in rows
+        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift
+        for row in equations.constraints
     ]
-    definitions = dict(zip(system.inputs, system.initial, strict=True))
-    back = {a: b for a, b in definitions.items() if a is not b}
     # Speeds that were tried may cancel in a form only while unit quaternions stand for the coordinates.
     graph.heal(system.accelerations, (*system.inputs, equations.time, *parameters))
-    on_state = {
-        "expand": (*system.coordinates, *system.rates, *equations.states),
-        "outputs": tuple(system.outputs.values()),
-    }
-    if system.projection is not None:
-        on_state |= system.projection.kernels()
-    on_scene = {
-        "initial": system.initial,
-        "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
-        "forcing": equations.forcing,
-        "accelerations": tuple(graph.substitute(system.accelerations, back)),
-        "energy": (equations.kinetic_energy, equations.potential_energy),  # and that of loads, see below
-        "constraint_jacobian": tuple(entry for row in rows for entry in row.jacobian),
-        "position_residual": tuple(row.position for row in rows if row.position is not None),
-        "velocity_residual": tuple(residuals),
-    }
-    if not system.regular and set(system.outputs) & set(symbols.unknowns):
-        on_scene["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
+    on_state, on_scene = _values_on_state(system), _values_on_scene(system, residuals)
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
     kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still), records=records)]
-    limits = _step_limits(system, ~graph.mask(symbols.parameters))
+    limits = step_limits(graph, system.rhs, system.inputs, equations.time, equations.symbols.parameters)
     if limits is not None:
         on_state["knots"] = limits
     kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
@@ -85,33 +63,10 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
         kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole, records=records))
         kernels.append(lower_kernel(graph, "multipliers", system.stages.multipliers, state, records=records))
-    layout = Layout(
-        coordinates=symbols.coordinates,
-        rates=symbols.rates,
-        parameters=symbols.parameters,
-        unknowns=symbols.unknowns,
-        undetermined=system.undetermined,
-        state=system.state,
-        outputs=tuple(system.outputs),
-        constraints=tuple(row.label for row in rows),
-        holonomic=sum(row.position is not None for row in rows),
-        constants=0,
-        aliases=dict(symbols.aliases),
-        defaults={
-            **equations.defaults,
-            **system.defaults,
-            **({CONDITION_TIME: 0.0} if decide(equations.conditions) else {}),
-        },
-        entries=tuple(name for entry in symbols.entries for name in entry.names),
-        assumptions=dict(symbols.assumptions),
-        inputs=symbols.input_names,
-        states=symbols.states,
-        held=symbols.held,
-    )
     unprepared = Program(
         equations.name,
         system.formulation,
-        layout,
+        _layout(system),
         tuple(kernels),
         system.notes,
         equations.nonanalytic,
@@ -121,15 +76,61 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     return PROGRAM_PASSES(unprepared, records)
 
 
-def _step_limits(system: ReducedSystem, moving: int) -> tuple[Node, ...] | None:
-    """Return the largest size of a step, forward and backward in time; None where nothing limits it."""
-    graph, own = system.equations.graph, (system.rhs, system.inputs, system.equations.time)
-    state = graph.mask(str(node.payload) for node in system.inputs)
-    found = [knot_limits(graph, *own, moving), zero_limits(graph, *own, state)]
-    known = [limits for limits in found if limits is not None]
-    if len(known) < 2:
-        return known[0] if known else None
-    return tuple(graph.call("min", a, b) for a, b in zip(*known, strict=True))
+def _values_on_state(system: ReducedSystem) -> dict[str, Sequence[Node]]:
+    """Return the outputs of the kernels of the state of the formulation, by the names of the kernels."""
+    values: dict[str, Sequence[Node]] = {
+        "expand": (*system.coordinates, *system.rates, *system.equations.states),
+        "outputs": tuple(system.outputs.values()),
+    }
+    return values if system.projection is None else values | system.projection.kernels()
+
+
+def _values_on_scene(system: ReducedSystem, residuals: Sequence[Node]) -> dict[str, Sequence[Node]]:
+    """Return the outputs of the kernels of coordinates, rates and first-order states, by the names of the kernels.
+
+    `residuals` are those of the velocity constraints. The energies are here without the potential energy of loads.
+    """
+    equations, rows = system.equations, system.equations.constraints
+    back = {a: b for a, b in zip(system.inputs, system.initial, strict=True) if a is not b}
+    values: dict[str, Sequence[Node]] = {
+        "initial": system.initial,
+        "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
+        "forcing": equations.forcing,
+        "accelerations": tuple(equations.graph.substitute(system.accelerations, back)),
+        "energy": (equations.kinetic_energy, equations.potential_energy),
+        "constraint_jacobian": tuple(entry for row in rows for entry in row.jacobian),
+        "position_residual": tuple(row.position for row in rows if row.position is not None),
+        "velocity_residual": tuple(residuals),
+    }
+    if not system.regular and set(system.outputs) & set(equations.symbols.unknowns):
+        values["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
+    return values
+
+
+def _layout(system: ReducedSystem) -> Layout:
+    """Return the layout of the program before parameters are hoisted."""
+    equations, symbols = system.equations, system.equations.symbols
+    condition_time = {CONDITION_TIME: 0.0} if decide(equations.conditions) else {}
+    return Layout(
+        coordinates=symbols.coordinates,
+        rates=symbols.rates,
+        parameters=symbols.parameters,
+        unknowns=symbols.unknowns,
+        undetermined=system.undetermined,
+        state=system.state,
+        outputs=tuple(system.outputs),
+        constraints=tuple(row.label for row in equations.constraints),
+        holonomic=sum(row.position is not None for row in equations.constraints),
+        constants=0,
+        aliases=dict(symbols.aliases),
+        defaults={**equations.defaults, **system.defaults, **condition_time},
+        entries=tuple(name for entry in symbols.entries for name in entry.names),
+        assumptions=dict(symbols.assumptions),
+        inputs=symbols.input_names,
+        states=symbols.states,
+        held=symbols.held,
+        angles=equations.angles,
+    )
 
 
 def _energies(

@@ -16,7 +16,7 @@ __all__ = ["copied"]
 def copied(equations: EquationsOfMotion) -> EquationsOfMotion:
     """Return equal equations on a graph of their own, which has the same values in the same forms and order.
 
-    What is derived from the copy leaves the original as it is. Nodes of other graphs, as that of the potential energy
+    Derivations from the copy leave the original unchanged. Nodes of other graphs, as that of the potential energy
     of loads, are shared.
     """
     graph = equations.graph.copy()

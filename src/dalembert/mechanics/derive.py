@@ -12,6 +12,7 @@ from ..scene.symbols import RESERVED_OUTPUTS
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
 from ..transforms.nonsmooth import nonanalytic
+from .angles import angles_of
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from .kane import kane_powers
 from .kinematics import Kinematics
@@ -19,6 +20,7 @@ from .lagrangian import lagrangian_powers
 from .load_energy import load_energy, warn_of_silent_potential
 from .quasi_velocities import velocity_groups
 from .quaternions import quaternion_groups
+from .reaction_checks import require_reactions_of_constraints
 from .slip_checks import require_conjugate_slip
 from .virtual_power import powers
 
@@ -50,7 +52,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot, *states)
     outputs = {**model.outputs, **_places(kinematics)}
     _require_names_of_their_own(model, outputs)
-    return EquationsOfMotion(
+    equations = EquationsOfMotion(
         name=model.name,
         graph=model.graph,
         symbols=model.symbols,
@@ -65,13 +67,16 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         groups=_groups(kinematics),
         outputs=outputs,
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
-        nonanalytic=nonanalytic(model.graph, terms, moving),
+        nonanalytic=nonanalytic(model.graph, terms, moving, kinks=bool(model.contacts)),
         load_energy=load_energy(kinematics, power, silent, rows),
         conditions=model.conditions,
         states=states,
         state_rates=model.state_rates,
         controllers=model.controllers,
+        angles=angles_of(model, rows, power.mass_matrix),
     )
+    require_reactions_of_constraints(model, equations)
+    return equations
 
 
 def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
@@ -83,14 +88,14 @@ def _groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
 
 
 def _places(kinematics: Kinematics) -> dict[str, Node]:
-    """Return components of vectors and of the positions of points that were asked for, on the frame of the scene."""
+    """Return requested components of vectors and of positions of points, on the frame of the scene."""
     places, vectors = kinematics.model.places.items(), kinematics.model.vectors.items()
     found = {name: kinematics.between(0, point, 0)[axis] for name, (point, axis) in places}
     return found | {name: kinematics.resolve(pieces, 0)[axis] for name, (pieces, axis) in vectors}
 
 
 def _require_names_of_their_own(model: SceneModel, outputs: Mapping[str, Node]) -> None:
-    """Raise for outputs that have the name of something else.
+    """Raise for outputs that have the name of another quantity.
 
     Raises
     ------
@@ -104,8 +109,10 @@ def _require_names_of_their_own(model: SceneModel, outputs: Mapping[str, Node]) 
     kinds["a symbol of the scene"] = tuple(symbols.aliases)
     for name in model.chosen:
         own = acceleration_input(name.removesuffix(acceleration_name("")))
-        kind = next((kind for kind, names in kinds.items() if name in names), None)
-        if kind is not None and outputs[name] not in (model.graph.input(name), model.graph.input(own)):
+        found = [kind for kind, names in kinds.items() if name in names]
+        kind = found[0] if found else None
+        twice = kind != "an acceleration" and "an acceleration" in found
+        if kind is not None and (twice or outputs[name] not in (model.graph.input(name), model.graph.input(own))):
             raise OptionError(
                 f"scene {model.name!r}: the output {name!r} has the name of {kind}, which is something else; give it"
                 " another name: outputs={'name': expression, vector or point}"

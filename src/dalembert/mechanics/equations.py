@@ -9,7 +9,8 @@ from typing import final
 from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
-from ..scene.model import ControllerModel, SymbolTable
+from ..scene.model import ControllerModel
+from ..scene.symbol_table import SymbolTable
 from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix
 
@@ -25,7 +26,7 @@ class ConstraintRow:
     Attributes
     ----------
     label : str
-        How the user wrote it.
+        Text of the constraint as the user wrote it.
     position : Node or None
         The expression that vanishes in coordinates and time; None for a nonholonomic constraint.
     jacobian : tuple of Node, length n_q
@@ -53,7 +54,7 @@ class ContactRow:
     normal : int
         Number of the normal reaction among the unknowns.
     gap, constraint, restitution : Node, int, Node, or None
-        What is positive where it is open, the number of the constraint that holds while it is closed, and Newton's
+        The gap, the number of the constraint that holds while it is closed, and Newton's
         coefficient; None for friction on a constraint that never opens.
     sense : int
         1 where that constraint is the gap, -1 where it is minus the gap.
@@ -200,7 +201,8 @@ class EquationsOfMotion:
     minimum_norm : bool
         Whether reactions that are not determined are those of minimum norm; they are an error otherwise.
     nonanalytic : bool
-        Whether the equations have kinks, jumps or exponential functions in state or time.
+        Whether the equations have exponential functions of state or time or, in scenes with contacts, kinks or jumps:
+        forces on what rests in a mode occur in no rates, so that no step ends there.
     load_energy : LoadEnergy
         The potential energy of its loads, on another graph, which is part of the energy.
     conditions : tuple of Condition
@@ -208,7 +210,9 @@ class EquationsOfMotion:
     states, state_rates : tuple of Node
         First-order states as inputs, and their rates in time, coordinates, rates and states.
     controllers : tuple of ControllerModel
-        What changes some of the states at sampling instants.
+        Controllers, which change some of the states at sampling instants.
+    angles : tuple of str
+        Coordinates without a unit: angles and components of quaternions; none where there are no constraints.
     """
 
     name: str
@@ -242,6 +246,7 @@ class EquationsOfMotion:
     states: tuple[Node, ...] = ()
     state_rates: tuple[Node, ...] = ()
     controllers: tuple[ControllerModel, ...] = ()
+    angles: tuple[str, ...] = ()
 
     @property
     def variables(self) -> tuple[Node, ...]:

@@ -62,7 +62,7 @@ class Pose:
 
 @final
 class Kinematics:
-    """The tree of poses of one scene; poses are made when first asked for, parents before children."""
+    """The tree of poses of one scene; poses are made on first use, parents before children."""
 
     def __init__(self, model: SceneModel) -> None:
         self.model = model

@@ -55,7 +55,7 @@ def warn_of_silent_potential(kinematics: Kinematics, power: Powers, forcing: Seq
 def load_energy(
     kinematics: Kinematics, power: Powers, silent: Sequence[int], constraints: Sequence[ConstraintRow]
 ) -> LoadEnergy:
-    """Return the potential energy of the loads of a scene that bodies do not declare.
+    """Return the potential energy of those loads of a scene whose potential no body declares.
 
     Parameters
     ----------

@@ -18,11 +18,11 @@ from typing import final
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.sampling import directions, lost_at_zero, match, probe
-from ..scene.model import Action, Components, Pieces
 from ..transforms.antiderivatives import Antiderivatives
 from . import vectors as vec
 from .equations import ConstraintRow
-from .kinematics import Kinematics, Pose
+from .kinematics import Kinematics
+from .loads_at_rest import Load, LoadReader
 from .manifold import agree_on_manifold
 
 __all__ = ["LoadPart", "given_parts", "load_parts"]
@@ -44,7 +44,7 @@ class LoadPart:
     Attributes
     ----------
     names : tuple of str
-        What messages call the loads.
+        Names of the loads in messages.
     powers : tuple of Node, length n_q
         Power coefficients at zero rates.
     potential : Node or None
@@ -60,18 +60,6 @@ class LoadPart:
     rates: bool
     time: bool
     states: bool = False
-
-
-@final
-@dataclass(frozen=True)
-class _Load:
-    """A load at zero rates on the graph of the search."""
-
-    name: str
-    powers: tuple[Node, ...]
-    rates: bool
-    force: Components | None = None
-    position: Components | None = None
 
 
 def load_parts(kinematics: Kinematics, graph: Graph, constraints: Sequence[ConstraintRow]) -> list[LoadPart]:
@@ -102,124 +90,23 @@ def given_parts(kinematics: Kinematics, graph: Graph, named: Sequence[tuple[str,
 
 
 @final
-class _Search:
-    """The loads of one scene on the graph of the search."""
+class _Search(LoadReader):
+    """The search for the potentials of the loads of one scene."""
 
     def __init__(self, kinematics: Kinematics, graph: Graph, constraints: Sequence[ConstraintRow]) -> None:
-        self.kinematics, self.graph, self.constraints = kinematics, graph, constraints
+        super().__init__(kinematics, graph)
+        self.constraints = constraints
         symbols = kinematics.model.symbols
-        self.q = [graph.input(name) for name in symbols.coordinates]
-        self.rates = [graph.input(name) for name in symbols.rates]
         self.time = graph.input(symbols.time)
         self.states = [graph.input(name) for name in symbols.states]
         self.timing = [self.time, *([graph.input(CONDITION_TIME)] if CONDITION_TIME in symbols.parameters else [])]
         self.moving = [*self.q, *self.timing, *self.states]
-        self._mask = sum(x.deps for x in self.moving)
-        self._known: dict[int, Node] = {}
-        self._still: dict[int, Node] = {}
-
-    # -- loads onto the graph -------------------------------------------------------------
-
-    def adopt(self, nodes: Sequence[Node]) -> tuple[Node, ...]:
-        """Return nodes of the scene's graph on that of the search."""
-        self.graph.visit(nodes, self._known, lambda node: self.graph.adopt_one(node, self._known))
-        return tuple(self._known[node.index] for node in nodes)
-
-    def _vector(self, a: Components) -> Components:
-        x, y, z = self.adopt(a)
-        return x, y, z
-
-    def at_rest(self, nodes: Sequence[Node]) -> tuple[Node, ...]:
-        """Return nodes with all rates zero; ``ZeroDivisionError`` where they have no value there."""
-        return tuple(self.graph.substitute(list(nodes), dict.fromkeys(self.rates, self.graph.zero)))
-
-    def load(self, action: Action) -> _Load:
-        """Return a force or a torque with its power coefficients."""
-        kinematics, zero = self.kinematics, vec.zero(self.graph)
-        if action.kind == "force":
-            assert action.at is not None
-            pose = kinematics.pose(kinematics.carrier(action.at), action.at)
-        else:
-            assert action.target is not None
-            pose = next((p for p in kinematics.poses if p.frame == action.target), None) or kinematics.pose(
-                action.target, 0
-            )
-        given = kinematics.resolve(action.force or action.torque, pose.frame)
-        vector = self._vector(given)
-        rest = self._without_rates(vector)
-        if rest is None:
-            return _Load(action.name, (self.graph.zero,) * len(self.q), True)
-        still: Components = (rest[0], rest[1], rest[2])
-        rates = any(a is not b for a, b in zip(vector, still, strict=True))
-        screw = (still, zero) if action.kind == "force" else (zero, still)
-        if action.at is None:
-            return _Load(action.name, self._powers(pose, screw), rates)
-        force = self._without_rates(self._on_root(action.force))
-        place = None if force is None else self._place(action.at)
-        on_root = None if force is None else (force[0], force[1], force[2])
-        return _Load(action.name, self._powers(pose, screw), rates, on_root, place)
-
-    def named(self, name: str, powers: Sequence[Node]) -> _Load:
-        """Return a load of which only the power coefficients are known."""
-        whole = self.adopt(powers)
-        still = self._without_rates(whole)
-        zero = (self.graph.zero,) * len(self.q)
-        return _Load(name, still or zero, still is None or any(a is not b for a, b in zip(whole, still, strict=True)))
-
-    def _without_rates(self, nodes: Sequence[Node]) -> tuple[Node, ...] | None:
-        mask = sum(rate.deps for rate in self.rates)
-        if not any(node.deps & mask for node in nodes):
-            return tuple(nodes)
-        try:
-            return self.at_rest(nodes)
-        except ZeroDivisionError:
-            return None
-
-    def _powers(self, pose: Pose | None, screw: tuple[Components, Components]) -> tuple[Node, ...]:
-        """Return the power coefficients of a screw, carried from its pose to the origin."""
-        total = [self.graph.zero] * len(self.q)
-        resultant, moment = screw
-        while pose is not None:
-            if vec.is_zero(resultant) and vec.is_zero(moment):
-                break
-            for motion in pose.motions:
-                direction = self._vector(motion.direction)
-                power = vec.dot(direction, moment if motion.angular else resultant)
-                total[motion.coordinate] = total[motion.coordinate] + power
-            if pose.offset is not None:
-                moment = vec.add(moment, vec.cross(self._vector(pose.offset), resultant))
-            elif pose.rotation is not None:
-                rotation = [self._vector(row) for row in pose.rotation]
-                resultant, moment = vec.rotate_back(rotation, resultant), vec.rotate_back(rotation, moment)
-            pose = pose.parent
-        return tuple(total)
-
-    def _on_root(self, pieces: Pieces) -> Components:
-        """Return a vector on the root frame, each piece straight from the frame that it is written on.
-
-        The way over the frame of a body would be another one off the unit sphere of a quaternion.
-        """
-        total = vec.zero(self.graph)
-        for piece in pieces:
-            part, model = self._vector(piece.components), self.kinematics.model.frames[piece.frame]
-            while model.parent is not None and model.rotation is not None:
-                part = vec.rotate_back([self._vector(row) for row in model.rotation], part)
-                model = self.kinematics.model.frames[model.parent]
-            total = vec.add(total, part)
-        return total
-
-    def _place(self, point: int) -> Components:
-        """Return the position of a point on the root frame."""
-        total = vec.zero(self.graph)
-        for pieces in self.kinematics.point_pieces(point):
-            total = vec.add(total, self._on_root(pieces))
-        return total
 
     # -- loads that belong together -------------------------------------------------------
 
-    def parts(self, loads: Sequence[_Load]) -> list[LoadPart]:
+    def parts(self, loads: Sequence[Load]) -> list[LoadPart]:
         """Return the loads with potentials; where one alone has none, neighbours are tried together, then others."""
-        found: list[tuple[list[_Load], LoadPart]] = []
+        found: list[tuple[list[Load], LoadPart]] = []
         start = 0
         while start < len(loads):
             count, part = 1, self.part(loads[start : start + 1])
@@ -232,7 +119,7 @@ class _Search:
             start += count
         return [part for _, part in self._regrouped(found)]
 
-    def _regrouped(self, found: list[tuple[list[_Load], LoadPart]]) -> list[tuple[list[_Load], LoadPart]]:
+    def _regrouped(self, found: list[tuple[list[Load], LoadPart]]) -> list[tuple[list[Load], LoadPart]]:
         """Join loads without a potential, by pairs and then all of them, where that has one."""
         rest = [item for item in found if item[1].potential is None]
         groups = [[a, b] for i, a in enumerate(rest) for b in rest[i + 1 :]] if len(rest) <= _PAIRED else []
@@ -245,8 +132,8 @@ class _Search:
                 found = [item for item in found if item not in group] + [(members, joined)]
         return found
 
-    def part(self, loads: Sequence[_Load], known: Sequence[Node] = ()) -> LoadPart:
-        """Return loads taken together; `known` are candidates for their potential, tried before others."""
+    def part(self, loads: Sequence[Load], known: Sequence[Node] = ()) -> LoadPart:
+        """Return the part of some loads; `known` are candidates for its potential, tried before others."""
         g = self.graph
         powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
         rates = any(load.rates for load in loads)
@@ -282,7 +169,7 @@ class _Search:
 
     # -- candidates -----------------------------------------------------------------------
 
-    def _candidates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Iterator[Node]:
+    def _candidates(self, loads: Sequence[Load], powers: Sequence[Node]) -> Iterator[Node]:
         """Yield potentials that loads may have."""
         ways = [self._by_components, self._by_distance]
         if self._integrable(powers):
@@ -295,7 +182,7 @@ class _Search:
             if found is not None:
                 yield found
 
-    def _by_components(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+    def _by_components(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of forces whose components on the root frame are functions of that component of the position."""
         tool = Antiderivatives(self.graph, self.moving)
         total = self.graph.zero
@@ -311,7 +198,7 @@ class _Search:
                 total = total - found
         return total
 
-    def _by_distance(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+    def _by_distance(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of two opposite forces along the line between their points, by the distance."""
         if len(loads) != 2 or any(load.force is None or load.position is None for load in loads):
             return None
@@ -324,7 +211,7 @@ class _Search:
         found = Antiderivatives(self.graph, self.moving).along(vec.dot(first, d) / distance, distance)
         return None if found is None else -found
 
-    def _by_inner_value(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+    def _by_inner_value(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of power coefficients that are parallel to the gradient of a value: the simplest one found."""
         tool = Antiderivatives(self.graph, self.moving)
         still = Antiderivatives(self.graph, self.q)
@@ -355,7 +242,7 @@ class _Search:
                 return False
         return True
 
-    def _distances(self, loads: Sequence[_Load]) -> list[Node]:
+    def _distances(self, loads: Sequence[Load]) -> list[Node]:
         """Return the distance of two points of forces, and its square."""
         placed = [load.position for load in loads if load.position is not None]
         if len(loads) != 2 or len(placed) != 2:
@@ -364,7 +251,7 @@ class _Search:
         square = vec.dot(d, d)
         return [square, self.graph.call("sqrt", square)]
 
-    def _by_coordinates(self, loads: Sequence[_Load], powers: Sequence[Node]) -> Node | None:
+    def _by_coordinates(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V by antiderivatives along one coordinate after the other."""
         if any(power.deps & x.deps for power in powers for x in (*self.timing, *self.states)):
             return None

@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..ir.graph import Node
 from ..ir.sampling import random_inputs, values_of
 
-__all__ = ["agree_on_manifold", "outside_span_on_manifold"]
+__all__ = ["agree_on_manifold", "meets_span_on_manifold", "outside_span_on_manifold"]
 
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9
@@ -85,6 +85,41 @@ def outside_span_on_manifold(
         missing |= np.abs(rest).max(axis=1) > _TOLERANCE * np.abs(matrix).max()
         found += 1
     return tuple(map(int, np.nonzero(missing)[0])) if found == _POINTS else None
+
+
+def meets_span_on_manifold(
+    q: Sequence[Node],
+    covectors: Sequence[Sequence[Node]],
+    positions: Sequence[Node],
+    rows: Sequence[Sequence[Node]],
+) -> bool | None:
+    """Return whether some combination of covectors is one of the rows of the constraint Jacobian.
+
+    Parameters
+    ----------
+    q : sequence of Node
+    covectors : sequence of sequence of Node
+        Each of length n_q.
+    positions, rows : sequences
+        As of `agree_on_manifold`.
+
+    Returns
+    -------
+    bool or None
+        At a position that satisfies the constraints; None where none are found.
+    """
+    found = 0
+    for matrix, flat in _samples(q, [node for row in covectors for node in row], positions, rows):
+        parts = [flat.reshape(len(covectors), len(q)), matrix]
+        ranks = [np.linalg.matrix_rank(_unit_rows(part), tol=_TOLERANCE) for part in (*parts, np.vstack(parts))]
+        if ranks[2] < ranks[0] + ranks[1]:
+            return True
+        found += 1
+    return False if found == _POINTS else None
+
+
+def _unit_rows(matrix: FloatArray) -> FloatArray:
+    return np.asarray(matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300))
 
 
 def _samples(

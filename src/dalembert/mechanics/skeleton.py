@@ -62,7 +62,7 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
     scene : Scene
         A scene with positions.
     parameters : sequence of str
-        Names of the parameters that a motion knows, in their order.
+        Names of the parameters of a motion, in their order.
     points : sequence of Point or str
         Further points, or names of those that lie on the way to bodies, joints and loads.
 
@@ -86,7 +86,7 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
     strange = [name for name in model.symbols.parameters if name not in parameters]
     if strange:
         raise OptionError(
-            f"points have parameters that the motion does not: {list_names(strange)}; it knows {list_names(parameters)}"
+            f"points have parameters that the motion does not: {list_names(strange)}; it has {list_names(parameters)}"
         )
     wanted = [body.centre for body in model.bodies]
     wanted += [n for n, name in enumerate(known) if n not in wanted and n in _ends(model, names)]
@@ -125,7 +125,7 @@ def _distinct(links: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def _ends(model: SceneModel, names: Sequence[str]) -> set[int]:
-    """Return the numbers of the points of joints and loads, and of those that were asked for."""
+    """Return the numbers of the points of joints and loads, and of the requested points."""
     ends = {action.at for action in model.actions if action.at is not None}
     return ends | {number for number, point in enumerate(model.points) if point.name in names}
 

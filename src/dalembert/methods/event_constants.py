@@ -5,7 +5,7 @@ from __future__ import annotations
 from .step_constants import EPSILON
 
 RESOLUTION = 64 * EPSILON
-"""Share of the time below which two events are not told apart."""
+"""Share of the time below which two events are simultaneous."""
 
 TOGETHER = 2 * RESOLUTION
 """Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
@@ -23,7 +23,18 @@ SHORT_SPAN = 1e-3
 """Share of the span that stands for the time, where that is near 0, in judging whether two jumps are told apart."""
 
 FLAT, BENT = 1e-12, 1e-9
-"""Slope and bend, as shares of the values, up to which a function leaves zero as if it had none."""
+"""Slope, and bend or dip to the other side, as shares of the values, up to which a function leaves zero as if it had
+none."""
+
+STEEP = 1e-3
+"""Slope, as a share of the values, from which on neither bends nor errors of polynomials make functions dip at zero."""
+
+SHORT_SHARE = 1e-4
+"""Share of a step over which differences of rates give the second derivative of an expression where it begins."""
+
+DOUBT, RESOLVED = 2.0, 0.01
+"""Multiple of the error of a polynomial's second derivative up to which it may have made a value near its beginning;
+and the share of that error up to which the last coefficients may be, for the error to be known."""
 
 DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""

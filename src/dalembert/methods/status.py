@@ -29,11 +29,11 @@ class Status(enum.IntEnum):
     def __str__(self) -> str:
         return self.name
 
-    __format__ = enum.Enum.__format__  # that of numbers would print the number
+    __format__ = enum.Enum.__format__  # the one of integers prints the number
 
     @property
     def success(self) -> bool:
-        """Whether the run ended as it should: at the end of its span, or at a terminal event."""
+        """Whether the run reached the end of its span or a terminal event."""
         return self in (Status.SUCCESS, Status.EVENT)
 
     @property
@@ -86,7 +86,7 @@ _MESSAGES = {
         "lost rank (a singular configuration); check the constraints there, or tighten rtol and atol."
     ),
     Status.INITIAL_STATE: (
-        "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to be told "
+        "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to see "
         "which constraint, or leave out values that the constraints fix."
     ),
     Status.CONTACT_IMPOSSIBLE: (
@@ -110,7 +110,7 @@ _MESSAGES = {
     ),
     Status.ASSUMPTION: (
         "A value of this case contradicts what its symbol was declared to be, such as -1 with positive=True, and SymPy "
-        "has simplified the scene with that: simulate this case alone to be told which, or declare the symbol without "
+        "has simplified the scene with that: simulate this case alone to see which, or declare the symbol without "
         "it (real=True) and compile anew."
     ),
     Status.TIMES_IN_NO_ORDER: (
@@ -125,7 +125,7 @@ _MESSAGES = {
     Status.EVENT: "A terminal event ended the run.",
     Status.EVENTS_ACCUMULATE: (
         "Events with apply follow each other ever faster, infinitely many within a finite time, or phases of contacts "
-        "follow each other too fast to be told apart; the run ends where they accumulate: go on from there with a "
+        "follow each other too fast to be separated; the run ends where they accumulate: continue from there with a "
         "model of the rest, make the event terminal, or describe the bounces of a body by a UnilateralContact with "
         "restitution, which comes to rest."
     ),

@@ -25,7 +25,7 @@ SMALLEST_SCALE = 1e-150
 """Least absolute tolerance, so that nothing is divided by zero."""
 
 SAFETY = 0.9
-"""Factor on the step size that the error estimate asks for."""
+"""Safety factor on the step size that the error estimate allows."""
 
 LARGEST_REDUCTION = 0.2
 """Least factor from one step size to the next where the error is known."""

@@ -116,7 +116,7 @@ TABLEAUS = (TSIT5, DOP853)
 
 @once
 def bounded(tableau: Tableau) -> Tableau:
-    """Return a pair whose steps bound the error of the dense output, too; the same one where nothing estimates that."""
+    """Return a pair whose steps also bound the error of the dense output, where the pair has an estimate of it."""
     if tableau.n_total == tableau.end + 1:
         return tableau
     return replace(tableau, name=f"{tableau.name}_bounded", bounded=True)

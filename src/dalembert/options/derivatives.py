@@ -23,7 +23,7 @@ class SensitivityOptions(RunOptions):
     wrt : iterable of symbols or names
         Parameters and given initial values with respect to which is differentiated.
     of : iterable of symbols or names, or None
-        What is differentiated; None takes all coordinates and rates.
+        Names of the differentiated values; None takes all coordinates and rates.
     t_eval : ndarray (n_t,) or None
         Times to record [s]; None records the accepted steps.
 
@@ -57,7 +57,7 @@ class TrimOptions:
     t : float
         Time [s].
     tolerance : float
-        What may be left of a condition, as a share of the size of its terms.
+        Largest residual of a condition, as a share of the size of its terms.
     max_iterations : int
         Most Newton steps.
 

@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
-"""Relative and absolute tolerance of a run that is not told another."""
+"""Default relative and absolute tolerance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +103,7 @@ class SimulateOptions(StepOptions):
     error_estimate : bool
         Whether a second run at a hundredth of the tolerances estimates the global error.
     events : sequence of Event, SymPy expressions or names
-        What to watch for.
+        Events of the run.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values.
     progress : bool
@@ -151,9 +151,9 @@ class SweepOptions(StepOptions):
     error_estimate : bool
         Whether every case runs once more at a hundredth of the tolerances.
     events : sequence of Event, SymPy expressions or names
-        What to watch for in every case.
+        Events of every case.
     reduce : mapping of str to reductions, sequence of expressions or names, or None
-        What to keep of every motion.
+        Reductions of every motion.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values.
     chosen : mapping of (int, float) to str, or None
@@ -273,7 +273,7 @@ class SolveOptions:
 
     @property
     def tolerances(self) -> tuple[float, float]:
-        """Tolerances, those of double precision unless others were asked for."""
+        """Tolerances; by default those for double precision."""
         asked = zip((self.rtol, self.atol), DEFAULT_TOLERANCES, strict=True)
         return tolerances(*(default if value is None else value for value, default in asked))
 

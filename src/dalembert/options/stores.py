@@ -24,7 +24,7 @@ class StoreOptions:
     chunk : int or None
         Cases of a chunk; None lets the sweep choose it.
     client : distributed.Client or None
-        The cluster that computes the chunks; None stands for this process.
+        The cluster that computes the chunks; None for this process.
     resume : bool
         Whether an existing store of the same sweep is completed.
     units : mapping of symbols or names to str, or None

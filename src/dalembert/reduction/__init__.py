@@ -36,7 +36,7 @@ def reduce(
     Parameters
     ----------
     equations : EquationsOfMotion
-        What to reduce.
+        Equations to reduce.
     formulation : str
         A name in `FORMULATIONS`, or "auto": `minimal` where a basis exists that divides by no function of the
         configuration, else `projected`.

@@ -106,7 +106,7 @@ class ReducedSystem:
     start_projection : Projection or None
         Corrections of the initial state alone, where steps are held otherwise.
     stages : StageSystem or None
-        What implicit methods integrate instead; explicit ones cannot serve then.
+        System that implicit methods integrate instead; explicit methods cannot.
     defaults : mapping of str to float
         Parameters that the formulation adds and that may be left out.
     regular : bool

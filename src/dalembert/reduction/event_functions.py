@@ -213,13 +213,13 @@ class _Reader:
         return self._on_state([node])[0]
 
     def _define_accelerations(self) -> None:
-        """Let second rates have their values in terms of the state; few expressions contain them."""
+        """Define second rates in terms of the state; called on demand, because few expressions contain them."""
         names = map(acceleration_input, self.symbols.coordinates)
         self.table |= dict(zip(names, self.graph.adopt(self._accelerations), strict=True))
 
     def _unknown(self, name: str, place: str) -> str:
         if name in self.symbols.unknowns:
-            return f"{place}: {name!r} is a reaction; ask for it with compile_model(scene, outputs=[{name!r}])"
+            return f"{place}: {name!r} is a reaction; request it with compile_model(scene, outputs=[{name!r}])"
         names = [*self.table, *self.symbols.parameters, self.symbols.time]
         known = [each for each in names if " of " not in each]  # without those that modes of contacts add
         why = f"{place}: {unknown_name('name', name, known)}"

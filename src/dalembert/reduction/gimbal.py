@@ -42,7 +42,7 @@ def gimbals(system: ReducedSystem) -> Gimbals | None:
     """Return the angles of a system that may lock, or None where there are none."""
     equations = system.equations
     symbols = equations.symbols
-    graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
+    graph = Graph()  # a separate graph, so that the kernel depends on the system alone
     q = graph.adopt(equations.q)
     found: list[tuple[Node, tuple[str, ...], str]] = []
     for group in equations.groups:

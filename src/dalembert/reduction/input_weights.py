@@ -1,4 +1,4 @@
-"""Derivatives by values of inputs: what parameters change with a parameter, or with a value of an input.
+"""Derivatives by values of inputs: the weight of a value as a function of time.
 
 A record of an input is a sum of its values, each times a weight that depends on time alone. The derivative of the input
 by one of the values is that weight: an input of its own, whose coefficients are the derivatives of those of the input.
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ..ir.graph import Graph, Node
 from ..ir.input_parameters import hidden_parameters
-from ..scene.model import SymbolTable
+from ..scene.symbol_table import SymbolTable
 
 __all__ = ["input_of", "seeds_of", "weight_of", "weights_of", "with_weights"]
 
@@ -29,12 +29,12 @@ def weight_of(name: str) -> str:
 
 
 def weights_of(wrt: Sequence[str], symbols: SymbolTable) -> tuple[str, ...]:
-    """Return the inputs that stand for derivatives of inputs by those of `wrt` that are values of inputs."""
+    """Return the names of the weights for those of `wrt` that are values of inputs."""
     return tuple(weight_of(name) for name in wrt if input_of(name, symbols) is not None)
 
 
 def with_weights(wrt: Sequence[str], symbols: SymbolTable) -> tuple[str, ...]:
-    """Return the parameters of a scene, and behind them those of the weights of values of inputs."""
+    """Return the parameters of a scene, followed by those of the weights of values of inputs."""
     return (*symbols.parameters, *(x for weight in weights_of(wrt, symbols) for x in hidden_parameters(weight)))
 
 

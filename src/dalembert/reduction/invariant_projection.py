@@ -169,7 +169,7 @@ class _Space:
         solved = saddle.schur(len(saddle.rows), self.equations.name).solve(wanted)
         return saddle.combine([graph.zero] * len(self.speeds), solved)
 
-    def _held(self) -> dict[Node, Node]:
+    def _constraint_displacement(self) -> dict[Node, Node]:
         """Return the change of the coordinates onto the holonomic constraints."""
         saddle = self.saddle
         if saddle is None:
@@ -209,7 +209,7 @@ class _Space:
         nodes = graph.substitute(nodes, self.values) if self.values else list(nodes)
         slopes = [self._slopes(node) for node in nodes]
         tau = graph.input(TIME_SCALE)
-        onto = self._held()
+        onto = self._constraint_displacement()
         shift = self._shift(onto)
         before = onto | {u: d for u, d in zip(self.speeds, shift, strict=True) if not d.is_zero}
         gained = tangents(graph, nodes, before) if before else [graph.zero] * len(nodes)

@@ -76,7 +76,7 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
     terms = [tangents(graph, nodes, direction) for direction in directions]
     sizes = [graph.sum(graph.call("abs", row[k]) for row in terms) for k in range(len(nodes))]
     rates = [graph.sum(row[k] for row in terms) for k in range(len(nodes))]
-    if CONDITION_TIME in equations.symbols.parameters:  # what conditions on time decide changes where they do
+    if CONDITION_TIME in equations.symbols.parameters:  # conditions on time change the equations at their breaks
         decided = graph.input(CONDITION_TIME)
         for k, (name, (node, _)) in enumerate(found.items()):
             if graph.freed_of(node, [decided]) is None:
@@ -106,7 +106,7 @@ def integrals(equations: EquationsOfMotion) -> dict[str, Node]:
 
 
 def why_not(equations: EquationsOfMotion, name: str) -> str:
-    """Return why a candidate is not conserved, for messages."""
+    """Return the reason why a candidate is not conserved, for messages."""
     graph, time = equations.graph, {equations.time: equations.graph.one}
     loads = equations.load_energy
     moving = [row.label for row in equations.constraints if not row.drift.is_zero]

@@ -116,7 +116,7 @@ class Minimal(Formulation):
         try:
             motion = _kane(equations, p)
         except SingularMassMatrixError:
-            if p.rates == equations.qdot:  # no choice of speeds can mend an unconstrained singular matrix
+            if p.rates == equations.qdot:  # no choice of speeds makes an unconstrained singular matrix regular
                 raise
             return float("inf")
         moving = ~equations.graph.mask(equations.symbols.parameters)

@@ -51,7 +51,7 @@ class Parametrization:
     definitions : tuple of Node
         u in terms of q and q_dot.
     notes : tuple of str
-        What was eliminated, for `explain()`.
+        Eliminated coordinates and speeds, for `explain()`.
     pivots : tuple of (str, Node)
         Label of a constraint, and the function of the parameters that it was divided by, where that is no number.
     """
@@ -162,7 +162,7 @@ def _slope(graph: Graph, node: Node, x: Node) -> Node:
 
 
 def _without_rounding(graph: Graph, node: Node, variables: Sequence[Node]) -> Node:
-    """Return a value without the variables that enter it only by what the rounding of decimals left of zero."""
+    """Return a value without the variables whose coefficients are zero up to the rounding of decimals."""
     if not graph.decimals:
         return node
     noise = [x for x in variables if graph.freed_of(node, [x]) is None and vanishes(_slope(graph, node, x))]

@@ -16,7 +16,7 @@ __all__ = ["prescribed"]
 def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem | None:
     """Return the system with the state q of a scene whose constraints fix every rate; None where they do not.
 
-    What does not move stays exactly where it is: no rounding of accelerations is integrated.
+    Coordinates at rest stay exactly where they are: no rounding of accelerations is integrated.
     """
     graph, size = equations.graph, len(equations.q)
     rows: list[ConstraintRow] = []

@@ -2,7 +2,7 @@
 
 Along a motion, reactions . X = M q_ddot - forcing =: r. The components that these equations
 determine solve the normal equations of that system; it is consistent whenever the joints of
-the scene can exert the reactions of its constraints, which is checked, not assumed: exactly, or at
+the scene can exert the reactions of its constraints, which is checked: exactly, or at
 random positions that satisfy the constraints, where a pin that closes a loop can only then.
 """
 
@@ -21,10 +21,12 @@ from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
-__all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns"]
+__all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns", "weighted_columns"]
 
 
 _SHIFT = 1e-7
+_ORDINARY = 1e-2, 1e2
+"""Squares of radii of gyration for which forces and torques are compared as they are."""
 
 
 @final
@@ -40,6 +42,32 @@ def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
     """Return the names of the reaction components that no equation determines."""
     _, free = independent_columns(equations.graph, equations.reactions)
     return tuple(equations.symbols.unknowns[i] for i in sorted(free))
+
+
+def _requested_node(
+    equations: EquationsOfMotion,
+    name: str,
+    energies: Mapping[str, Node],
+    state_rates: Mapping[str, Node],
+    seconds: Mapping[str, str],
+) -> Node:
+    """Return a requested output in terms of coordinates, rates, states, accelerations and reactions as inputs."""
+    graph, symbols = equations.graph, equations.symbols
+    if name in equations.outputs:
+        return equations.outputs[name]
+    if name in (*symbols.unknowns, *symbols.variables):
+        return graph.input(name)
+    if name in state_rates:
+        return state_rates[name]
+    if name in energies:
+        return energies[name]
+    if name in seconds:
+        return graph.input(seconds[name])
+    known = [*symbols.unknowns, *symbols.variables, *state_rates, *seconds]
+    raise UnknownNameError(
+        unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is (not its"
+        " name), which gives its position. A reaction is an unknown component of a joint (scene.add_joints)."
+    )
 
 
 def requested_outputs(
@@ -69,10 +97,13 @@ def requested_outputs(
     ------
     UnknownNameError
         For a name that the scene does not have.
+    OptionError
+        For a name that an acceleration has and something else, too.
     ConstraintError
         For a reaction that the equations do not determine.
     """
     graph, symbols = equations.graph, equations.symbols
+    symbols.refuse_ambiguous([name for name in requested if name not in equations.outputs])
     undetermined = undetermined_unknowns(equations)
     energies: dict[str, Node] = {}
     held = _inputs_of(equations.outputs[name] for name in requested if name in equations.outputs)
@@ -81,25 +112,7 @@ def requested_outputs(
         energies = {"energy": kinetic + potential, "kinetic_energy": kinetic, "potential_energy": potential}
     state_rates = dict(zip(map(rate_name, symbols.states), equations.state_rates, strict=True))
     seconds = {acceleration_name(name): acceleration_input(name) for name in symbols.coordinates}
-    nodes: dict[str, Node] = {}
-    for name in requested:
-        if name in equations.outputs:
-            nodes[name] = equations.outputs[name]
-        elif name in (*symbols.unknowns, *symbols.variables):
-            nodes[name] = graph.input(name)
-        elif name in state_rates:
-            nodes[name] = state_rates[name]
-        elif name in energies:
-            nodes[name] = energies[name]
-        elif name in seconds:
-            nodes[name] = graph.input(seconds[name])
-        else:
-            known = [*symbols.unknowns, *symbols.variables, *state_rates, *seconds]
-            raise UnknownNameError(
-                unknown_name("output", name, known) + " A SymPy expression of them serves too, and a Point as it is"
-                " (not its name), which gives its position. A reaction is an unknown component of a joint"
-                " (scene.add_joints)."
-            )
+    nodes = {name: _requested_node(equations, name, energies, state_rates, seconds) for name in requested}
     if energies and held:
         nodes = dict(zip(nodes, _with_energies(graph, list(nodes.values()), energies), strict=True))
     needed = _needed_unknowns(equations, nodes)
@@ -194,15 +207,15 @@ def _solve(
     residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
     if equations.minimum_norm:
         unknowns = equations.unknowns
-        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(graph, reactions, residual))}
-    columns = transpose(reactions)
+        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual))}
+    columns = weighted_columns(equations, reactions)
     normal = factorize(graph, matmul(graph, columns, reactions))
     solution = normal.solve(matvec(graph, columns, residual))
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
     if plain is not None:
         residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
-        solution = _minimum_norm(graph, reactions, residual)
+        solution = _minimum_norm(equations, reactions, residual)
     unknowns = equations.unknowns
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
 
@@ -226,12 +239,39 @@ def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None
         )
 
 
-def _minimum_norm(graph: Graph, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
+def weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
+    """Return the columns of power coefficients (n_q, k) for normal equations, rows of angles by an inverse square.
+
+    It is that of the radius of gyration, by the entries of the mass matrix that are functions of the parameters: beside
+    forces, the torques of supports a micrometre apart would be lost in rounding. It is one where the radius is of the
+    size of one, or where nothing is mixed.
+    """
+    graph, columns = equations.graph, transpose(matrix)
+    angles = [name in equations.angles for name in equations.symbols.coordinates]
+    kinds = {angle for angle, row in zip(angles, matrix, strict=True) if any(not entry.is_zero for entry in row)}
+    if len(columns) < 2 or len(kinds) < 2:
+        return columns
+    moving = ~graph.mask(equations.symbols.parameters)
+    diagonal = [row[i] for i, row in enumerate(equations.mass_matrix)]
+    known = [(entry, angle) for entry, angle in zip(diagonal, angles, strict=True) if not entry.deps & moving]
+    inertia = graph.sum(entry for entry, angle in known if angle)
+    mass = graph.sum(entry for entry, angle in known if not angle)
+    if inertia.is_zero or mass.is_zero:
+        return columns
+    turns = graph.call("less", graph.zero, inertia)
+    square = mass / graph.call("select", turns, inertia, mass)
+    low, high = (graph.node(bound) for bound in _ORDINARY)
+    above = graph.call("select", graph.call("less", square, high), graph.one, square)
+    weight = graph.call("select", graph.call("less", low, square), above, square)
+    return [[entry * weight if angle else entry for entry, angle in zip(c, angles, strict=True)] for c in columns]
+
+
+def _minimum_norm(equations: EquationsOfMotion, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
     """Return the solution of minimum norm of equations whose columns may come to depend on each other.
 
     Of the normal equations with a small part of their trace on the diagonal, improved once by what they leave.
     """
-    columns = transpose(matrix)
+    graph, columns = equations.graph, weighted_columns(equations, matrix)
     normal = matmul(graph, columns, matrix)
     small = graph.node(_SHIFT) * graph.sum(normal[i][i] for i in range(len(normal)))
     for i in range(len(normal)):

@@ -37,7 +37,7 @@ class _Reduced:
     ----------
     entries : list of Node, length n_q
     weights : list of Node
-        What it is made of: its share of every constraint that is kept.
+        Its share of every constraint that is kept.
     pivot : int
     """
 
@@ -113,7 +113,7 @@ def _refuse_unless_it_follows(
 
 
 def _depends_on_parameters_alone(equations: EquationsOfMotion, node: Node) -> bool:
-    """Whether a value depends on parameters, and on what moves not or but for the rounding of decimals."""
+    """Return whether a value depends on parameters and, up to the rounding of decimals, on nothing that moves."""
     graph, moving = equations.graph, equations.moving
     free = graph.freed_of(node, moving)
     if free is not None:
@@ -125,7 +125,7 @@ def _depends_on_parameters_alone(equations: EquationsOfMotion, node: Node) -> bo
 
 
 def _slopes(equations: EquationsOfMotion, node: Node) -> list[Node]:
-    """Return the derivatives of a value by everything that moves, of a value without any that is zero in value."""
+    """Return the derivatives of a value by all moving inputs, without those that are identically zero."""
     graph = equations.graph
     if graph.freed_of(node, equations.moving) is not None:
         return []

@@ -3,7 +3,8 @@
 M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of M and of J M^-1 J^T. Where M alone is
 singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
 free directions is. Where the constraints may depend on each other at some configurations, the pivots of J M^-1 J^T are
-guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it.
+guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it. So does
+one whose own row vanishes (`dalembert.reduction.vanishing_rows`).
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from ..transforms.linear import Factorization, SingularMatrix, factorize
+from ..transforms.linear import SET_ASIDE, Factorization, SingularMatrix, factorize
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia, inertia_pivots
 from .reactions import requested_outputs
+from .vanishing_rows import row_scale
 
 __all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
 
 DEPENDENT = 1e-13
-"""Square of the sine of the angle to the constraints before it below which a constraint counts as dependent."""
-
-_SET_ASIDE = 1e300
+"""Square of the sine of the angle to the constraints before it below which a constraint counts as dependent, and share
+of its size below which a row counts as zero."""
 
 
 @final
@@ -42,6 +43,9 @@ class SaddlePoint:
         Half solutions of M x = J^T, one a constraint.
     guarded : bool
         Whether constraints may depend on each other at some configurations.
+    scales : tuple of Node
+        Where guarded, the sizes beside which diagonal entries of J M^-1 J^T count as zero; zero for rows that do not
+        vanish.
     """
 
     graph: Graph
@@ -50,6 +54,7 @@ class SaddlePoint:
     rows: tuple[ConstraintRow, ...]
     halves: tuple[list[Node], ...]
     guarded: bool
+    scales: tuple[Node, ...]
 
     @staticmethod
     def of(equations: EquationsOfMotion, *, guarded: bool) -> SaddlePoint:
@@ -71,7 +76,11 @@ class SaddlePoint:
             forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in n]
             mass = factorize_inertia(graph, matrix, names, equations.name)
         halves = tuple(mass.half_solve(row.jacobian) for row in rows)
-        return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded)
+        inertias = [matrix[i][i] for i in range(len(matrix))]
+        # rows that vanish belong to folds of mechanisms; where contacts close and open, they decide no branch
+        folding = guarded and not equations.guards
+        scales = tuple(row_scale(graph, row.jacobian, inertias) if folding else graph.zero for row in rows)
+        return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded, scales)
 
     def schur(self, count: int, scene: str) -> Factorization:
         """Return the factors of J M^-1 J^T for the first `count` constraints.
@@ -94,10 +103,13 @@ class SaddlePoint:
                 " use formulation='minimal', which resolves smaller differences"
             ) from None
 
-    def _guard(self, pivot: Node, diagonal: Node) -> Node:
+    def _guard(self, pivot: Node, diagonal: Node, row: int) -> Node:
         graph = self.graph
-        enough = graph.call("less", graph.node(DEPENDENT) * diagonal, pivot)
-        return graph.call("select", enough, pivot, graph.node(_SET_ASIDE))
+        terms = self.scales[row] if pivot is diagonal else diagonal + self.scales[row]
+        if terms.is_zero:
+            return pivot
+        enough = graph.call("less", graph.node(DEPENDENT) * terms, pivot)
+        return graph.call("select", enough, pivot, graph.node(SET_ASIDE))
 
     def combine(self, start: Sequence[Node], weights: Sequence[Node]) -> list[Node]:
         """Return M^-1 (start + J^T weights), `start` already half solved."""

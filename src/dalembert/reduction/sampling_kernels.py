@@ -34,7 +34,7 @@ class Action:
         Their new values; None for a Python function.
     function : callable or None
     states, inputs : tuple of str
-        What a function sets.
+        States and inputs that a function sets.
     """
 
     name: str
@@ -107,7 +107,7 @@ def sampling_kernels(system: ReducedSystem | SampledVariables, wrt: Sequence[str
     equations = system.equations
     if not equations.controllers:
         return None
-    symbols, graph = equations.symbols, Graph()  # a graph of its own, so that the kernels depend on the system alone
+    symbols, graph = equations.symbols, Graph()  # a separate graph, so that the kernels depend on the system alone
     scene = (*equations.q, *equations.qdot)
     found = (*system.coordinates, *system.rates)
     values = {a: b for a, b in zip(graph.adopt(scene), graph.adopt(found), strict=True) if a is not b}

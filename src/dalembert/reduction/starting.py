@@ -4,7 +4,8 @@ What the constraints fix may be left out: missing coordinates solve the holonomi
 which they must enter linearly, and missing rates the velocity constraints, both by least squares
 written out on the graph. What is given is checked against the constraints, each relative to the
 size of its terms, and what the tolerance lets pass is projected away. Where that changes a value
-by more than `REPRODUCED`, as a constraint with a small coefficient can, the start is refused too.
+by more than a millionth, as a constraint with a small coefficient can, the start is refused too.
+The limits are those of `start_limits`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
 from ..scene.elapsed import START
-from ..scene.model import Entry
+from ..scene.symbol_table import Entry
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel
@@ -28,20 +29,12 @@ from .base import ReducedSystem
 from .input_weights import seeds_of, with_weights
 from .knot_starts import KnotStarts
 from .reactions import independent_columns
+from .start_limits import LEAST_SHARE, StartLimits
 
-__all__ = ["REPRODUCED", "TOLERANCE", "Start", "start_tangents", "starting"]
+__all__ = ["Start", "start_tangents", "starting"]
 
-TOLERANCE = 1e-8
-"""Relative residual up to which an initial state counts as consistent."""
-
-REPRODUCED = 1e-6
-"""Relative change of a given value up to which the state counts as that value."""
-
-_NOTHING = 1e-4
 _ULPS = 4.0
 """By how many spacings of doubles a user may have rounded a late time."""
-_RANK = 1e-18
-"""Square of the share of the constraint Jacobian below which a column does not count."""
 
 
 @final
@@ -105,7 +98,7 @@ class _Starting:
         self.q = self.graph.adopt(equations.q)
         self.qdot = self.graph.adopt(equations.qdot)
         self.values: dict[Node, Node] = {}
-        self.fixed: list[tuple[Node, Node]] = []
+        self.fixed: list[tuple[Node, Matrix, int]] = []
         self.fixed_labels: list[tuple[str, str]] = []
         self.entered: set[str] = set()
         for item in equations.controllers:  # what is set at the start anyway
@@ -144,21 +137,25 @@ class _Starting:
         jacobian = [self.graph.adopt(row.jacobian) for row in self.rows]
         residual = self.graph.adopt([row.position for row in positions if row.position is not None])
         self._solve_positions(residual, jacobian[: len(positions)])
-        at_q = self._at(residual)
-        left = [(value, row, self.q, 1.0) for value, row in zip(at_q, jacobian, strict=False)]
         labels = [("positions", row.label) for row in positions]
+        left = self._at(residual)
         drift = self.graph.adopt([row.drift for row in self.rows])
         velocity = [v + d for v, d in zip(matvec(self.graph, jacobian, self.qdot), drift, strict=True)]
         self._solve_velocities(velocity, jacobian)
-        left += [(value, row, self.qdot, 0.0) for value, row in zip(self._at(velocity), jacobian, strict=True)]
+        left += self._at(velocity)
         labels += [("rates", row.label) for row in self.rows]
-        limits = [self._limit(row, around, scale) for _, row, around, scale in left]
-        if self.symbols.offsets:
-            limits = [a + b for a, b in zip(limits, self._late([*residual, *velocity]), strict=True)]
         started = KnotStarts(self.graph, self.system, self._state())
         state = started.state
-        checks = [node for (value, *_), limit in zip(left, limits, strict=True) for node in (value, limit)]
-        checks += [self._at([node])[0] for pair in self.fixed for node in pair]
+        may = StartLimits(self.graph, self.system.equations, self._at(self.q), self._at(self.qdot))
+        jacobian = [self._at(row) for row in jacobian]
+        limits = [may.position(value, row) for value, row in zip(left, jacobian[: len(positions)], strict=False)]
+        limits += [may.rate(row, value) for row, value in zip(jacobian, self._at(drift), strict=True)]
+        if self.symbols.offsets:
+            limits = [a + b for a, b in zip(limits, self._late([*residual, *velocity]), strict=True)]
+        checks = [node for pair in zip(left, limits, strict=True) for node in pair]
+        for pivot, rows, place in self.fixed:
+            rows = [self._at(row) for row in rows]
+            checks += [self.graph.node(LEAST_SHARE), may.share(self._at([pivot])[0], rows, place)]
         labels += self.fixed_labels
         for label, pivot in self.system.pivots:
             (row,) = (self.graph.adopt(row.jacobian) for row in self.rows if row.label == label)
@@ -171,7 +168,7 @@ class _Starting:
             (pivot,) = self.graph.adopt([node])
             checks += [self.graph.node(ROUNDING) * terms_of(self.graph, pivot), self.graph.call("abs", pivot)]
             labels.append(("inertia", name))
-        for kind, name, change, limit in self._changed(state):
+        for kind, name, change, limit in self._changed(state, may):
             checks += [change, limit]
             labels.append((kind, name))
         for name, slides in started.sliding:
@@ -220,7 +217,7 @@ class _Starting:
         linear = all(self.graph.freed_of(entry, missing) is not None for row in columns for entry in row)
         if not linear:
             self._refuse("coordinates", names, why)
-        self._solve(self._at(residual), columns, whole, missing, names, ("coordinates", why))
+        self._solve(self._at(residual), columns, whole, missing, (places, names), ("coordinates", why))
 
     def _solve_velocities(self, residual: list[Node], jacobian: Matrix) -> None:
         places, missing, names = self._missing(self.qdot, self.symbols.rates)
@@ -228,7 +225,7 @@ class _Starting:
             columns = [self._at([row[i] for i in places]) for row in jacobian]
             whole = [self._at(row) for row in jacobian]
             why = "the constraints do not fix them"
-            self._solve(self._at(residual), columns, whole, missing, names, ("rates", why))
+            self._solve(self._at(residual), columns, whole, missing, (places, names), ("rates", why))
 
     def _solve(
         self,
@@ -236,10 +233,11 @@ class _Starting:
         columns: Matrix,
         whole: Matrix,
         missing: list[Node],
-        names: list[str],
+        which: tuple[list[int], list[str]],
         complaint: tuple[str, str],
     ) -> None:
         """Take the missing values to be the least-squares solution of constraints that are linear in them."""
+        places, names = which
         if not columns:
             self._refuse(complaint[0], names, complaint[1])
         _, free = independent_columns(self.graph, columns)
@@ -252,10 +250,9 @@ class _Starting:
         except SingularMatrix:
             self._refuse(complaint[0], names, complaint[1])
             raise
-        size = self.graph.sum(entry * entry for row in whole for entry in row)
-        for place, pivot in zip(normal.order, normal.pivots, strict=True):
-            self.fixed.append((self.graph.node(_RANK) * size, pivot))
-            self.fixed_labels.append((f"{complaint[0]} left out", names[place]))
+        for number, pivot in zip(normal.order, normal.pivots, strict=True):
+            self.fixed.append((pivot, whole, places[number]))
+            self.fixed_labels.append((f"{complaint[0]} left out", names[number]))
         found = normal.solve([-value for value in matvec(self.graph, across, rest)])
         self.values |= dict(zip(missing, found, strict=True))
 
@@ -267,35 +264,28 @@ class _Starting:
             f"{instead}"
         )
 
-    def _limit(self, row: Sequence[Node], around: Sequence[Node], scale: float) -> Node:
-        graph = self.graph
-        terms = self._at([graph.call("abs", a * x) for a, x in zip(row, around, strict=True) if not a.is_zero])
-        size = graph.sum([graph.node(scale), *terms])
-        return graph.node(TOLERANCE) * graph.call("max", size, graph.node(_NOTHING))
-
-    def _changed(self, state: Sequence[Node]) -> list[tuple[str, str, Node, Node]]:
+    def _changed(self, state: Sequence[Node], may: StartLimits) -> list[tuple[str, str, Node, Node]]:
         """Return the kind and the name of the given values that the state may change, by what, and by how much."""
         graph, system, symbols = self.graph, self.system, self.symbols
         if not self.rows:
             return []
         at_state = dict(zip(graph.adopt(system.inputs), state, strict=True))
-        size = graph.sum(graph.call("abs", rate) for rate in self._at(self.qdot))
-        rates_may = graph.node(REPRODUCED) * graph.call("max", size, graph.node(_NOTHING))
         found = []
         for kind, names, nodes in (
             ("coordinates changed", symbols.coordinates, system.coordinates),
             ("rates changed", symbols.rates, system.rates),
         ):
             values = graph.substitute(graph.adopt(nodes), at_state)
-            for name, value in zip(names, values, strict=True):
+            for place, (name, value) in enumerate(zip(names, values, strict=True)):
                 given = graph.input(name)
                 change = value - given
                 if name in self.given and not change.is_zero:
-                    own = graph.node(REPRODUCED) * (graph.one + graph.call("abs", given))
-                    may = own if kind.startswith("coord") else rates_may
+                    most = (
+                        may.coordinate_change(place, given) if names is symbols.coordinates else may.rate_change(place)
+                    )
                     if symbols.offsets:
-                        may = may + self._late([change])[0]
-                    found.append((kind, name, change, may))
+                        most = most + self._late([change])[0]
+                    found.append((kind, name, change, most))
         return found
 
     def _late(self, residual: Sequence[Node]) -> list[Node]:

@@ -18,7 +18,7 @@ from .base import Projection
 __all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes", "unit_values"]
 
 
-def _held(equations: EquationsOfMotion) -> list[VelocityGroup]:
+def _constrained_quaternions(equations: EquationsOfMotion) -> list[VelocityGroup]:
     """Return the groups of quaternions whose length is among the constraints."""
     labels = {row.label for row in equations.constraints}
     return [group for group in equations.groups if group.norm in labels]
@@ -27,7 +27,7 @@ def _held(equations: EquationsOfMotion) -> list[VelocityGroup]:
 def unit_values(equations: EquationsOfMotion) -> dict[Node, Node]:
     """Return the components of quaternions whose length is among the constraints, and the inputs on the unit sphere."""
     values: dict[Node, Node] = {}
-    for group in _held(equations):
+    for group in _constrained_quaternions(equations):
         names = unit_names([equations.symbols.coordinates[i] for i in group.coordinates])
         for i, name in zip(group.coordinates, names, strict=True):
             values[equations.q[i]] = equations.graph.input(name)
@@ -36,7 +36,7 @@ def unit_values(equations: EquationsOfMotion) -> dict[Node, Node]:
 
 def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
     """Return equations in which quaternions of length one are on the unit sphere, without the constraints of that."""
-    held = _held(equations)
+    held = _constrained_quaternions(equations)
     lost = [group for group in equations.groups if group.norm and group not in held]
     if lost:
         equations = replace(equations, groups=tuple(group for group in equations.groups if group not in lost))
@@ -81,13 +81,13 @@ def from_unit_sphere(scene: EquationsOfMotion, equations: EquationsOfMotion, nod
 def unit_notes(equations: EquationsOfMotion) -> list[str]:
     """Return notes on the normalisation of quaternions, for `explain()`."""
     names = equations.symbols.coordinates
-    listed = [", ".join(names[i] for i in group.coordinates) for group in _held(equations)]
+    listed = [", ".join(names[i] for i in group.coordinates) for group in _constrained_quaternions(equations)]
     return [f"({e}) stays a unit quaternion: it is brought to length one after every step" for e in listed]
 
 
 def normalisation(equations: EquationsOfMotion, kept: Sequence[str], speeds: int) -> Projection | None:
     """Return the Newton corrections that keep quaternions at length one, where the state has any."""
-    graph, held = equations.graph, _held(equations)
+    graph, held = equations.graph, _constrained_quaternions(equations)
     if not held:
         return None
     moves = dict.fromkeys(kept, graph.zero)

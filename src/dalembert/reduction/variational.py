@@ -18,6 +18,7 @@ from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES
 from .base import ReducedSystem
 from .input_weights import seeds_of, weights_of, with_weights
+from .step_limits import step_limits
 from .time_conditions import decided
 
 __all__ = ["variational"]
@@ -40,7 +41,8 @@ def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) ->
     -------
     Program
         Its state is y (n_y), then dy/dw (n_y) for each w of `wrt`; its outputs are the values `of`, then for each w
-        their derivatives. Its kernels are ``prepare``, ``rhs``, ``outputs``, and the projections of the system.
+        their derivatives. Its kernels are ``prepare``, ``rhs``, ``outputs``, the projections of the system, and
+        the limits of its steps.
     """
     return _Variational(system, of, wrt).program()
 
@@ -87,6 +89,11 @@ class _Variational:
         kernels = [
             lower_kernel(self.graph, name, self._with_derivatives(nodes), inputs) for name, nodes in wanted.items()
         ]
+        (time,) = self.graph.adopt([system.equations.time])
+        rates, parameters = self.graph.adopt(system.rhs), with_weights(self.wrt, self.symbols)
+        limits = step_limits(self.graph, rates, self.inputs, time, parameters)
+        if limits is not None:
+            kernels.append(lower_kernel(self.graph, "knots", limits, inputs))
         outputs = (*self.of, *(f"d {name} d {w}" for w in self.wrt for name in self.of))
         layout = Layout(
             coordinates=(),

@@ -37,7 +37,7 @@ class Animation(FuncAnimation):
     Attributes
     ----------
     drawing : Drawing
-        What is shown.
+        The drawing.
     """
 
     def __init__(self, figure: Figure, update: _Update, drawing: Drawing, fps: float) -> None:
@@ -97,7 +97,7 @@ class Animation(FuncAnimation):
         super().save(filename, chosen, *settings, **options)
 
     def _save_gif(self, filename: Any, dpi: float = 100.0) -> None:
-        """Write a gif: what does not move is drawn once."""
+        """Write a gif; surfaces and lines that do not move are drawn once."""
         from PIL import Image
 
         first, *others = (

@@ -19,7 +19,7 @@ class ComparisonRow:
     Attributes
     ----------
     formulation, method : str
-        What ran; the method that was taken in the end.
+        Formulation, and the method that was used in the end.
     status : str
         How the run ended, or "cannot serve".
     error : float

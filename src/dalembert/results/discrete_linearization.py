@@ -38,7 +38,7 @@ class DiscreteLinearization:
     D : ndarray (n_o, n_u)
         Derivatives of the outputs by the inputs.
     drift : ndarray (n,)
-        What a period changes of the state: zero at an equilibrium, and in periodic motions of that period.
+        Change of the state over a period: zero at an equilibrium, and in periodic motions of that period.
     states, inputs, outputs : tuple of str
         Names of the rows of A, of the columns of B, and of the rows of C. States are the independent coordinates and
         speeds, first-order states, states of controllers, and inputs that a controller sets later than at the time t

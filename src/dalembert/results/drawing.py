@@ -37,7 +37,7 @@ class Line:
     Attributes
     ----------
     name : str
-        What a legend says; empty for what is not in it.
+        Text in the legend; empty without an entry.
     color : str
     points : ndarray (n_t, k, 3), or (n_t, 3) for the path of a point
     width : float

@@ -29,7 +29,7 @@ class Grid:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what varies."""
+        """Names of the varied quantities."""
         return tuple(self.axes)
 
     @property

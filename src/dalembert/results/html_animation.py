@@ -93,7 +93,7 @@ def _surface(surface: Surface, k: int) -> Any:
 
 
 def _moved(item: Surface | Line, k: int) -> Any:
-    """Return what changes of a surface or a line from picture to picture."""
+    """Return the part of a surface or a line that changes from picture to picture."""
     points = item.vertices[k] if isinstance(item, Surface) else item.points[k]
     x, y, z = np.asarray(points, dtype=np.float32).T  # a picture needs no more digits
     return (go.Mesh3d if isinstance(item, Surface) else go.Scatter3d)(x=x, y=y, z=z)

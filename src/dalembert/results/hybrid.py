@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
+from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
 from ..values import times_of
 from .estimate import ErrorEstimate
@@ -42,7 +43,7 @@ class Phase:
 @final
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Rows of a motion that lie in one phase: the phase, its motion, and how constraints are told from it."""
+    """Rows of a motion that lie in one phase: the phase, its motion, and the names of its constraints."""
 
     phase: Phase
     motion: Trajectory
@@ -66,13 +67,13 @@ class HybridTrajectory(Motion):
     t_end : float
         Time that the run reached [s], recorded or not.
     stats : RunStatistics
-        What it cost.
+        Cost of the run.
     phases : tuple of Phase
-        What the contacts did, and when.
+        Phases, with the modes of the contacts.
     events : EventRecords
-        The events that the run was asked to watch for, by name.
+        The events of the run, by name.
     constraint_violation : ndarray (n_t, n_constraints)
-        What the constraints leave; of an open contact, by how much it penetrates.
+        Residuals of the constraints; of an open contact, its penetration.
     """
 
     def __init__(
@@ -104,17 +105,18 @@ class HybridTrajectory(Motion):
         return self.y
 
     def _joined(self, value: Callable[[Part], Any]) -> Any:
-        """Return what all parts give, in the order of the recorded times."""
+        """Return the values of all parts, in the order of the recorded times."""
         joined = np.concatenate([value(part) for part in self._parts])
         return joined if self._order is None else joined[self._order]
 
     def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> HybridTrajectory:
         """Return this motion, whose times are those since its start, with times counted as that is [s].
 
-        `t` (n_t,) are the recorded ones as they were asked for, `note` what the statistics note instead.
+        `t` (k,) are the recorded ones, and perhaps more behind them, as they were asked for. `note` is what the
+        statistics note instead.
         """
         self._begin = start
-        self.t = start + self.elapsed if t is None else t.copy()
+        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
         self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
         self.events.counted_from(start)
         if note is not None:
@@ -123,7 +125,10 @@ class HybridTrajectory(Motion):
 
     def _counted(self, motion: HybridTrajectory, t: FloatArray) -> HybridTrajectory:
         """Return a part of this motion, at times t (k,), counted as this is."""
-        return motion if self._begin is None else motion.counted_from(self._begin, t)
+        if self._begin is not None:
+            return motion.counted_from(self._begin, t)
+        motion.t = t.copy()
+        return motion
 
     def with_events(self, events: EventRecords) -> HybridTrajectory:
         """Return this motion with the events that occurred on it."""
@@ -145,7 +150,7 @@ class HybridTrajectory(Motion):
         Raises
         ------
         OptionError
-            Where the run was not told to estimate its error.
+            For a run without ``error_estimate=True``.
         """
         if self._twin is None:
             raise OptionError("this run has no error estimate; simulate with error_estimate=True")
@@ -196,7 +201,7 @@ class HybridTrajectory(Motion):
 
     @property
     def can_evaluate(self) -> bool:
-        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        """Whether the run can be evaluated between the recorded times."""
         return all(part.motion.can_evaluate for part in self._lasting)
 
     @property
@@ -225,7 +230,7 @@ class HybridTrajectory(Motion):
 
     @nesting_named
     def __call__(self, t: Any) -> HybridTrajectory:
-        """Return the motion at other times; where a phase ends, as the next one begins.
+        """Return the motion at other times; where a phase ends, or within rounding before, as the next one begins.
 
         Parameters
         ----------
@@ -237,7 +242,9 @@ class HybridTrajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        given, lasting = times_of("t", t), self._lasting
+        given, lasting = times_of("t", t), [*self._lasting]
+        if self._whole[-1] is not lasting[-1]:  # the state after an impact at the end
+            lasting.append(self._whole[-1])
         first, last = lasting[0].phase.t0, lasting[-1].phase.t1
         forward, times = 1.0 if last >= first else -1.0, given
         if self._begin is not None:
@@ -251,9 +258,13 @@ class HybridTrajectory(Motion):
             )
         begins = np.array([part.phase.t0 for part in lasting]) * forward
         place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
+        following = np.minimum(place + 1, len(begins) - 1)
+        begun = begins[following] - times * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
+        place = np.where(begun, following, place)
+        times = forward * np.maximum(times * forward, begins[place])
         rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
         parts = [
-            Part(part.phase, part.motion(times[some]), part.violation)
+            Part(part.phase, _at(part, times[some]), part.violation)
             for part, some in zip(lasting, rows, strict=True)
             if len(some)
         ]
@@ -284,6 +295,13 @@ class HybridTrajectory(Motion):
         times = {"time": ("time", self.t, {"units": "s"})}
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
         return with_units(dataset, units, self._layout.aliases, given)
+
+
+def _at(part: Part, t: FloatArray) -> Trajectory:
+    """Return the motion of a phase at times t (k,); a phase that takes no time has one state."""
+    if part.phase.t0 == part.phase.t1 and len(part.motion.t):
+        return part.motion.rows(np.full(len(t), len(part.motion.t) - 1))
+    return part.motion(t)
 
 
 @final

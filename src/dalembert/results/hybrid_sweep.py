@@ -13,8 +13,8 @@ from ..arrays import FloatArray
 from ..errors import OptionError, unknown_name
 from ..hybrid.modes import STATES
 from ..ir.program import Layout
+from .case_results import CaseResults, SweepStatistics
 from .estimate import ErrorEstimate
-from .sweep import CaseResults, SweepStatistics
 
 if TYPE_CHECKING:
     import xarray
@@ -27,7 +27,7 @@ __all__ = ["HybridSweep", "States"]
 class States:
     """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
-    What they slip with: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
+    Slip of the contacts: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
     numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes of the
     phases before.
     """
@@ -61,7 +61,7 @@ class HybridSweep(CaseResults):
     Attributes
     ----------
     phases : ndarray (n_case,) of int
-        How many phases each motion had.
+        Number of phases of each motion.
     t, status, steps, t_eval, parameters, initial, events, reduced, stats
         As for a `Sweep`.
     """
@@ -102,7 +102,7 @@ class HybridSweep(CaseResults):
     def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the sweep as `Sweep.to_xarray` does, with ``phases``, and ``name_mode`` of each contact as a number.
 
-        What the numbers mean stands in the attributes ``flag_values`` and ``flag_meanings`` of ``name_mode``.
+        The attributes ``flag_values`` and ``flag_meanings`` of ``name_mode`` have the meaning of the numbers.
         """
         found = super().to_xarray(units)
         status, values = found["status"], next(iter(found.data_vars.values()))
@@ -133,7 +133,7 @@ class HybridSweep(CaseResults):
         Raises
         ------
         OptionError
-            Where the sweep was not told to estimate its errors.
+            For a sweep without ``error_estimate=True``.
         """
         if self._twin is None:
             raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
@@ -145,7 +145,7 @@ class HybridSweep(CaseResults):
         return self._last if self._samples is None else self._samples
 
     def _known(self, key: Any) -> str:
-        """Return the text of a name that can be asked for."""
+        """Return a name as text; raise where the sweep does not have it."""
         layout, text, names = self._layout, str(key), self._names()
         name = layout.aliases.get(text, text)
         if name not in names and text not in names:

@@ -12,8 +12,8 @@ from ..version import __version__
 if TYPE_CHECKING:
     import xarray
 
+    from .case_results import SweepStatistics
     from .motion import RunStatistics
-    from .sweep import SweepStatistics
 
 __all__ = ["attributes", "with_units"]
 
@@ -24,7 +24,7 @@ _OTHER_NAMES = ("", "_value", "_given", "_reduced", "_first", "_last")
 def attributes(
     scene: str, formulation: str, stats: RunStatistics | SweepStatistics, parameters: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return what labelled arrays say of the run that they are from; ``parameters`` becomes JSON text."""
+    """Return the attributes of labelled arrays of a run; ``parameters`` becomes JSON text."""
     return {
         "scene": scene,
         "formulation": formulation,

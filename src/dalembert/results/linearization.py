@@ -149,7 +149,7 @@ class Linearization:
             names = [name for name, bad in zip(self.outputs, wrong, strict=True) if bad]
             raise OptionError(
                 f"the outputs {list_names(names)} depend on rates of the inputs {list_names(self._moving())}, and a"
-                " state-space system has none: leave these outputs out, or let an input be what is a rate now."
+                " state-space system has none: leave these outputs out, or make the rate itself an input."
                 " transfer() serves all outputs"
             )
         shift = by.rates + self.A @ by.second_rates

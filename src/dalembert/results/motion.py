@@ -75,7 +75,7 @@ class Motion(ABC):
     t_end : float
         Time that the run reached [s], recorded or not.
     stats : RunStatistics
-        What it cost.
+        Cost of the run.
     """
 
     t: FloatArray
@@ -97,7 +97,7 @@ class Motion(ABC):
     @property
     @abstractmethod
     def can_evaluate(self) -> bool:
-        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        """Whether the run can be evaluated between the recorded times."""
 
     @abstractmethod
     def rows(self, some: NDArray[np.intp]) -> Motion:
@@ -106,7 +106,7 @@ class Motion(ABC):
     @property
     @abstractmethod
     def _pictured(self) -> tuple[Scene, Constants] | None:
-        """The scene, and constants that begin with its parameters; None where the motion does not know them."""
+        """The scene, and constants that begin with its parameters; None where the motion does not have them."""
 
     @abstractmethod
     def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Motion:
@@ -181,7 +181,7 @@ class Motion(ABC):
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Everything that can be asked for by name."""
+        """All names that ``self[name]`` takes."""
 
     @nesting_named
     def animate(
@@ -219,7 +219,7 @@ class Motion(ABC):
         except ImportError:
             raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
         if self._pictured is None:
-            raise OptionError("this motion does not know its scene; ask one that simulate returned")
+            raise OptionError("this motion has no scene; use one that simulate returned")
         scene, constants = self._pictured
         return animate(
             self, scene, constants, points, option("fps", fps), option("speed", speed), flag("reactions", reactions)
@@ -227,10 +227,10 @@ class Motion(ABC):
 
 
 def reaction_hint(layout: Layout, name: str) -> str:
-    """Return how to get a reaction that was not asked for, or nothing for what is none."""
+    """Return how to get a reaction that was not requested; empty for other names."""
     if name not in layout.unknowns:
         return ""
-    return f" It is a reaction of the scene; ask for it with compile_model(scene, outputs=[{name!r}])."
+    return f" It is a reaction of the scene; request it with compile_model(scene, outputs=[{name!r}])."
 
 
 def xarray_package() -> Any:

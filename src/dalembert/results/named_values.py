@@ -19,7 +19,7 @@ class NamedValues(dict[str, T], Generic[T]):
     Parameters
     ----------
     kind : str
-        What the values are, for messages.
+        Kind of the values, for messages.
     values : mapping of str
     aliases : mapping of str to str, optional
         Names by the texts of SymPy symbols, which may be given in place of them.

@@ -14,7 +14,7 @@ __all__ = ["OperatingPoint"]
 @final
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """An equilibrium or a steady motion, with what a run or a linearisation there needs.
+    """An equilibrium or a steady motion, with the arguments of a run or a linearisation there.
 
     ``model.simulate(span, point.initial, point.parameters, inputs=point.inputs)`` starts from it.
 
@@ -25,7 +25,7 @@ class OperatingPoint:
     converged : bool
         Whether all conditions hold.
     message : str
-        What was found, and which conditions could not be met.
+        Result of the search, and the conditions that could not be met.
     iterations : int
         Newton steps.
     free : tuple of str
@@ -35,7 +35,7 @@ class OperatingPoint:
     parameters, inputs : dict of str to float
         Parameters and inputs.
     residual : dict of str to float
-        What is left of each condition, by its name.
+        Residual of each condition, by its name.
     derivatives : dict of str to float
         Time derivatives of coordinates (their rates), of rates (accelerations) and of first-order states, by the name
         of what changes.

@@ -77,7 +77,7 @@ class CaseSampler:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what varies."""
+        """Names of the varied quantities."""
         return tuple(self.distributions)
 
     @property
@@ -133,7 +133,7 @@ CaseSet = Grid | CaseSampler
 
 
 def case_set(given: Any) -> CaseSet:
-    """Return what was given as ``grid=``.
+    """Return the set of cases of an argument ``grid=``.
 
     Raises
     ------

@@ -1,253 +1,26 @@
-"""`Sweep`: the results of many cases."""
+"""`Sweep`: the results of many cases of a scene without contacts."""
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Self, final
+from dataclasses import replace
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..errors import OptionError
 from ..ir.interpret import interpret_rows
-from ..ir.program import Layout, Program
-from ..methods.status import Status
+from ..ir.program import Program
+from .case_results import CaseResults, SweepStatistics
 from .estimate import ErrorEstimate
-from .labels import attributes, with_units
-from .motion import ENERGIES, reaction_hint, warn_of_energy, xarray_package
-from .named_values import NamedValues
-from .notebook import ranges, summary
+from .motion import ENERGIES, warn_of_energy
 
-if TYPE_CHECKING:
-    import xarray
+__all__ = ["Sweep"]
 
-__all__ = ["NO_MODE", "CaseFailure", "CaseResults", "EventCounts", "Sweep", "SweepStatistics"]
-
-NO_MODE = -1
-"""Number of the mode of scenes without contacts."""
 _BLOCK = 8192
 """States of which values are computed at a time: their intermediate values stay near the processor."""
-
-
-@final
-@dataclass(frozen=True)
-class SweepStatistics:
-    """Cost of a sweep, and its tolerances, NaN where they are not known.
-
-    `note` says why "auto" took another method than it usually does, where it did. `methods` are those of each mode of
-    contacts by number, `NO_MODE` without contacts, and by `rtol`.
-    """
-
-    method: str
-    threads: int
-    steps: int
-    compile_seconds: float
-    run_seconds: float
-    note: str = ""
-    rtol: float = math.nan
-    atol: float = math.nan
-    methods: Mapping[tuple[int, float], str] = field(default_factory=dict, repr=False)
-
-
-@final
-@dataclass(frozen=True)
-class CaseFailure:
-    """A case that did not reach its end: its number, why, and the time it reached."""
-
-    case: int
-    status: Status
-    message: str
-    t: float
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class EventCounts:
-    """Number of times an event occurred in each case (n_case,), and first and last time [s], NaN where it did not."""
-
-    count: NDArray[np.int64]
-    first: FloatArray
-    last: FloatArray
-
-
-class CaseResults(ABC):
-    """Base class of results of many cases.
-
-    Subclasses give values by name, from what they keep of each case.
-    """
-
-    _kind = "Sweep"
-
-    def __init__(
-        self,
-        name: str,
-        formulation: str,
-        layout: Layout,
-        varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
-        ends: FloatArray,
-        t_eval: FloatArray | None,
-        axes: Mapping[str, FloatArray],
-        stats: SweepStatistics,
-    ) -> None:
-        self._name, self._formulation, self._layout = name, formulation, layout
-        self.initial, parameters = varied
-        own = {*layout.parameters} - {*layout.given}  # what runs set themselves
-        self.parameters = {name: values for name, values in parameters.items() if name not in own}
-        self.events: NamedValues[EventCounts] = NamedValues("event", {})
-        self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
-        self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
-        self.t_eval = t_eval
-        self._own_t, self._own_t_eval = self.t, t_eval
-        self.axes, self.stats = dict(axes), stats
-
-    @abstractmethod
-    def _final(self, key: Any) -> FloatArray:
-        """Return final values (n_case,) of something."""
-
-    @abstractmethod
-    def _sampled(self, key: Any) -> FloatArray:
-        """Return values (n_case, n_t) of something at the samples."""
-
-    def _by_name(self, names: Iterable[str]) -> dict[str, FloatArray]:
-        """Return ``self[name]`` of several names; subclasses compute what these have in common once."""
-        return {name: self[name] for name in names}
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def with_events(self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray) -> Self:
-        """Return this sweep with what happened (n_case, 3 n_events): numbers, first and last times, and reductions."""
-        aliases = self._layout.aliases
-        self.reduced = NamedValues("reduction", {name: reduced[:, i] for i, name in enumerate(kept)}, aliases)
-        counts = {
-            name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
-            for i, name in enumerate(names)
-        }
-        self.events = NamedValues("event", counts, aliases)
-        return self
-
-    def counted_from(
-        self, starts: FloatArray, t_eval: FloatArray | None, parameters: Sequence[str], crossings: Sequence[str]
-    ) -> Self:
-        """Return this sweep, whose times are those since the start of each case, with times counted as that is [s].
-
-        Parameters
-        ----------
-        starts : ndarray (n_case,) or (1,)
-        t_eval : ndarray (n_t,) or None
-            Times of the samples, as they were asked for.
-        parameters : sequence of str
-            Names of the parameters that were given; others, which the elapsed time adds, are left out.
-        crossings : sequence of str
-            Names of the reductions that are times.
-        """
-        self.t, self.t_eval = starts + self._own_t, t_eval
-        self.parameters = {name: values for name, values in self.parameters.items() if name in parameters}
-        self.events |= {
-            name: EventCounts(each.count, starts + each.first, starts + each.last) for name, each in self.events.items()
-        }
-        self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
-        return self
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Whether each case reached its end, or a terminal event, (n_case,)."""
-        return np.asarray((self.status == Status.SUCCESS) | (self.status == Status.EVENT))
-
-    def failures(self) -> list[CaseFailure]:
-        """Return the cases that did not reach their end, and why."""
-        failed = np.flatnonzero(~self.success)
-        return [
-            CaseFailure(int(i), status, status.message_for((self._formulation,), self.stats.method), float(self.t[i]))
-            for i, status in ((i, Status(self.status[i])) for i in failed)
-        ]
-
-    @property
-    def final(self) -> NamedValues[FloatArray]:
-        """Final values (n_case,) of coordinates, rates, states and outputs, by name."""
-        return NamedValues("final value", {name: self._final(name) for name in self._lasting()}, self._layout.aliases)
-
-    def _lasting(self) -> tuple[str, ...]:
-        """Return the names of what `final` holds."""
-        layout = self._layout
-        return (*layout.variables, *layout.outputs)
-
-    @nesting_named
-    def __getitem__(self, key: Any) -> FloatArray:
-        return self._final(key) if self.t_eval is None else self._sampled(key)
-
-    def _names(self) -> tuple[str, ...]:
-        layout = self._layout
-        return (*layout.variables, *layout.state_rates, *layout.outputs, *ENERGIES)
-
-    def _unknown(self, text: str, names: Iterable[str]) -> UnknownNameError:
-        """Return the error for a name that has no values."""
-        known = unknown_name("output", text, dict.fromkeys(names))
-        hint = f" It is a reduction: sweep.reduced[{text!r}]." if text in self.reduced else ""
-        return UnknownNameError(known + hint + reaction_hint(self._layout, text))
-
-    def __repr__(self) -> str:
-        return f"<{self._kind} {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
-
-    def _repr_html_(self) -> str:
-        kinds, counts = np.unique(self.status, return_counts=True)
-        facts = [(Status(kind).name, f"{count:,} cases") for kind, count in zip(kinds, counts, strict=True)]
-        varied = [(name, v) for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1]
-        columns = [*varied, *self.reduced.items()]
-        rows = ranges((name for name, _ in columns), (np.asarray(values, dtype=float) for _, values in columns))
-        return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last case"), rows)
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(dict.fromkeys(self._names()))
-
-    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
-        """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
-
-        Of an event there are ``name_count``, ``name_first`` and ``name_last``. Attributes are as for a trajectory.
-
-        Parameters
-        ----------
-        units : mapping of symbols or names to str, optional
-            Units of what the data set holds, and of parameters.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the package.
-        UnknownNameError, OptionError
-            For units of what is not there, or that are no texts.
-        """
-        layout = self._layout
-        shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
-        dims: tuple[str, ...] = tuple(self.axes) or ("case",)
-        coords: dict[str, Any] = {name: (name, values) for name, values in self.axes.items()}
-        times: tuple[str, ...] = ()
-        if self.t_eval is not None:
-            times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
-        if not self.axes:
-            varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
-            coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
-        data: dict[str, Any] = {}
-        for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
-            key = f"{name}_value" if name in self.axes else name
-            data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
-        for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
-            data[name] = (dims, counts.reshape(shape))
-        taken = {*data, *coords, *dims}
-        for name, values in self.reduced.items():
-            data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
-        for name, happened in self.events.items():
-            for part in ("count", "first", "last"):
-                key = f"{name}_{part}"
-                data[f"{key}_of_event" if key in taken else key] = (dims, getattr(happened, part).reshape(shape))
-        fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
-        attrs = attributes(self._name, self._formulation, self.stats, fixed)
-        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
-        return with_units(dataset, units, layout.aliases, fixed)
 
 
 @final
@@ -260,7 +33,7 @@ class Sweep(CaseResults):
     Attributes
     ----------
     parameters, initial : dict of str to ndarray (n_case,) or (1,)
-        What was varied, and what was not.
+        Values given, varied or not.
     t : ndarray (n_case,)
         Time that each case reached [s].
     t_eval : ndarray (n_t,) or None
@@ -273,9 +46,9 @@ class Sweep(CaseResults):
         Final state of the formulation.
     stats : SweepStatistics
     events : mapping of str to EventCounts
-        How often each event occurred in each case, and when first and last; by name or by expression.
+        Count, first and last time of each event in each case; by name or by expression.
     reduced : dict of str to ndarray (n_case,)
-        What was to be kept of every motion; NaN for cases that failed.
+        Reductions of every motion; NaN for cases that failed.
     """
 
     def __init__(
@@ -325,7 +98,7 @@ class Sweep(CaseResults):
         Raises
         ------
         OptionError
-            Where the sweep was not told to estimate its errors.
+            For a sweep without ``error_estimate=True``.
         """
         if self._estimate is None:
             raise OptionError("this sweep has no error estimate; run it with error_estimate=True")

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.problem import DenseOutput
+from ..integrators.chaining import joined
+from ..integrators.dense_output import DenseOutput
+from ..integrators.events import Occurrence
+from ..integrators.problem import Solution
 from ..integrators.projected_states import projected
 from ..integrators.segments import Constants, Segments, constants_at
 from ..ir.interpret import interpret_rows
@@ -28,12 +31,9 @@ from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_ener
 if TYPE_CHECKING:
     import xarray
 
-    from ..integrators.events import Occurrence
     from ..scene import Scene
 
-__all__ = [
-    "Trajectory",
-]
+__all__ = ["Trajectory", "joined_runs"]
 
 Monitors = Callable[[FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
 
@@ -56,9 +56,9 @@ class Trajectory(Motion):
     t_end : float
         Time that the run reached [s], recorded or not.
     stats : RunStatistics
-        What it cost.
+        Cost of the run.
     events : EventRecords
-        The events that the run was asked to watch for, by name.
+        The events of the run, by name.
 
     ``trajectory["x"]``, ``["x_dot"]``, ``["energy"]``, first-order states with their rates, and every requested output
     give arrays (n_t,), by name or by SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
@@ -88,7 +88,7 @@ class Trajectory(Motion):
 
     @cached_property
     def _expanded(self) -> tuple[FloatArray, FloatArray]:
-        """Coordinates and rates, computed when one of them is first asked for."""
+        """Coordinates and rates, computed on first use."""
         size, kernel = len(self._layout.coordinates), self._program.kernel("expand")
         c = constants_at(self._c, self.elapsed)
         x = interpret_rows(kernel, self.elapsed, self.y, c)
@@ -141,7 +141,7 @@ class Trajectory(Motion):
         t : ndarray (k,), optional
             The recorded times, and perhaps more behind them, as they were asked for.
         note : str, optional
-            What the statistics note in place of what they do.
+            Note of the statistics, in place of the present one.
         """
         self._begin = start
         self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
@@ -155,7 +155,7 @@ class Trajectory(Motion):
         return (self._program.formulation,)
 
     def with_monitors(self, monitors: Monitors) -> Trajectory:
-        """Return this motion with what gives first integrals from (c, t, x) when they are asked for."""
+        """Return this motion with a function that computes first integrals from (c, t, x) on demand."""
         self._monitors = monitors
         return self
 
@@ -191,10 +191,10 @@ class Trajectory(Motion):
         """First integrals along the motion (n_t,) by name, to see how well they are kept.
 
         They are "energy" where no force, constraint or motion of the scene does work, and "p_x" = dT/dx_dot for each
-        coordinate x whose momentum nothing changes. What is conserved is told by the equations, not by the motion.
+        coordinate x whose momentum nothing changes. They are found from the equations, not from the motion.
         """
         if self._monitors is None:
-            raise OptionError("this motion does not know its scene; ask one that simulate returned")
+            raise OptionError("this motion has no scene; use one that simulate returned")
         return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.variables)
 
     @property
@@ -204,7 +204,7 @@ class Trajectory(Motion):
         Raises
         ------
         OptionError
-            Where the run was not told to estimate its error.
+            For a run without ``error_estimate=True``.
         """
         if self._estimate is None:
             raise OptionError("this run has no error estimate; simulate with error_estimate=True")
@@ -212,7 +212,7 @@ class Trajectory(Motion):
 
     @property
     def can_evaluate(self) -> bool:
-        """Whether the run kept what it takes to evaluate it between the recorded times."""
+        """Whether the run can be evaluated between the recorded times."""
         return self._dense is not None
 
     @property
@@ -375,3 +375,45 @@ class Trajectory(Motion):
             },
         )
         return with_units(dataset, units, layout.aliases, given)
+
+
+def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:
+    """Return runs of one program, each of which goes on where the one before has ended, with other constants, as one.
+
+    Parameters
+    ----------
+    runs : sequence of Trajectory
+    labels : sequence of str
+        Names of the events that are kept.
+    right : bool
+        Whether steps hold the states behind the joints, not those before them.
+    """
+    first, last = runs[0], runs[-1]
+    if len(runs) == 1:
+        return first
+    parts = [
+        Solution(
+            status=run.status,
+            t=run.elapsed,
+            y=run.y,
+            steps=run.stats.steps,
+            rejected=run.stats.rejected,
+            evaluations=run.stats.evaluations,
+            dense=run._dense,
+            near=run._near,
+        )
+        for run in runs
+    ]
+    whole = joined(parts, recorded=False, right=right)
+    edges = np.array([run.elapsed[0] for run in runs] + [last.elapsed[-1]])
+    c = Segments(edges, np.array([constants_at(run._c, run.elapsed[:1]).reshape(-1) for run in runs]))
+    stats = replace(last.stats, steps=whole.steps, rejected=whole.rejected, evaluations=whole.evaluations)
+    found = Trajectory(first._program, c, last.status, whole.t, whole.y, stats, whole.dense)
+    found._monitors, found._scene, found._near, found._end = first._monitors, first._scene, whole.near, last._end
+    occurrences = [
+        Occurrence(e, float(t), before, after, int(sign))
+        for run in runs
+        for e, record in enumerate(run.events[label] for label in labels)
+        for t, before, after, sign in zip(record.t, record.before.y, record.after.y, record.direction, strict=True)
+    ]
+    return found.with_events(labels, sorted(occurrences, key=lambda one: abs(one.t - first.elapsed[0])))

@@ -1,1 +1,1 @@
-"""Compiled models and what they need while running."""
+"""Compiled models and their runs."""

@@ -224,7 +224,7 @@ def _within(constraints: _Constraints, q: FloatArray) -> bool:
 
 
 def _open(constraints: _Constraints, q: FloatArray, start: FloatArray, movable: np.ndarray[Any, Any]) -> str:
-    """Return why loops do not close: what the best position found leaves of each constraint."""
+    """Return why loops do not close: the residual of each constraint at the best position found."""
     layout = constraints.program.layout
     residual = constraints.positions(q)
     limits = _limits(constraints.jacobian(q, holonomic=True), q, 1e-4)

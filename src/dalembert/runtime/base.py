@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from ..arrays import FloatArray
 from ..ir.program import Layout
 from ..mechanics.equations import EquationsOfMotion
 from ..once import once_property
 from ..options import PrepareOptions, SensitivityOptions, SimulateOptions, StoreOptions, SweepOptions, TrimOptions
-from ..scene.model import ControllerModel, InputSymbol
+from ..scene.model import ControllerModel
+from ..scene.symbol_table import InputSymbol
 from . import inputs as run_input
 from .interface import derivatives, evaluation, motions, states
 from .symbol_assumptions import ROUNDING
@@ -35,7 +36,7 @@ SweepT_co = TypeVar("SweepT_co", covariant=True)
 class Model(ABC, Generic[RunT_co, SweepT_co]):
     """Compiled scene: its methods are functions over a model, in `dalembert.runtime.interface`.
 
-    They check arguments, make frozen options of them, and call what a kind of model brings: the methods below. The type
+    They check arguments, make frozen options of them, and call the methods below. The type
     variables are those of a trajectory and of the results of many cases.
 
     Attributes
@@ -61,7 +62,7 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     linearize = derivatives.linearize
     trim = derivatives.trim
 
-    # -- what a kind of model brings -------------------------------------------------------
+    # -- what a kind of model implements ----------------------------------------------------
 
     @property
     @abstractmethod
@@ -77,7 +78,7 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
 
     @abstractmethod
     def _depends_on_states(self, kernel: str) -> bool:
-        """Whether what a kernel returns depends on first-order states."""
+        """Whether the outputs of a kernel depend on first-order states."""
 
     @abstractmethod
     def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
@@ -88,6 +89,24 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
     ) -> RunT_co:
         """Return one trajectory."""
+
+    @abstractmethod
+    def _simulate_in_own_time(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+    ) -> RunT_co:
+        """Return one trajectory in the time of the model, whatever the span."""
+
+    @abstractmethod
+    def _with_parameters(self, symbols: tuple[Any, ...]) -> Self:
+        """Return the model of the scene with further parameters, which only events and reductions contain."""
+
+    @abstractmethod
+    def _in_elapsed_time(self, watched: tuple[Any, ...]) -> Self:
+        """Return the model of the scene in the time since a start, with expressions of time that events contain."""
+
+    @abstractmethod
+    def _check_watched(self, events: Any, reduce: Any) -> None:
+        """Refuse events and reductions that cannot be watched, as a run does."""
 
     @abstractmethod
     def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> SweepT_co:

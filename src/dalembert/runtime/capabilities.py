@@ -1,4 +1,4 @@
-"""Refusals of what a backend or a scene cannot do, looked up before use."""
+"""Refusals of calls that a backend or a scene does not support."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def refusal(backend: str, program: Program, capability: Capability) -> str:
 
 
 def require(backend: str, program: Program, capability: Capability) -> None:
-    """Refuse what a program on a backend cannot do.
+    """Refuse a call that a program on a backend does not support.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def require(backend: str, program: Program, capability: Capability) -> None:
 
 
 def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
-    """Refuse what cannot call Python functions.
+    """Refuse a call that does not support Python functions.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
 
 
 def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: str) -> None:
-    """Refuse what does not know of controllers, by their names.
+    """Refuse a call that does not support controllers.
 
     Raises
     ------
@@ -66,4 +66,4 @@ def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: s
     """
     if controllers:
         names = list_names(item.name for item in controllers)
-        raise CapabilityError(f"{what} does not know of sampled controllers ({names}): {remedy}")
+        raise CapabilityError(f"{what} does not support sampled controllers ({names}): {remedy}")

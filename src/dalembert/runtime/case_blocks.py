@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -53,7 +52,7 @@ Waiting = Callable[..., BlockResult]
 
 
 def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
-    """Begin to run cases, in threads where the engine makes them itself; return what waits for the results of all.
+    """Begin to run cases, in threads where the engine supports it; return a function that waits for all results.
 
     A case that fails is a status; an interrupt keeps what is finished.
     """
@@ -68,7 +67,13 @@ def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
     waiting = None if wanted else _whole(engine, cases, settings, result, threads)
     if waiting is not None:
         return waiting
-    return lambda stop=False: result if stop else _in_blocks(engine, cases, settings, result, threads)
+    return lambda stop=False: _interrupted(result) if stop else _in_blocks(engine, cases, settings, result, threads)
+
+
+def _interrupted(result: BlockResult) -> BlockResult:
+    """Set NaN for the results of cases that an interrupt has stopped, or kept from running."""
+    result.refuse(result.ends[:, 1] == float(Status.INTERRUPTED), Status.INTERRUPTED)
+    return result
 
 
 def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
@@ -84,7 +89,7 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
         with stopped_by(stopping):
             check()
             _run_block(engine, cases, settings, block, result[block])
-            _judge(cases, settings, block, result)
+            _check_results(cases, settings, block, result)
         return block.stop - block.start
 
     with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:
@@ -93,13 +98,13 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
                 advance(finished)
         except KeyboardInterrupt:
             stopping.set()
-    return result
+    return _interrupted(result) if stopping.is_set() else result
 
 
 def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> Waiting | None:
-    """Begin to run all cases in threads that share them; return what waits for them, None where it is not so done.
+    """Begin to run all cases in threads that share them; return a function that waits, None where unsupported.
 
-    What is watched is reduced from the constants of all cases of a part, so these are of a limited size.
+    Reductions need the constants of all cases of a part, so parts are of a limited size.
     """
     count = cases.count
     length = max(1, count) if settings.watch is None else _LARGEST_PART
@@ -123,8 +128,10 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
             following = begin(rest.pop(0))
             assert following is not None
             going = following(False)
+        if not going:
+            _interrupted(result)
         for first in range(0, count, _LARGEST_BLOCK):
-            _judge(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
+            _check_results(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
         return result
 
     return wait
@@ -146,7 +153,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[bool], bool]:
-    """Let threads do the work; return what waits for them, or stops them, and says whether it came to its end.
+    """Run the work in threads; return a function that waits for them or stops them, and returns whether all ended.
 
     Few cases need no thread.
     """
@@ -195,7 +202,7 @@ def _wait_whole(run: CaseRun, workers: Sequence[Future[None]], count: int, progr
 
 
 def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
-    """Run one block of cases and write what came of them; those that cannot start are left out.
+    """Run one block of cases and write their results; cases that cannot start are left out.
 
     The totals of the results are the reductions.
     """
@@ -217,11 +224,13 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
     if np.any(good) and not np.all(good):
         rest = None if ready.inputs is None else ready.inputs.part(np.flatnonzero(good), len(good))
-        clocks = tuple(itertools.compress(ready.clocks, good))
-        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest, clocks=clocks)
+        carried = None if ready.carried is None else ready.carried[good]
+        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest, carried=carried)
         some = done[good]
         engine.integrate_block(part, settings.method, some)
         done[good] = some
+        if ready.carried is not None:
+            ready.carried[good] = carried
     if watch is not None:
         first = done.happened[:, 1::3]
         here.happened[:] = done.happened[:, : 3 * watch.reported]
@@ -231,8 +240,8 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         watch.conclude(done.ends, done.happened)
 
 
-def _judge(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
-    """Look once more at what came of a block of cases, where the settings say so."""
+def _check_results(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
+    """Check the results of a block of cases, where the settings have a check."""
     if settings.judge is not None and len(cases.program.layout.state):
         settings.judge(cases.block(block, settings)[0], result[block])
 

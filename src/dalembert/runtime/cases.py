@@ -1,9 +1,8 @@
-"""Cases of a sweep: parameters, initial values and spans as given, and what all cases have in common."""
+"""Cases of a sweep: parameters, initial values and spans as given, and their common settings."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -16,10 +15,11 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.event_code import EventCode
 from ..integrators.input_records import InputRecords
-from ..integrators.problem import IntegrationProblem, SamplingClock
+from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import Layout, Program
 from ..methods.status import Status
+from ..processors import available_threads
 from ..reduction.starting import Start
 from ..results.sampler import CaseSet, case_set
 from ..values import array_of, times_of, traced_note, whole
@@ -27,12 +27,7 @@ from . import inputs
 from .input_values import GivenInputs
 from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 
-__all__ = ["Cases", "Settings", "agreed", "available_threads", "single_problem", "spans_of", "with_grid"]
-
-
-def available_threads() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+__all__ = ["Cases", "Settings", "agreed", "single_problem", "spans_of", "with_grid"]
 
 
 @final
@@ -52,7 +47,7 @@ class Settings:
     judge: Callable[[CaseBlock, BlockResult], None] | None = None
     note: str = ""
     apart: NDArray[np.bool_] | None = None
-    clocks: Sequence[SamplingClock] = ()
+    carried: FloatArray | None = None
 
 
 @final
@@ -89,7 +84,7 @@ class Cases:
         self.start = start(self.initial)
 
     def _count(self) -> int:
-        known = {*self.program.layout.given, *self.initial, *self.span}  # others stand for inputs
+        known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
         lengths = {
             f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
             for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
@@ -104,7 +99,7 @@ class Cases:
     def _refused(self) -> NDArray[np.bool_] | None:
         """Return which cases (k,) have values that their symbols exclude, None where there are none.
 
-        What is given for all cases is refused at once.
+        Values for all cases are refused at once.
         """
         layout, whole = self.program.layout, np.zeros(self.count, bool)
         for table, rounding in ((self.parameters, 0.0), (self.initial, ROUNDING)):
@@ -126,7 +121,7 @@ class Cases:
         return inputs.prepare_rows(self.program, p)
 
     def _decide(self, p: FloatArray, block: slice) -> None:
-        """Let conditions of parameters p (k, n_p) be those of the first segment of each case."""
+        """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
         conditions = self.program.conditions
         if conditions is None or not conditions.decides:
             return
@@ -179,6 +174,7 @@ class Cases:
             settings.max_steps,
             settings.watch,
             self._records_of(block),
+            carried=None if settings.carried is None else settings.carried[block],
         )
 
     def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
@@ -190,9 +186,7 @@ class Cases:
         count, size = len(c), len(self.program.layout.state)
         spans = np.empty((count, 2))
         spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
-        given = np.empty((count, len(self.start.given)))
-        for i, name in enumerate(self.start.given):
-            given[:, i] = _part(self.initial[name], block)
+        given = self._given(block, count)
         out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
         finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
         if exact:
@@ -218,17 +212,23 @@ class Cases:
             settings.max_steps,
             settings.watch,
             self._records_of(block),
-            settings.clocks[block],
+            None if settings.carried is None else settings.carried[block],
         ), status
+
+    def _given(self, block: slice, count: int) -> FloatArray:
+        """Return the given initial values (count, n) of a block of cases, in the order of the start."""
+        given = np.empty((count, len(self.start.given)))
+        for i, name in enumerate(self.start.given):
+            given[:, i] = _part(self.initial[name], block)
+        return given
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
         """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
         c = self.constants(block)
         t = np.broadcast_to(_part(self._begin, block), (len(c),))
-        given = np.empty((len(c), len(self.start.given)))
-        for i, name in enumerate(self.start.given):
-            given[:, i] = _part(self.initial[name], block)
-        checks = interpret_rows(self.start.kernel, t, given, c)[:, len(self.program.layout.state) :]
+        checks = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)[
+            :, len(self.program.layout.state) :
+        ]
         lost = np.zeros(len(c), bool)
         for i, (kind, _) in enumerate(self.start.labels):
             if kind == "pivots":
@@ -312,7 +312,7 @@ def _columns(
 ) -> dict[str, FloatArray]:
     """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
 
-    They are copies: results are evaluated from them when they are asked for, whatever became of what was given.
+    They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
     """
     if not isinstance(given, Mapping):
         raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")

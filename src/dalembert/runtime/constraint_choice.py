@@ -14,6 +14,7 @@ from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from . import inputs
 from .constraint_rank import nearly_redundant, redundant, singular_start
+from .initial_states import initial_state, pivots_vanish, vanishing_pivots
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -57,7 +58,7 @@ def divisible_model(
         return model
     p = model.parameter_vector(parameters)
     values = model.initial_values(initial)
-    labels = inputs.vanishing_pivots(model.derived.start(values), t0, values, p)
+    labels = vanishing_pivots(model.derived.start(values), t0, values, p)
     if not labels:
         return model
     names = model.layout.constraints
@@ -67,10 +68,10 @@ def divisible_model(
         return further
     program, rows, left_out = fewer.stages.program, range(len(names)), fewer.stages.reduced.left_out
     c = inputs.constants(program, p)
-    y = inputs.initial_state(fewer.derived.start(values), t0, values, c, program)
+    y = initial_state(fewer.derived.start(values), t0, values, c, program)
     rest = [i for i in rows if i not in left_out]
     found = redundant(program, t0, y, c, rows)
     follow = found is not None and len(found) == len(left_out) and redundant(program, t0, y, c, rest) == ()
     if not follow:
-        raise inputs.pivots_vanish(model.stages.program, p, labels)
+        raise pivots_vanish(model.stages.program, p, labels)
     return fewer

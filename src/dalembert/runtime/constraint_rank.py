@@ -2,7 +2,8 @@
 
 Measured by the smallest singular value of the constraint Jacobian, its `share` below, with rows of length one: 1 for
 constraints that are orthogonal to each other, 0 where one follows from others. A row that vanishes somewhere is to
-count as dependent there, so that rows are measured by how long they are elsewhere.
+count as dependent there, so that rows are measured by how long they are elsewhere. Where some coordinates are angles
+and others are lengths, lengths are measured by the radius of gyration, so that units do not matter.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ __all__ = [
     "row_lengths",
     "shares",
     "singular_start",
+    "sizes_at",
     "unlike",
     "where_dependent",
 ]
@@ -37,24 +39,45 @@ _ROUNDED = 1e-11
 """Share below which a constraint follows from the others up to rounding; larger differences are meant."""
 
 _NEARBY = 1e-3
-"""Distance, in coordinates, of the configurations around a start at which the rank is measured too."""
+"""Distance, in sizes of coordinates, of the configurations around a start at which the rank is measured too."""
+
+
+def sizes_at(program: Program, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
+    """Return the sizes of coordinates (n_q,) beside an angle of one, at the first of some x (k, 2 n_q).
+
+    That of lengths is the radius of gyration. It is one where there are only lengths, or only angles: what is
+    compared then has one unit.
+    """
+    layout = program.layout
+    n, angles = len(layout.coordinates), np.array([name in layout.angles for name in layout.coordinates])
+    sizes = np.ones(n)
+    if not len(t) or np.all(angles) or not np.any(angles):
+        return sizes
+    masses = interpret_rows(program.kernel("mass_matrix"), t[:1], x[:1], c if c.ndim == 1 else c[:1])[0, :: n + 1]
+    inertia, mass = float(np.sum(masses[angles])), float(np.sum(masses[~angles]))
+    if inertia > 0.0 and mass > 0.0:
+        radius = np.sqrt(inertia / mass)
+        sizes[~angles] = radius if 0.0 < radius < np.inf else 1.0
+    return sizes
 
 
 def _jacobians(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
-    """Return constraint Jacobians (k, n_enforced, n_q) at coordinates and rates x (k, 2 n_q)."""
+    """Return constraint Jacobians (k, n_enforced, n_q) at coordinates and rates x (k, 2 n_q), by the sizes of both."""
     layout = program.layout
     rows = interpret_rows(program.kernel("constraint_jacobian"), t, x, c)
-    return rows.reshape(len(t), len(layout.constraints), len(layout.coordinates))[:, list(enforced)]
+    rows = rows.reshape(len(t), len(layout.constraints), len(layout.coordinates))[:, list(enforced)]
+    found: FloatArray = rows * sizes_at(program, t, x, c)
+    return found
 
 
 def jacobians_at(program: Program, t: FloatArray, y: FloatArray, c: Constants, enforced: Sequence[int]) -> FloatArray:
-    """Return constraint Jacobians (k, n_enforced, n_q) at states y (k, n_y)."""
+    """Return constraint Jacobians (k, n_enforced, n_q) at states y (k, n_y), for coordinates in their sizes."""
     c = constants_at(c, t)
     return _jacobians(program, t, interpret_rows(program.kernel("expand"), t, y, c), c, enforced)
 
 
 def row_lengths(j: FloatArray) -> FloatArray:
-    """Return what rows are measured by (n_enforced,): their longest, at the least a tenth of the longest of all."""
+    """Return the scales of rows (n_enforced,): their largest length, at least a tenth of the largest of all."""
     longest = np.nanmax(np.linalg.norm(j, axis=2), axis=0)
     found: FloatArray = np.maximum(longest, 0.1 * longest.max())
     return np.where(found > 0.0, found, 1.0)
@@ -116,7 +139,7 @@ def redundant(
 
 
 def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
-    """Return where constraints are so nearly dependent that double precision does not tell, or nothing.
+    """Return where constraints are dependent up to double precision; empty where none are.
 
     They do not follow from each other: what they differ by is more than rounding, and is lost when it is squared.
     """
@@ -129,7 +152,7 @@ def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, e
     if len(_dependent(j, _ROUNDED)) == len(_dependent(j)):
         return ""
     return (
-        f"{where_dependent(program, t, y, c, enforced)}, by more than rounding: which motions they allow cannot be told"
+        f"{where_dependent(program, t, y, c, enforced)}, by more than rounding: allowed motions cannot be determined"
         " with this formulation in double precision. Make them equal or more different, or use formulation='minimal'"
     )
 
@@ -164,10 +187,12 @@ def _around(program: Program, t: float, y: FloatArray, c: FloatArray, j: FloatAr
     x0 = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
     _, values, directions = np.linalg.svd(j)
     free = directions[int(np.sum(values > _LOST)) :]
-    found = []
+    found, sizes = [], sizes_at(program, times, x0[np.newaxis], c)
+    if not program.layout.angles:
+        sizes *= np.max(np.abs(x0[:n]), initial=0.0) or 1.0
     for direction in [*free, np.sum(free, axis=0)]:
         x = x0.copy()
-        x[:n] += _NEARBY * direction
+        x[:n] += _NEARBY * sizes * direction
         found.append(_closed(program, t, x, c))
     return found
 
@@ -178,13 +203,16 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
     if "position_residual" not in program:
         return x
     x = x.copy()
+    sizes = sizes_at(program, times, x[np.newaxis], c)
     for _ in range(8):
         left = interpret_rows(program.kernel("position_residual"), times, x[np.newaxis], c)[0]
         whole = interpret_rows(program.kernel("constraint_jacobian"), times, x[np.newaxis], c)[0]
         rows = whole.reshape(-1, n)[: len(left)]
         if not (np.all(np.isfinite(left)) and np.all(np.isfinite(rows))):
             break
-        x[:n] -= np.linalg.pinv(rows, rcond=1e-5) @ left
+        rows = rows * sizes
+        lengths = row_lengths(rows[np.newaxis])
+        x[:n] -= sizes * (np.linalg.pinv(rows / lengths[:, np.newaxis], rcond=1e-5) @ (left / lengths))
     return x
 
 
@@ -222,6 +250,7 @@ def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> s
     matrix = rows.reshape(len(layout.coordinates), len(layout.unknowns))
     if not np.all(np.isfinite(matrix)):
         return ""
+    matrix = matrix * sizes_at(program, np.array([t]), x, c)[:, np.newaxis]
     _, values, directions = np.linalg.svd(matrix)
     loose = directions[int(np.sum(values > _LOST * values.max(initial=0.0))) :]
     weights = np.max(np.abs(loose), axis=0, initial=0.0)

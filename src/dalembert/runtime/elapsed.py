@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..integrators.problem import times_wanted
 from ..scene.elapsed import Offset, time_symbol, timed
-from ..scene.model import SymbolTable
+from ..scene.symbol_table import SymbolTable
 
 if TYPE_CHECKING:
     from ..integrators.event_code import Event
-    from .model import CompiledModel
+    from .base import Model
     from .reductions import Reduction
 
 __all__ = [
-    "Asked",
-    "asked",
+    "ElapsedRequest",
     "begins_elsewhere",
+    "elapsed_request",
     "elapsed_times",
     "extension",
     "far",
@@ -38,6 +38,8 @@ __all__ = [
     "offset_values",
     "with_offsets",
 ]
+
+M = TypeVar("M", bound="Model[Any, Any]")
 
 FAR = 16.0
 """Times that are larger than this many spans count as far from zero: below, the rounding of both is much the same."""
@@ -72,7 +74,7 @@ def elapsed_times(t0: float, t1: float, t_eval: FloatArray | None) -> FloatArray
 
 @final
 @dataclass(frozen=True, eq=False)
-class Asked:
+class ElapsedRequest:
     """Events and reductions of a model that runs in the time since a start.
 
     Attributes
@@ -91,8 +93,10 @@ class Asked:
     reductions: dict[str, Reduction]
 
 
-def asked(symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any = None) -> Asked | None:
-    """Return what is asked for a run over a span, or many; None where time is left as it is."""
+def elapsed_request(
+    symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any = None
+) -> ElapsedRequest | None:
+    """Return the events and reductions of a run, or many, in elapsed time; None where time is left as it is."""
 
     def meant(expression: Any) -> Any:
         called = isinstance(expression, str) and symbols.aliases.get(expression, expression) == symbols.time
@@ -109,31 +113,27 @@ def asked(symbols: SymbolTable, span: tuple[Any, Any], events: Any, reduce: Any 
     every += [value for event in own for value in (event.apply or {}).values()]
     watched = tuple(e for e in dict.fromkeys(every) if not isinstance(e, str) and timed(e))
     other = symbols.timed or bool(watched)
-    return None if other and not np.any(far(*span)) else Asked(other, watched, own, reductions)
+    return None if other and not np.any(far(*span)) else ElapsedRequest(other, watched, own, reductions)
 
 
-def in_elapsed_time(
-    model: CompiledModel, t0: Any, t1: Any, events: Any = (), reduce: Any = None
-) -> tuple[CompiledModel | None, Any, Any]:
+def in_elapsed_time(model: M, t0: Any, t1: Any, events: Any = (), reduce: Any = None) -> tuple[M | None, Any, Any]:
     """Return the model that runs a span, or many, in the time since its start; None where time is left as it is.
 
     Events and reductions are returned as that model takes them.
     """
-    found = asked(model.stages.equations.symbols, (t0, t1), events, reduce)
+    found = elapsed_request(model._equations.symbols, (t0, t1), events, reduce)
     if found is None:
         return None, events, reduce
     if not found.other:
         return model, events, reduce
     if found.watched:
-        model.derived.events(events, reduce)  # what is wrong with them is said of them as they were given
-    return model.variants.in_elapsed_time(found.watched), found.events, found.reductions
+        model._check_watched(events, reduce)  # errors are about the values as they were given
+    return model._in_elapsed_time(found.watched), found.events, found.reductions
 
 
-def with_offsets(
-    model: CompiledModel, other: CompiledModel, start: float, parameters: Mapping[Any, Any]
-) -> Mapping[Any, Any]:
+def with_offsets(model: M, other: M, start: float, parameters: Mapping[Any, Any]) -> Mapping[Any, Any]:
     """Return parameters with those that another model of the scene has for a start."""
-    offsets = other.stages.equations.symbols.offsets
+    offsets = other._equations.symbols.offsets
     if not offsets:
         return parameters
     values = dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
@@ -141,7 +141,7 @@ def with_offsets(
 
 
 def offset_values(offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters that stand for what expressions of time are at the start of a run."""
+    """Return the parameters of expressions of time, with their values at the start of a run."""
     return {offset.name: offset.value(start, parameters) for offset in offsets}
 
 

@@ -36,7 +36,7 @@ def segmented(
 ) -> Engine:
     """Return an engine that ends steps where functions of time break, or the engine itself where it does so.
 
-    `landing` gives the state with which a run goes on from a break of a condition; None leaves it as it is.
+    `landing` gives the state after a break of a condition; None leaves it as it is.
     `sampling` is what controllers do at their instants.
     """
     if program.conditions is None and sampling is None and (engine.follows_inputs or not program.layout.inputs):

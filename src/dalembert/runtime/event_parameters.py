@@ -2,46 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..scene.expressions import symbols_called
 
 if TYPE_CHECKING:
-    from ..ir.program import Layout
     from ..results.sampler import CaseSet
-    from .model import CompiledModel
+    from .base import Model
 
-__all__ = ["event_parameters", "watched_expressions", "with_event_parameters"]
+__all__ = ["watched_expressions", "with_event_parameters"]
 
-T = TypeVar("T")
+M = TypeVar("M", bound="Model[Any, Any]")
 
 
 def with_event_parameters(
-    model: CompiledModel, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
-) -> CompiledModel:
-    """Return the model whose parameters include those that events and reductions of a run bring; itself without any."""
-    return event_parameters(model, model.layout, parameters, events, reduce, grid, make=model.variants.with_parameters)
-
-
-def event_parameters(
-    model: T,
-    layout: Layout,
-    parameters: Mapping[Any, Any],
-    events: Any,
-    reduce: Any,
-    grid: CaseSet | None,
-    *,
-    make: Callable[[tuple[Any, ...]], T],
-) -> T:
-    """Return what `make` makes of further parameters; `model` where there are none.
+    model: M, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
+) -> M:
+    """Return the model whose parameters include those that events and reductions of a run bring; itself without any.
 
     They are the symbols of events and reductions that are given, and that the scene does not have. What is given and
     stands nowhere is left for the model to refuse.
     """
     if (reduce is None and isinstance(events, tuple) and not events) or not isinstance(parameters, Mapping):
         return model
-    keys = (*parameters, *(grid.names if grid is not None else ()))
+    keys, layout = (*parameters, *(grid.names if grid is not None else ())), model.layout
     if len(keys) <= len(layout.given) - len(layout.defaults):
         return model  # none is further where all are given, and names take time
     known = {*layout.parameters, *layout.variables, *layout.state, *layout.inputs}
@@ -50,7 +35,7 @@ def event_parameters(
     if not further:
         return model
     found = symbols_called(further, watched_expressions(events, reduce, layout.aliases))
-    return make(found) if found else model
+    return model._with_parameters(found) if found else model
 
 
 def watched_expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterable[Any]:

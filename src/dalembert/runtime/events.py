@@ -1,4 +1,4 @@
-"""Events: what users say of them, and what an integration needs to know of them."""
+"""Compilation of events: [Event] -> [EventCode]."""
 
 from __future__ import annotations
 

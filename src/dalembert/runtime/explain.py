@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
@@ -16,7 +16,8 @@ from ..lowering.programs import lower
 from ..mechanics.copying import copied
 from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
-from ..transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
+from ..transforms.nonsmooth import nonanalytic_operations
+from ..transforms.recurrences import recurrences
 
 if TYPE_CHECKING:
     from ..pipeline import Stages
@@ -26,7 +27,7 @@ __all__ = ["explain"]
 
 
 _RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Tolerances at which the method that auto takes is told."""
+"""Tolerances for which the method of "auto" is shown."""
 
 
 def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
@@ -37,8 +38,8 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
     taken = dict.fromkeys(automatic.values())
     others = [name for name in methods if name not in taken]
     lines = [
-        f"{program.name}: {len(layout.coordinates)} coordinates, {len(layout.constraints)} constraints"
-        f" ({layout.holonomic} holonomic), {len(layout.unknowns)} unknown reaction components",
+        f"{program.name}: {_counted(layout.coordinates, 'coordinate')}, {_counted(layout.constraints, 'constraint')}"
+        f" ({layout.holonomic} holonomic), {_counted(layout.unknowns, 'unknown reaction component')}",
         f"formulation   {program.formulation}: {program.notes[0]}",
         *(f"              {note}" for note in program.notes[1:]),
         f"state         {list_names(layout.state)}",
@@ -62,8 +63,12 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
     return "\n".join([*lines, *(_passes(stages) if passes else [])])
 
 
+def _counted(items: Sequence[str], noun: str) -> str:
+    return f"{len(items)} {noun}" if len(items) == 1 else f"{len(items)} {noun}s"
+
+
 def _controllers(stages: Stages) -> list[str]:
-    """Return what each controller sets at its instants."""
+    """Return a line for each controller: the values that it sets at its instants."""
     lines = []
     for item in stages.equations.controllers:
         law = "a Python function" if item.function is not None else "expressions"
@@ -85,24 +90,33 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
     first = next(iter(methods))
     if "radau" not in methods or first == "radau":
         return []
-    return ["              a run whose steps are held by modes long dead is stiff, and auto takes radau for it"]
+    return ["              auto takes radau for stiff runs, where components that have decayed limit the steps"]
 
 
 def _nonanalytic(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
     rhs = stages.program.kernel("rhs") if series else None
-    found = {} if rhs is None else nonanalytic_operations(rhs)
-    if not found:
+    if rhs is None or not nonanalytic_operations(rhs):
         return []
-    rough = ", and auto leaves it aside for the kinks" if nonsmooth_values(found) else ""
-    return [
-        f"              a series may know nothing of {list_names(sorted(set(found.values())))} of state or time:"
-        f" {list_names(series)} looks at the defect of its steps{rough}"
-    ]
+    known, lines = recurrences(rhs), []
+    rough = ", and auto takes another method because of the kinks" if known.nonsmooth else ""
+    if known.hidden:
+        lines.append(
+            f"              a power series may not show {list_names(sorted(set(known.hidden)))} of state or time:"
+            f" {list_names(series)} checks the residual of its steps{rough}"
+        )
+        rough = ""
+    if known.switches:
+        operations = list_names(sorted({switch.line.op for switch in known.switches}))
+        lines.append(
+            f"              kinks and jumps ({operations}): steps of {list_names(series)} end at them, those of other"
+            f" methods before and behind short passages{rough}"
+        )
+    return lines
 
 
 def _energy(stages: Stages) -> list[str]:
-    """Return what the energy consists of, where loads act, and what it leaves out."""
+    """Return the parts of the energy, where loads act, and the loads that it leaves out."""
     loads = stages.equations.load_energy
     lines = []
     if loads.included:
@@ -144,14 +158,14 @@ def _outputs(program: Program) -> str:
 
 
 def _left_out(stages: Stages) -> list[str]:
-    """Return what the scene has and nothing asked for."""
+    """Return the parts of the scene that no output or state depends on."""
     program, layout = stages.program, stages.program.layout
     out = []
     reactions = [name for name in layout.unknowns if name not in layout.outputs]
     if reactions:
-        out.append(f"the reactions {list_names(reactions)}, which no output asks for")
+        out.append(f"the reactions {list_names(reactions)}, which no output needs")
     if layout.undetermined:
-        out.append(f"{list_names(layout.undetermined)} could not be had: the equations do not determine them")
+        out.append(f"{list_names(layout.undetermined)}, which the equations do not determine")
     if not layout.constraints:
         out.append("constraint machinery: the scene has no constraints")
     elif "project_velocity" not in program and program.formulation == "minimal":

@@ -1,6 +1,6 @@
 """Runs that meet the singularity of three angles: they end there, and say which angle has which value.
 
-Where constraints or other bodies make the motion regular at such an attitude, nothing is said of it: what counts is
+Where constraints or other bodies make the motion regular at such an attitude, there is no warning: what counts is
 whether the mass matrix on the directions that the constraints leave free is singular there.
 """
 
@@ -178,7 +178,7 @@ def _angle(value: float) -> str:
 
 
 def remedy(scene: Scene) -> str:
-    """Return what to do about angles that lock in a scene."""
+    """Return the remedy for angles that lock in a scene."""
     try:
         with_quaternions(scene)
     except OptionError:

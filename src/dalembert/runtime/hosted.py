@@ -18,7 +18,7 @@ from ..ir.program import Layout
 from ..methods.status import Status
 from ..options import SolveOptions
 from ..scene.expressions import symbols_called
-from ..scene.model import InputSymbol
+from ..scene.symbol_table import InputSymbol
 from .event_parameters import watched_expressions
 from .hosted_records import record_statuses
 from .reductions import Reduction, reduction_table
@@ -55,11 +55,11 @@ class HostRuns:
     given : tuple of str
         Names of the given initial values.
     columns : tuple of str
-        Names of what is wanted of the motion.
+        Names of the requested quantities of the motion.
     inputs : tuple of InputSymbol
         Inputs of the scene.
     events, reductions
-        What is watched, and what is kept of every motion.
+        Events, and reductions of every motion.
     options
         Method, tolerances and limits of steps.
     """
@@ -192,7 +192,7 @@ def _alike(rows: FloatArray, cases: Any) -> list[Any]:
 
 
 def with_symbols(model: T, layout: Layout, events: Any, reduce: Any, make: Callable[[tuple[Any, ...]], T]) -> T:
-    """Return what `make` makes of the symbols that only events and reductions contain; `model` without any."""
+    """Return `make` of the symbols that only events and reductions contain; `model` without any."""
     expressions = list(watched_expressions(events, reduce, layout.aliases))
     known = {*layout.parameters, *layout.variables, *layout.state, *layout.inputs, *layout.outputs, "t"}
     free = {str(symbol) for each in expressions for symbol in getattr(each, "free_symbols", ())}
@@ -244,7 +244,7 @@ def hybrid_runs(
         f"derivatives across changes of contacts ({contacts}) are not computed: differentiate runs of one mode, such as"
         " model.mode().solve_fn(), or take differences of runs"
     )
-    model.check_watched(events, reduce)
+    model._check_watched(events, reduce)
     runner = _runner(model.on_backend(_BACKEND), layout.variables, given, method, options, events, reduce)
     return HostedRuns(runner, layout, model._inputs, layout.variables, None, _terminal(runner), refusal)
 
@@ -293,8 +293,8 @@ def _refusal(model: CompiledModel, events: tuple[Event, ...], table: Mapping[str
     if jumps:
         return (
             f"derivatives across jumps of the state (events with apply=: {list_names(jumps)}) are not computed: stop at"
-            " the event (terminal=True), whose state is differentiated, and go on from the state after it in a second"
-            " run"
+            " the event (terminal=True), whose state is differentiated, and continue from the state after it with a"
+            " second run"
         )
     if table:
         return (

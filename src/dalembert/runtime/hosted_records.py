@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..integrators.samples import Samples
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..scene.model import InputSymbol
+from ..scene.symbol_table import InputSymbol
 
 __all__ = ["record_statuses"]
 

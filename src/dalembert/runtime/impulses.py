@@ -118,7 +118,7 @@ def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | No
 def landing_of(
     equations: EquationsOfMotion, program: Program, start: Callable[[Iterable[str]], Start]
 ) -> Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray] | None:
-    """Return the function that gives the state with which a run goes on from a break; None where none jumps.
+    """Return the function that gives the state after a break of a run; None where no state jumps.
 
     Its arguments are a time, a state (n_y,) and the constants (n_c,) before and after it. `start` gives the kernel
     from given values to the state.

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import OptionError, UnknownNameError
 from ..integrators.samples import Samples, samples
 from ..reduction.input_weights import input_of, weight_of
-from ..scene.model import SymbolTable
+from ..scene.symbol_table import SymbolTable
 from .input_values import GivenInputs
 
 __all__ = ["value_names", "with_weights_of"]
@@ -20,7 +20,7 @@ _MOST = 2000
 
 
 def value_names(inputs: GivenInputs, symbols: SymbolTable, wrt: Sequence[str]) -> list[str]:
-    """Return names of what is differentiated by, with "u[0]", "u[1]", ... in place of an input u that has samples.
+    """Return names of the variables of differentiation, with "u[0]", "u[1]", ... in place of an input u with samples.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from ..integrators.input_records import InputRecords
 from ..integrators.samples import KINDS, Samples, checked_samples
 from ..ir.input_parameters import WIDTH, coefficient_places, hidden_parameters
 from ..ir.program import Layout
-from ..scene.model import InputSymbol
+from ..scene.symbol_table import InputSymbol
 from ..values import array_of
 
 __all__ = ["GivenInputs", "read_inputs", "with_inputs"]

@@ -1,4 +1,4 @@
-"""Input of runs: mappings from names or symbols to numbers, consistent starts, and what is refused of them."""
+"""Input of runs: mappings from names or symbols to numbers, and their checks."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import (
-    InitialStateError,
     PrecisionWarning,
-    SingularMassMatrixError,
     UnknownNameError,
     ValueInputError,
     list_names,
@@ -21,9 +19,7 @@ from ..errors import (
 )
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.program import Layout, Program
-from ..reduction.starting import Start
 from ..values import listed, number, traced_note
-from .assembly import nearest
 from .symbol_assumptions import ROUNDING, refuse_contradictions
 
 __all__ = [
@@ -33,16 +29,14 @@ __all__ = [
     "constants",
     "given_values",
     "in_order",
-    "initial_state",
+    "parameter_text",
     "parameter_values",
     "parameter_vector",
-    "pivots_vanish",
     "prepare_rows",
     "refuse_inputs",
     "resolve",
     "resolve_names",
     "span_of",
-    "vanishing_pivots",
     "warn_below_floor",
 ]
 
@@ -142,7 +136,7 @@ def warn_below_floor(rtol: float, atol: float, program: Program | None = None, m
         floor, what = IMPLICIT_FLOOR, f"{method!r}, which solves for its stages,"
     if 0.0 <= rtol < floor and 0.0 <= atol < floor and (rtol or atol):
         warn_caller(
-            f"rtol = {rtol:g} with atol = {atol:g} asks for less than {what} gives: its floor is {floor:g} of"
+            f"rtol = {rtol:g} with atol = {atol:g} is less than {what} reaches: its floor is {floor:g} of"
             " the size of the state, and below it steps get shorter while errors do not. Give one of them at least"
             f" {floor:g}",
             PrecisionWarning,
@@ -204,7 +198,7 @@ def in_order(layout: Layout, values: Mapping[str, float]) -> FloatArray:
 
 
 def prepare_rows(program: Program, p: FloatArray) -> FloatArray:
-    """Return the constants (k, n_c) of parameters p (k, n_p); what is not finite is left so."""
+    """Return the constants (k, n_c) of parameters p (k, n_p); values that are not finite are kept."""
     with np.errstate(all="ignore"):
         columns = interpret(program.kernel("prepare"), {"p": p.T}, ARRAY_OPERATIONS)
     c = np.empty((len(p), len(columns)))
@@ -224,133 +218,16 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
     if not np.all(np.isfinite(c)):
         raise ValueInputError(
-            f"an expression of the parameters is not finite at {_told(program, p)}: a mass, a length, a moment of"
-            " inertia or the coefficient in a constraint that the scene divides by is zero"
+            f"an expression of the parameters is not finite at {parameter_text(program, p)}: a mass, a length, a moment"
+            " of inertia or the coefficient in a constraint that the scene divides by is zero"
         )
     return c
 
 
-def _told(program: Program, p: FloatArray) -> str:
-    """Return what parameters are at the beginning of p, as text."""
+def parameter_text(program: Program, p: FloatArray) -> str:
+    """Return the values of parameters at the beginning of p, as text."""
     rows, given = zip(program.layout.parameters, p, strict=False), program.layout.given
     return ", ".join(f"{name} = {value:g}" for name, value in rows if name in given)
-
-
-def vanishing_pivots(start: Start, t: float, values: Mapping[str, float], p: FloatArray) -> list[str]:
-    """Return the labels of constraints that a formulation divides by something that vanishes at parameters p (n_p,)."""
-    given = [float(values[name]) for name in start.given]
-    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": p.tolist()}), dtype=float)
-    return _lost_pivots(start, out[len(out) - 2 * len(start.labels) :].reshape(-1, 2))
-
-
-def pivots_vanish(program: Program, p: FloatArray, labels: Iterable[str]) -> InitialStateError:
-    """Return the error of a formulation that divides constraints by something that vanishes at parameters p."""
-    return InitialStateError(
-        f"at these parameters ({_told(program, p)}) the constraint {list_names(labels)} follows from the others or"
-        f" says nothing, or says it of other coordinates than elsewhere, and the formulation {program.formulation!r}"
-        ' divides by what vanishes there. Use formulation="projected", which leaves out what follows from the others,'
-        " or remove the constraint"
-    )
-
-
-def _lost_pivots(start: Start, checks: FloatArray, of: str = "pivots") -> list[str]:
-    rows = zip(start.labels, checks.tolist(), strict=True)
-    return [name for (kind, name), (least, pivot) in rows if kind == of and not least <= pivot]
-
-
-def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatArray, program: Program) -> FloatArray:
-    """Return the state y (n_y,) of the formulation at time t from values by name, which `start` expects.
-
-    Raises
-    ------
-    InitialStateError
-        When a constraint is contradicted, with the nearest consistent state, the state does not reproduce a given
-        value, or is not finite there.
-    SingularMassMatrixError
-        When the parameters make the mass matrix singular.
-    """
-    state = program.layout.state
-    given = [float(values[name]) for name in start.given]
-    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": c.tolist()}), dtype=float)
-    y, checks = out[: len(state)], out[len(state) :].reshape(-1, 2)
-    for what in ("coordinates", "rates"):
-        rows = zip(start.labels, checks, strict=True)
-        loose = [name for (kind, name), (least, pivot) in rows if kind == f"{what} left out" and least > pivot]
-        if loose:
-            raise InitialStateError(
-                f"initial values are missing for the {what} {list_names(loose)}: the constraints do not fix them at"
-                " this configuration, and nothing defaults to zero"
-            )
-    lost = _lost_pivots(start, checks)
-    if lost:
-        raise pivots_vanish(program, c, lost)
-    for name in _lost_pivots(start, checks, "inertia"):
-        raise SingularMassMatrixError(
-            f"at these parameters ({_told(program, c)}) the mass matrix is singular, up to rounding: {name!r} moves no"
-            " inertia of its own in a direction that is left free. Give the bodies it moves mass or inertia, drop the"
-            " coordinate, or add the constraint that fixes it"
-        )
-    for what in ("positions", "rates"):
-        faults = [
-            f"{label}: residual {value:.3g}, tolerance {limit:.1e}"
-            for (kind, label), (value, limit) in zip(start.labels, checks, strict=True)
-            if kind == what and abs(value) > limit
-        ]
-        if faults:
-            raise InitialStateError(
-                f"the initial {what} contradict the constraints:\n  "
-                + "\n  ".join(faults)
-                + f"\nCorrect them, or leave out {what} that the constraints fix: they are solved for"
-                + nearest(program, c, t, values)
-            )
-    if not np.all(np.isfinite(out)):
-        lost = [name for name, value in zip(state, y, strict=True) if not np.isfinite(value)]
-        rows = zip(start.labels, checks, strict=True)
-        lost = lost or list(dict.fromkeys(label for (_, label), pair in rows if not np.all(np.isfinite(pair))))
-        raise InitialStateError(
-            f"the state cannot be formed at the initial values: {list_names(lost)} is not finite there, because the"
-            " coordinates are singular at this configuration, or because the constraints do not fix there what was"
-            " left out. Start elsewhere, give every rate, or choose other coordinates"
-        )
-    _refuse_changes(start, checks, values)
-    _refuse_sliding(start, checks, t)
-    return y
-
-
-def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float]) -> None:
-    """Raise for given values that the state does not reproduce, although they pass for consistent."""
-    rows = list(zip(start.labels, checks.tolist(), strict=True))
-    for what in ("coordinates", "rates"):
-        changed = [
-            f"{name}: {values[name]:.6g} was given, and the constraints make it {values[name] + change:.6g}"
-            f" (tolerance {limit:.1e})"
-            for (kind, name), (change, limit) in rows
-            if kind == f"{what} changed" and abs(change) > limit
-        ]
-        if changed:
-            held = "positions" if what == "coordinates" else "rates"
-            left = {label: abs(v) / limit for (kind, label), (v, limit) in rows if kind == held and limit > 0.0}
-            worst = max(left, key=lambda label: left[label], default="")
-            why = next((pair for (kind, label), pair in rows if kind == held and label == worst), (0.0, 0.0))
-            raise InitialStateError(
-                f"the initial {what} are not those of any motion that the constraints allow:\n  "
-                + "\n  ".join(changed)
-                + f"\n{worst} fixes them by a small coefficient (residual {why[0]:.3g}, tolerance {why[1]:.1e}).\n"
-                f"Correct the {what}, or leave out those that the constraints fix: they are solved for"
-            )
-
-
-def _refuse_sliding(start: Start, checks: FloatArray, t: float) -> None:
-    """Raise for a start at a knot of a table that either side of the knot pushes it back to."""
-    rows = zip(start.labels, checks.tolist(), strict=True)
-    tables = [name for (kind, name), (slides, _) in rows if kind == "sliding" and slides]
-    if tables:
-        raise InitialStateError(
-            f"at the start, t = {t:.9g}, the argument of the table {list_names(map(repr, tables))} is at a knot where"
-            " the table jumps, and on either side of it the motion goes back to the knot: it would slide along it,"
-            ' which no step can follow. Use kind="linear" with two knots close together instead of the jump, model'
-            " dry friction with da.CoulombFriction, or start elsewhere"
-        )
 
 
 def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:

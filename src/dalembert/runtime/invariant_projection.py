@@ -18,6 +18,7 @@ from ..reduction.invariant_projection import TIME_SCALE, initial_name
 from ..reduction.invariants import Candidates, why_not
 from ..values import listed
 from . import inputs
+from .initial_states import initial_state
 from .monitors import conserved
 from .segment_constants import starting_constants
 
@@ -54,7 +55,7 @@ def keeping_from(
     c = inputs.constants(program, model.parameter_vector(parameters))
     c = starting_constants(program, c, *span)
     values = model.initial_values(initial)
-    y = inputs.initial_state(model.derived.start(values), t0, values, c, program)
+    y = initial_state(model.derived.start(values), t0, values, c, program)
     keeper, names = keeping_model(model, wanted, c, t0, y)
     found = kept_values(names, program, model.derived.invariants, c[np.newaxis], np.array([t0]), y[np.newaxis])
     return keeper, {name: float(column[0]) for name, column in found.items()}
@@ -78,7 +79,7 @@ def kept_names(
     t: float,
     y: FloatArray,
 ) -> tuple[str, ...]:
-    """Return the names of the first integrals to keep: all that are conserved, or those that are asked for.
+    """Return the names of the first integrals to keep: all that are conserved, or the requested ones.
 
     Parameters
     ----------
@@ -109,12 +110,12 @@ def kept_names(
     if not names:
         raise OptionError(
             "project_invariants: no first integral is named. Give names, True for all that are conserved, or False."
-            f" What is conserved in {program.name!r}: {list_names(able) or 'nothing that is known'}"
+            f" Conserved in {program.name!r}: {list_names(able) or 'nothing that is known'}"
         )
     lost = [f"{name!r} is not conserved: {why_not(equations, name)}" for name in names if name not in able]
     if lost:
         raise OptionError(
-            f"project_invariants: {'; '.join(lost)}. What is conserved in {program.name!r}:"
+            f"project_invariants: {'; '.join(lost)}. Conserved in {program.name!r}:"
             f" {list_names(able) or 'nothing that is known'}"
         )
     return tuple(name for name in found.names if name in names)

@@ -1,7 +1,7 @@
 """Rates, constraints and outputs of a motion at one state, with their derivatives by state and parameters.
 
 They are written in coordinates and rates, which every formulation has, so that what is made of them does not depend on
-the formulation; or in the state of the formulation itself, where its own speeds are asked for.
+the formulation; or in the state of the formulation itself, where its own speeds are requested.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Derivatives:
     by_parameters: FloatArray
 
     def through(self, state: Derivatives) -> Derivatives:
-        """Return the same values with derivatives by what their state is a function of."""
+        """Return the same values with derivatives by the variables that their state is a function of."""
         return Derivatives(
             self.value,
             self.by_state @ state.by_state,
@@ -81,7 +81,7 @@ class LinearEquations:
     constraints : Derivatives
         Of x and parameters, zero along the motion.
     holonomic : int
-        How many constraints come first that do not depend on rates.
+        Number of constraints that do not depend on rates, which come first.
     coordinates : int
         How many coordinates are at the beginning of x, followed by as many rates; 0 where x is not of that form.
     point : Point
@@ -151,7 +151,7 @@ def own_equations(point: Point) -> LinearEquations:
 
 
 def _stacked(parts: Sequence[Derivatives], size: int, count: int) -> Derivatives:
-    """Return derivatives one below the other, by a state of a size and so many parameters."""
+    """Return derivatives by the state above derivatives by the parameters, as rows."""
     return Derivatives(
         np.concatenate([np.zeros(0), *(part.value for part in parts)]),
         np.vstack([np.zeros((0, size)), *(part.by_state for part in parts)]),

@@ -22,6 +22,7 @@ from ..values import listed, option
 from . import inputs as run_input
 from .constraint_choice import divisible_model
 from .constraint_rank import redundant
+from .initial_states import initial_state
 from .input_expansion import expanded_at, input_places
 from .linear_equations import LinearEquations, Point, own_equations, scene_equations
 from .segment_constants import at_time
@@ -86,7 +87,7 @@ def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: Float
     """Return a model at initial values by name and parameters (n_p,)."""
     program = model.stages.program
     c = at_time(program, run_input.constants(program, p), t)
-    y = run_input.initial_state(model.derived.start(values), t, values, c, program)
+    y = initial_state(model.derived.start(values), t, values, c, program)
     return Point(program, model.derived.partials, t, y, c)
 
 

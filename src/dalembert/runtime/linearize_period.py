@@ -219,7 +219,7 @@ class _Map:
         )
 
     def _weighed(self) -> GivenInputs | None:
-        """Return the inputs, and beside them what a held change of each adds to it."""
+        """Return the inputs, each with a held change added to it."""
         if self.inputs is None:
             return None
         return replace(self.inputs, values={**self.inputs.values, **{weight_of(u): 1.0 for u in self.inputs.values}})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, cast, final
 
@@ -31,9 +31,10 @@ from .base import Given, Model
 from .capabilities import refusal, require
 from .derived import Derived
 from .engines import engine_of
+from .initial_states import initial_state
 from .interface import motions, states, traced
 from .segment_constants import at_time
-from .simulate import simulate
+from .simulate import simulate, simulate_with_meter
 from .variants import Variants
 
 if TYPE_CHECKING:
@@ -104,6 +105,14 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         stages = compiled.stages
         derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
         return cls(stages, engine_of(compiled, derived.start), compiled.methods, dropped, derived, variants)
+
+    @once_property
+    def uncut(self) -> CompiledModel:
+        """The model for parts of runs that end where functions of time break, and between acts of controllers."""
+        program = replace(self.stages.program, conditions=None)
+        stages = replace(self.stages, program=program)
+        variants = Variants(self.stages, self.dropped, lambda *compiled: CompiledModel.of(*compiled).uncut)
+        return replace(self, stages=stages, engine=self.engine.uncut, variants=variants)
 
     # -- what was compiled -----------------------------------------------------------------
 
@@ -278,6 +287,20 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     ) -> Trajectory:
         return simulate(self, t_span, initial, parameters, options)
 
+    def _simulate_in_own_time(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+    ) -> Trajectory:
+        return simulate_with_meter(self, t_span, initial, parameters, options)
+
+    def _with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
+        return self.variants.with_parameters(symbols)
+
+    def _in_elapsed_time(self, watched: tuple[Any, ...]) -> CompiledModel:
+        return self.variants.in_elapsed_time(watched)
+
+    def _check_watched(self, events: Any, reduce: Any) -> None:
+        self.derived.events(events, reduce)
+
     def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> Sweep:
         from .sweep import sweep
 
@@ -341,7 +364,7 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         program = self.stages.program
         c = run_input.constants(program, self.parameter_vector(parameters))
         values = self.initial_values(initial)
-        return run_input.initial_state(self.derived.start(values), t, values, at_time(program, c, t), program)
+        return initial_state(self.derived.start(values), t, values, at_time(program, c, t), program)
 
     def monitors(self, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals along a motion, as arrays (n_t,) by name.

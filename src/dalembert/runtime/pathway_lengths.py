@@ -1,4 +1,4 @@
-"""Actuators whose pathway has no direction where a run could not go on."""
+"""Actuators whose pathway has length zero where a run ended."""
 
 from __future__ import annotations
 

@@ -101,12 +101,12 @@ class PreparedRun:
 
     @nesting_named
     def _arrays(self, state: object, p: object) -> tuple[FloatArray, FloatArray]:
-        """Return what was given as arrays."""
+        """Return values as arrays."""
         return self._array("state", state, self._state), self._array("p", p, self._parameters)
 
     @staticmethod
     def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:
-        """Return what was given as an array, of the shape that it must have."""
+        """Return values as an array of the required shape."""
         try:
             array = array_of(given)
         except ValueError as reason:

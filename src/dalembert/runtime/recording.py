@@ -53,7 +53,7 @@ class Record:
             self._wanted += len(inside)
 
     def solution(self) -> Solution:
-        """Return what was recorded; the status is that of the last block."""
+        """Return the recorded solution; the status is that of the last block."""
         return Solution(
             status=self._status,
             t=np.concatenate(self._times) if self._times else np.empty(0),

@@ -25,7 +25,7 @@ class Reduction:
     direction: int = 0
 
     def event(self, name: str) -> Event:
-        """Return the event whose first time is wanted."""
+        """Return the event of a reduction to a first time."""
         return Event(self.expression, direction=self.direction, name=f"first crossing {name!r}")
 
 
@@ -55,7 +55,7 @@ def first_crossing(expression: Any, direction: int = 0) -> Reduction:
 
 
 def reduction_table(reduce: Any, aliases: Mapping[str, str]) -> dict[str, Reduction]:
-    """Return reductions by name, from such a mapping, or expressions and names whose final values are wanted, or None.
+    """Return reductions by name, from a mapping, from expressions and names (for final values), or from None.
 
     Raises
     ------

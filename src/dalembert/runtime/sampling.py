@@ -1,4 +1,4 @@
-"""Sampling instants of controllers, and what happens at them."""
+"""Sampling instants of controllers, and their actions."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ class Sampling:
         """
         if t1 < t0:
             raise OptionError(
-                f"a scene with controllers runs forwards in time, not from t = {t0:g} to {t1:g}: what they held before"
-                " cannot be told from what they hold"
+                f"a scene with controllers runs forwards in time, not from t = {t0:g} to {t1:g}: the values held before"
+                " cannot be determined"
             )
         periods, offsets = np.split(schedule, 2)
         near = SMALLEST_OF_TIME * max(abs(t0), abs(t1))
@@ -137,11 +137,11 @@ class Sampling:
             if action.kernel is not None:
                 y[some[:, np.newaxis], np.array(action.places)] = rows(action.kernel, t[some], y[some], c[some])
             for k in some if action.function is not None else ():
-                y[k] = self._called(action, float(t[k]), y[k], c[k])
+                y[k] = self.called(action, float(t[k]), y[k], c[k])
         return y
 
-    def _called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
-        """Return a state (n_y,) with what a Python function sets."""
+    def called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
+        """Return a state (n_y,) with the values that a Python function sets."""
         layout, n, x = self.layout, len(self.layout.coordinates), y
         if self.expand is not None:
             x = interpret_rows(self.expand, np.array([t]), y[np.newaxis], c[np.newaxis])[0]

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["SegmentRounds"]
 
 
-def _going_on(states: int) -> Start:
-    """Return what starts cases from states."""
+def _start_from_states(states: int) -> Start:
+    """Return the start of cases from states."""
     loads = tuple(Load(f"y_{i}", "y", i) for i in range(states))
     body = tuple(Assignment(f"z_{i}", "add", (f"y_{i}", 0.0)) for i in range(states))
     kernel = Kernel("start", ("t", "y", "c"), loads, body, tuple(f"z_{i}" for i in range(states)))
@@ -45,14 +45,14 @@ class SegmentRounds:
         self.landing, self.sampling = engine.landing, engine.sampling
         self.conditions = engine._conditions
         self.p = block.c[:, : len(program.layout.parameters)].copy()
-        self.start = _going_on(len(program.layout.state))
+        self.start = _start_from_states(len(program.layout.state))
         self.starts, self.breaks = break_times_of_cases(self.conditions, self.p, block.spans[:, 0], block.spans[:, 1])
         self.acts, self.bad = np.zeros(0, np.int64), np.zeros(len(block.y), np.bool_)
         if self.sampling is not None:
             self._sample(self.sampling)
 
     def _sample(self, sampling: Sampling) -> None:
-        """Add the instants of controllers to the breaks, and to the cases what happens at their starts.
+        """Add the instants of controllers to the breaks, and apply the actions at the starts of the cases.
 
         A case whose periods make no sense fails alone.
         """
@@ -76,8 +76,8 @@ class SegmentRounds:
         self.acts = np.concatenate([np.array(cut.acts[1:], np.int64) for cut in cuts])
         self.first = np.array([cut.acts[0] for cut in cuts], np.int64)
 
-    def _act(self, some: NDArray[np.intp], now: FloatArray, y: FloatArray, k: int) -> None:
-        """Let controllers act where the segments k of cases begin."""
+    def _apply_actions(self, some: NDArray[np.intp], now: FloatArray, y: FloatArray, k: int) -> None:
+        """Apply the actions of controllers where the segments k of cases begin."""
         assert self.sampling is not None
         numbers = self.acts[self.starts[some] + k - 1] if k else self.first[some]
         some, numbers = some[numbers != 0], numbers[numbers != 0]
@@ -104,9 +104,9 @@ class SegmentRounds:
             ends = block.spans[some, 1].copy()
             ends[further] = self.breaks[self.starts[some[further]] + k]
             if k and self.landing is not None:
-                self._land(some, now, ends, y, k)
+                self._apply_impulses(some, now, ends, y, k)
             if self.sampling is not None:
-                self._act(some, now, y, k)
+                self._apply_actions(some, now, y, k)
             done = self._round(some, now[some], ends, y[some], k)
             if done is None:
                 return False
@@ -121,8 +121,8 @@ class SegmentRounds:
             k += 1
         return True
 
-    def _land(self, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray, k: int) -> None:
-        """Let the states of cases at a break be those with which they go on."""
+    def _apply_impulses(self, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray, k: int) -> None:
+        """Set the states of cases at a break to those after it."""
         assert self.landing is not None
         for i, end in zip(some.tolist(), ends.tolist(), strict=True):
             first = self.breaks[self.starts[i] + k - 2] if k > 1 else self.block.spans[i, 0]

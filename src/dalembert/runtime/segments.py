@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..codegen.host_runs import HostedRuns
     from ..codegen.runs import CaseRun
     from ..reduction.starting import Start
-    from ..scene.model import InputSymbol
+    from ..scene.symbol_table import InputSymbol
 
 __all__ = ["SegmentedEngine"]
 
@@ -69,7 +69,7 @@ class SegmentedEngine(Engine):
     def _following(
         self, integrate: Callable[[IntegrationProblem], Solution]
     ) -> Callable[[IntegrationProblem], Solution]:
-        """Return what integrates problems whose inputs have knots."""
+        """Return an integration of problems whose inputs have knots."""
         return integrate if self.inner.follows_inputs else between_knots(integrate)
 
     def segments(self, problem: IntegrationProblem) -> Segments:
@@ -92,7 +92,7 @@ class SegmentedEngine(Engine):
     def _begun(
         self, problem: IntegrationProblem, segments: Segments, clock: SamplingClock | None = None
     ) -> tuple[IntegrationProblem, Landing | None]:
-        """Return a problem after what controllers do at its start, and what happens at the breaks of it, in order.
+        """Return a problem after the actions of controllers at its start, and the actions at its breaks, in order.
 
         Acts are taken down in `clock`.
         """
@@ -128,14 +128,9 @@ class SegmentedEngine(Engine):
         return found if problem.inputs is None else replace(found, inputs=problem.inputs)
 
     @property
-    def uncut(self) -> Engine | None:
+    def uncut(self) -> Engine:
         """See `Engine.uncut`."""
-        return self.inner if self.landing is None else None
-
-    @property
-    def phases(self) -> Callable[..., int] | None:
-        """See `Engine.phases`."""
-        return self.inner.phases
+        return self.inner
 
     def course(self, problem: IntegrationProblem) -> Segments:
         """See `Engine.course`."""
@@ -177,7 +172,7 @@ class SegmentedEngine(Engine):
         """See `Engine.fit`: the first segment decides."""
         try:
             segments = self.segments(problem)
-        except NoInstants:  # of a case whose controllers have no instants, which is told where it is run
+        except NoInstants:  # of a case whose controllers have no instants; its run raises the error
             segments = self._unsampled(problem)
         part = replace(next(parts_of(problem, segments)), t_eval=None)
         if part.inputs is not None and not self.inner.follows_inputs:
@@ -191,7 +186,7 @@ class SegmentedEngine(Engine):
         return chained(run, begun, segments, landing, right=self.sampling is not None)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: what one segment found unfit the others do not try."""
+        """See `Engine.integrate_automatic`: a method that proves unfit in one segment is not tried in the others."""
         taken, notes = method, ""
 
         def run(part: IntegrationProblem) -> Solution:
@@ -286,7 +281,7 @@ class SegmentedEngine(Engine):
         knots = block.inputs is not None and not self.inner.follows_inputs
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
-        elif knots or block.watch is not None or block.clocks or not SegmentRounds(self, block, method, result).run():
+        elif knots or block.watch is not None or not SegmentRounds(self, block, method, result).run():
             self._one_by_one(block, method, result)
 
     def _one_by_one(self, block: CaseBlock, method: str, result: BlockResult) -> None:
@@ -297,9 +292,7 @@ class SegmentedEngine(Engine):
         for i in range(len(block.y)):
             one = slice(i, i + 1)
             inputs = None if block.inputs is None else block.inputs.part(one, len(block.y))
-            part = replace(
-                block, y=block.y[one], c=block.c[one], spans=block.spans[one], inputs=inputs, clocks=block.clocks[one]
-            )
+            part = replace(block, y=block.y[one], c=block.c[one], spans=block.spans[one], inputs=inputs)
             try:
                 super().integrate_block(part, method, result[one])
             except NoInstants:

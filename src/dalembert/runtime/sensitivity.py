@@ -18,6 +18,7 @@ from ..values import listed
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
+from .initial_states import initial_state
 from .input_derivatives import value_names, with_weights_of
 from .inputs import span_of
 from .segment_constants import starting_constants
@@ -42,7 +43,7 @@ def differentiate_run(
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
-        options = replace(options, wrt=_wanted(model, options))
+        options = replace(options, wrt=_variables(model, options))
         if len(options.wrt) > _BLOCK:
             return _in_blocks(model, (t0, t1), initial, parameters, options)
     return _one_run(model, (t0, t1), initial, parameters, options)
@@ -95,8 +96,8 @@ def _one_run(
     return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
 
 
-def _wanted(model: CompiledModel, options: SensitivityOptions) -> Any:
-    """Return what is differentiated by, with the values of inputs one by one."""
+def _variables(model: CompiledModel, options: SensitivityOptions) -> Any:
+    """Return the names of the variables of differentiation, with the values of inputs one by one."""
     assert options.inputs is not None
     layout = model.layout
     given = listed("wrt", options.wrt, "names or symbols")
@@ -105,7 +106,7 @@ def _wanted(model: CompiledModel, options: SensitivityOptions) -> Any:
 
 
 def _offsets(model: CompiledModel, other: CompiledModel, wanted: list[Any]) -> list[Offset]:
-    """Return the offsets of time that depend on what is differentiated by."""
+    """Return the offsets of time that depend on the variables of differentiation."""
     names = {model.layout.aliases.get(str(w), str(w)) for w in wanted}
     every = other.stages.equations.symbols.offsets
     return [offset for offset in every if any(symbol.name in names for symbol in offset.symbols)]
@@ -129,7 +130,7 @@ def _in_own_time(
     problem = IntegrationProblem(
         t0=t0,
         t1=t1,
-        y0=inputs.initial_state(start, t0, values, c, program),
+        y0=initial_state(start, t0, values, c, program),
         constants=c,
         rtol=options.rtol,
         atol=options.atol,

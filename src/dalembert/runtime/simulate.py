@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..arrays import FloatArray
 from ..errors import OptionError
-from ..integrators.problem import IntegrationProblem, SamplingClock
+from ..integrators.problem import IntegrationProblem
 from ..ir.program import Program
 from ..options import SimulateOptions
 from ..progress import run_meter
@@ -20,49 +20,53 @@ from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from .event_parameters import with_event_parameters
 from .gains import with_gains
+from .initial_states import initial_state
 from .inputs import span_of
 from .segment_constants import starting_constants
 from .single_run import integrate
 
 if TYPE_CHECKING:
+    from ..results.hybrid import HybridTrajectory
+    from .base import Model
     from .model import CompiledModel
 
-__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time"]
+__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time", "simulate_with_meter"]
 
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 Given = Mapping[Any, Any]
+RunT = TypeVar("RunT", "Trajectory", "HybridTrajectory")
 
 
 def simulate(
-    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-) -> Trajectory:
-    """Return one trajectory; see `CompiledModel.simulate`."""
+    model: Model[RunT, Any], t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+) -> RunT:
+    """Return one trajectory; see `Model.simulate`."""
     model = with_event_parameters(model, parameters, options.events)
     t0, t1 = span_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
     if not begins_elsewhere(t0, t1):
-        return _simulate_with_meter(model, (t0, t1), initial, parameters, options)
+        return model._simulate_in_own_time((t0, t1), initial, parameters, options)
     other, events, _ = in_elapsed_time(model, t0, t1, options.events)
     options = replace(options, events=events)
     if other is None:
-        return _simulate_with_meter(model, (t0, t1), initial, parameters, options)
+        return model._simulate_in_own_time((t0, t1), initial, parameters, options)
     times = options.t_eval
     options = replace(options, t_eval=elapsed_times(t0, t1, times))
     given = with_offsets(model, other, t0, parameters)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
         given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
-    run = _simulate_with_meter(other, (0.0, t1 - t0), initial, given, options)
+    run = other._simulate_in_own_time((0.0, t1 - t0), initial, given, options)
     return run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 
-def _simulate_with_meter(
+def simulate_with_meter(
     model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
 ) -> Trajectory:
-    """Return one trajectory in the time of the model; a bar shows how far it has come, if it is wanted."""
+    """Return one trajectory in the time of the model, with a progress bar if requested."""
     if not options.progress:
         return simulate_in_own_time(model, t_span, initial, parameters, options)
     with run_meter(*t_span, wanted=True) as show:
@@ -77,11 +81,11 @@ def simulate_in_own_time(
     initial: Given,
     parameters: Given,
     options: SimulateOptions,
-    clock: SamplingClock | None = None,
+    carried: FloatArray | None = None,
 ) -> Trajectory:
     """Return one trajectory in the time of the model, whatever the span.
 
-    `clock` is that of controllers, for a run that is a part of another.
+    `carried` (n_events,) are signs of events, for a run that is a part of another (see `integrate_watched`).
     """
     if options.project_invariants is not False:
         from .invariant_projection import keeping_from, refuse_jumps
@@ -89,15 +93,13 @@ def simulate_in_own_time(
         refuse_jumps(options.events, model.layout.aliases)
         keeper, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
         options = replace(options, project_invariants=False)
-        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options, clock)
+        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options, carried)
     begin = time.perf_counter()
     method = model.choose_method(options.method, options.rtol, options.atol)
     able = divisible_model(model, t_span[0], initial, parameters)
     if able is not model:
-        return simulate_in_own_time(able, t_span, initial, parameters, options, clock)
+        return simulate_in_own_time(able, t_span, initial, parameters, options, carried)
     problem = _problem(model, t_span, initial, parameters, options, method)
-    if clock is not None:
-        problem = replace(problem, sampled=clock)
     watch = model.derived.events(options.events)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
@@ -105,10 +107,10 @@ def simulate_in_own_time(
     if isinstance(found, Trajectory):
         return found
     if found is not model:
-        return simulate_in_own_time(found, t_span, initial, parameters, options, clock)
+        return simulate_in_own_time(found, t_span, initial, parameters, options, carried)
     engine = model.engine
     problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
-    run = integrate(model, problem, method, begin, watch, automatic=options.automatic)
+    run = integrate(model, problem, method, begin, watch, automatic=options.automatic, carried=carried)
     return run.with_twin(_twin(model, problem, run, options)) if options.error_estimate else run
 
 
@@ -135,7 +137,7 @@ def _problem(
     found = start(t0, values, p) if program.conditions is None else None
     if found is None:
         c = starting_constants(program, inputs.constants(program, p), t0, t1)
-        found = inputs.initial_state(start.start, t0, values, c, program), c
+        found = initial_state(start.start, t0, values, c, program), c
     return _limited(program, t_span, *found, options)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..integrators.problem import IntegrationProblem, SamplingClock, Solution, prescribed
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
@@ -20,7 +21,7 @@ from .constraint_rank import indeterminate
 from .gimbal import locked, remedy
 from .pathway_lengths import lost_directions
 from .recording import Record
-from .singular import judged, searched, still_redundant
+from .singular import checked_run, searched, still_redundant
 from .symbol_assumptions import warn_of_motion
 from .table_range import ended_outside
 
@@ -40,17 +41,19 @@ def integrate(
     watch: EventCode | None = None,
     *,
     automatic: bool = False,
+    carried: FloatArray | None = None,
 ) -> Trajectory:
     """Return the trajectory of one problem; its run time counts from `begin`, less what was compiled.
 
-    Where the method was chosen automatically, a stiff run without events changes to an implicit one.
+    Where the method was chosen automatically, a stiff run without events changes to an implicit one. `carried` are
+    signs of events (see `integrate_watched`).
     """
     ready = time.perf_counter()
     if model.layout.state:
         enter_stage("machine code")
         model.engine.prepare(problem, method)
     compiled = time.perf_counter() - ready
-    solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic)
+    solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic, carried)
     solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.course(problem))
     solution, where = _ended_where_singular(model, problem, method, solution)
     notes = [note, beyond, where, lost_directions(model, solution, model.engine.course(problem))]
@@ -78,14 +81,19 @@ def integrate(
 
 
 def _integrated(
-    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode | None, automatic: bool
+    model: CompiledModel,
+    problem: IntegrationProblem,
+    method: str,
+    watch: EventCode | None,
+    automatic: bool,
+    carried: FloatArray | None,
 ) -> tuple[Solution, list[Occurrence], str, str]:
     """Return the solution of a problem, its events, the method taken, and why it is another one than was chosen."""
     note, engine = "", model.engine
     if watch is not None:
         if automatic and model.layout.state:
             method, note = engine.fit(problem, method)
-        return *_watched(model, problem, method, watch), method, note
+        return *_watched(model, problem, method, watch, carried), method, note
     if not model.layout.state:
         return prescribed(problem), [], method, note
     if model.derived.enforced and searched(model.stages.program) and not problem.dense:
@@ -104,7 +112,7 @@ def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) ->
     program, enforced = model.stages.program, model.derived.enforced
     record, where, span = Record(program, problem, model.engine.course(problem)), "", (problem.t0, problem.t1)
     for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
-        found, where = judged(program, part, model.engine.course(problem), enforced, part, span)
+        found, where = checked_run(program, part, model.engine.course(problem), enforced, part, span)
         record.add(found)
         if found.status is Status.SINGULAR_CONFIGURATION:
             break
@@ -112,7 +120,7 @@ def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) ->
 
 
 def _watched(
-    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode
+    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
 ) -> tuple[Solution, list[Occurrence]]:
     """Integrate one problem with events."""
     from ..integrators.chaining import blocks_between_knots
@@ -126,10 +134,10 @@ def _watched(
         blocks = partial(engine.step_blocks, method=method)
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
-    before, problem = None if problem.sampled is None else problem.y0, engine.begun(problem)
-    # what ends modes is watched again and again, so that compiling it pays
+    problem = engine.begun(problem)
+    # guards of modes are evaluated in every phase, so that compiling them pays
     rows = engine.rows if watch.smooth else interpret_rows
-    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows), before)
+    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows), carried)
 
 
 def _ended_where_singular(
@@ -149,7 +157,7 @@ def _ended_where_singular(
         return solution, ""
     where = ""
     if solution.status is not Status.SINGULAR_CONFIGURATION:
-        solution, where = judged(program, solution, c, enforced, steps, span)
+        solution, where = checked_run(program, solution, c, enforced, steps, span)
     loose = indeterminate(program, problem.t0, problem.y0, problem.constants)
     return solution, "; ".join(text for text in (where, loose) if text)
 

@@ -11,14 +11,15 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..integrators.cases import BlockResult, CaseBlock
-from ..integrators.problem import IntegrationProblem, JoinedOutput, Solution
+from ..integrators.dense_output import JoinedOutput
+from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
-from .constraint_rank import jacobians_at, row_lengths, shares, where_dependent
+from .constraint_rank import jacobians_at, row_lengths, shares, sizes_at, where_dependent
 
-__all__ = ["cut", "judged", "judged_cases", "searched", "still_redundant"]
+__all__ = ["check_cases", "checked_run", "cut", "searched", "still_redundant"]
 
 _NEAR = 0.05
 """Share below which a run that failed is taken to have failed for it."""
@@ -30,7 +31,7 @@ _PER_STEP = 3
 """Points of each step at which a run is searched for such minima."""
 
 
-def judged(
+def checked_run(
     program: Program,
     solution: Solution,
     c: Constants,
@@ -43,7 +44,7 @@ def judged(
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
     for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
     are refused where they would change their branch. `steps` is the same run with its accepted steps for records,
-    `span` its start and end as they were asked for.
+    `span` its start and end as given.
     """
     if len(steps.t) == 0:
         return solution, ""
@@ -101,13 +102,13 @@ def _crossing(
     return None
 
 
-def judged_cases(
+def check_cases(
     program: Program, engine: Engine, method: str, enforced: Sequence[int], block: CaseBlock, done: BlockResult
 ) -> None:
-    """Look alone at cases that came near a lost rank, or failed; end those that met one there.
+    """Check cases that came near a lost rank, or failed, by runs alone; end those that met a singular configuration.
 
     Those of "radau", which run alone in any case, are not marked, and all looked at. Samples behind the
-    place are NaN, as are reductions, and nothing is said of events.
+    place are NaN, as are reductions, and events are not reported.
     """
     from ..integrators.event_code import SUSPECT
 
@@ -124,7 +125,7 @@ def judged_cases(
         times = forward * np.union1d(forward * solution.t, forward * wanted)
         states = solution.y if solution.dense is None else solution.dense(times)
         course = engine.course(problem)
-        found, _ = judged(
+        found, _ = checked_run(
             program, replace(solution, t=times, y=states), course, enforced, solution, (problem.t0, problem.t1)
         )
         if found.status is not Status.SINGULAR_CONFIGURATION:
@@ -174,7 +175,7 @@ def still_redundant(
 ) -> tuple[Solution, str]:
     """Return a run ended before constraints that were left out as redundant come to be violated by more than rounding.
 
-    The tolerance is relative to the size of the coordinates.
+    The tolerance is relative to the sizes of what the coordinates add to them.
     """
     places = [i for i in left_out if i < program.layout.holonomic]
     if not places or len(solution.t) == 0:
@@ -182,7 +183,10 @@ def still_redundant(
     c = constants_at(c, solution.t)
     x = interpret_rows(program.kernel("expand"), solution.t, solution.y, c)
     left = np.abs(interpret_rows(program.kernel("position_residual"), solution.t, x, c)[:, places])
-    wrong = np.max(left, axis=1) > tolerance * max(1.0, float(np.max(np.abs(x), initial=0.0)))
+    n = len(program.layout.coordinates)
+    rows = interpret_rows(program.kernel("constraint_jacobian"), solution.t, x, c).reshape(len(x), -1, n)[:, places]
+    size = np.maximum(np.max(np.abs(x[:, :n]), axis=0), sizes_at(program, solution.t, x, c))
+    wrong = np.any(left > tolerance * np.max(np.abs(rows) @ size, axis=0), axis=1)
     if not np.any(wrong):
         return solution, ""
     first = int(np.argmax(wrong))

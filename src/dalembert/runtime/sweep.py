@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +12,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError
 from ..integrators.cases import BlockResult, CaseBlock
-from ..integrators.problem import SamplingClock
 from ..methods.status import Status
 from ..options import SweepOptions
+from ..results.case_results import NO_MODE, SweepStatistics
 from ..results.estimate import TIGHTER
 from ..results.sampler import CaseSet
-from ..results.sweep import NO_MODE, Sweep, SweepStatistics
+from ..results.sweep import Sweep
 from . import inputs
 from .case_blocks import begin_cases, fitted
 from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
@@ -30,7 +30,7 @@ from .gimbal import locked_cases
 from .invariant_projection import keeping_model, kept_values, refuse_jumps
 from .reductions import reduction_table
 from .simulate import NO_ESTIMATE
-from .singular import judged_cases, searched
+from .singular import check_cases, searched
 from .symbol_assumptions import warn_of_motion
 from .table_range import outside_cases
 
@@ -133,14 +133,14 @@ def begin_sweep(
     initial: Given,
     parameters: Given,
     options: SweepOptions,
-    clocks: Sequence[SamplingClock] = (),
+    carried: FloatArray | None = None,
 ) -> Callable[..., Sweep]:
-    """Begin to run many cases in the time of the model; return what waits for their results.
+    """Begin to run many cases in the time of the model; return a function that waits for their results.
 
-    `clocks` are those of controllers, one a case, for runs that are parts of others. What is returned takes one
-    argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
+    `carried` (k, n_events) are signs of events, for runs that are parts of others (`CaseColumns.carried`). What is
+    returned takes one argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
     """
-    begin, given = time.perf_counter(), (t_span, initial, parameters, options, clocks)
+    begin, given = time.perf_counter(), (t_span, initial, parameters, options, carried)
     method = model.choose_method(options.method, options.rtol, options.atol, many=True)
     method = options.method_chosen(NO_MODE, method)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
@@ -150,7 +150,7 @@ def begin_sweep(
     able = _divisible_cases(model, cases)
     if able is not model:
         return begin_sweep(able, *given)
-    settings = replace(_settings(model, cases, options, method), clocks=clocks)
+    settings = replace(_settings(model, cases, options, method), carried=carried)
     able = _independent_cases(model, cases, settings, begin)
     if able is not model:
         return begin_sweep(able, *given)
@@ -180,7 +180,7 @@ def begin_sweep(
 
 
 def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> Settings:
-    """Return what all cases have in common, checked.
+    """Return the common settings of all cases, checked.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
 
 
 def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
-    """Return the model without the constraints that this one divides by what vanishes in every case.
+    """Return the model without the constraints whose pivots vanish in every case.
 
     Where it vanishes in some cases only, those have a status.
     """
@@ -256,7 +256,7 @@ def _begin_cases(
 ) -> Callable[..., Sweep]:
     """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
     if model.derived.gimbals is not None or model.derived.tables is not None or _ranked(model):
-        settings = replace(settings, judge=lambda block, part: _judge(model, settings.method, block, part))
+        settings = replace(settings, judge=lambda block, part: _check_results(model, settings.method, block, part))
     waiting = begin_cases(model.engine, cases, settings)
 
     def wait(stop: bool = False) -> Sweep:
@@ -278,7 +278,7 @@ def _results(
     axes: Mapping[str, FloatArray],
     seconds: float,
 ) -> Sweep:
-    """Return what came of all cases."""
+    """Return the results of all cases."""
     statistics = SweepStatistics(
         method=settings.method,
         threads=settings.threads,
@@ -311,12 +311,12 @@ def _ranked(model: CompiledModel) -> bool:
     return bool(model.derived.enforced) and bool(model.layout.state) and searched(model.stages.program)
 
 
-def _judge(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
+def _check_results(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
     """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
     program = model.stages.program
     if model.derived.tables is not None:
         outside_cases(model.derived.tables, block, done)
     if _ranked(model):
-        judged_cases(program, model.engine, method, model.derived.enforced, block, done)
+        check_cases(program, model.engine, method, model.derived.enforced, block, done)
     if model.derived.gimbals is not None:
         locked_cases(program, model.derived.gimbals, block, done)

@@ -1,6 +1,6 @@
 """Assumptions of symbols, such as positive, and the numbers that are given for them.
 
-SymPy simplifies with what it is told: sqrt(k**2) is k for a positive k before a scene is read. The equations are
+SymPy simplifies with declared assumptions: sqrt(k**2) is k for a positive k before a scene is read. The equations are
 therefore wrong for numbers that the declarations exclude. Zero passes for what is positive or negative: it stands for
 the limit from the side that was declared. So does, for a state, what rounding leaves of zero: the end of one motion is
 the start of another.
@@ -55,7 +55,7 @@ _BROKEN: dict[str, tuple[str, _Test]] = {
 
 
 def contradicts(declared: Sequence[str], values: FloatArray, rounding: float = 0.0) -> NDArray[np.bool_]:
-    """Return which numbers (k,) contradict what their symbol was declared to be; what is not finite does not.
+    """Return which numbers (k,) contradict the declared assumptions of their symbol; NaN and infinity do not.
 
     Signs of numbers of at most the size `rounding` are let pass.
     """

@@ -56,7 +56,7 @@ def find_operating_point(
 
 
 def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, FloatArray]:
-    """Return the root of the conditions, and what is left of them as shares of what may be.
+    """Return the root of the conditions, and their residuals as shares of the tolerance.
 
     Where Newton's method does not arrive, steps along the constraints that all reduce the rest are tried from the same
     start.
@@ -72,7 +72,7 @@ def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, F
 
 
 def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> FloatArray:
-    """Return residuals (m,) as shares of what may be left of them, by the tolerance and by rounding of free values."""
+    """Return residuals (m,) as shares of those allowed by the tolerance and by rounding of free values."""
     if not np.all(np.isfinite(root.residual)):
         return np.full(len(root.residual), np.inf)
     terms = floored(conditions.terms(root.unknowns), conditions.groups)
@@ -81,7 +81,7 @@ def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> Float
 
 
 def _free_names(model: CompiledModel, given: Iterable[Any] | None) -> list[str]:
-    """Return the names of what may change."""
+    """Return the names of the free values."""
     layout = model.layout
     if given is None:
         return [*layout.coordinates, *layout.states]

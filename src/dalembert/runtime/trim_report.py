@@ -1,4 +1,4 @@
-"""Results of `trim`, and what they say where conditions are not met."""
+"""Results of `trim`, and their messages where conditions are not met."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def given_places(layout: Layout) -> dict[str, int]:
 @final
 @dataclass(frozen=True)
 class TrimChoice:
-    """Names of what may change, of what follows from the constraints besides, and whether `steady` was left out."""
+    """Names of the free values, of those that follow from the constraints, and whether `steady` was left out."""
 
     free: tuple[str, ...]
     follow: tuple[str, ...]
@@ -138,7 +138,7 @@ class TrimReport:
         return [name for name, a in zip(self.model.layout.rates, second, strict=True) if abs(a) > limit]
 
     def _left(self, x: FloatArray, c: FloatArray) -> str:
-        """Return what could not vanish, and what to do.
+        """Return which conditions could not be met, and what to do.
 
         Raises
         ------

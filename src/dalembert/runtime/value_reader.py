@@ -20,16 +20,16 @@ _Limits = tuple[str, float, float, tuple[str, ...]]
 
 @final
 class ValueReader:
-    """Reads mappings of one kind; what is wrong with one is found, and said, by the function that reads any mapping.
+    """Reads mappings of one kind; errors are those of the function that reads any mapping.
 
     Parameters
     ----------
     read : function of a mapping
         Returns its numbers by name, or raises an error.
     aliases : mapping of str to str
-        What a symbol prints as -> its name.
+        Text of a symbol -> its name.
     assumptions : mapping of str to sequence of str
-        What symbols were declared to be.
+        Declared assumptions of symbols, by name.
     rounding : float
         Size of numbers whose sign says nothing.
     """
@@ -79,7 +79,7 @@ class ValueReader:
 
 
 def _float(value: Any) -> float:
-    """Return a number, NaN for what is none."""
+    """Return a value as a number, NaN where it is not one."""
     if type(value) is float:
         return value
     try:

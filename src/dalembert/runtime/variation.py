@@ -24,7 +24,7 @@ from ..reduction.starting import start_tangents
 from ..reduction.variational import variational
 from ..results.sensitivity import Sensitivity
 from ..scene.elapsed import Offset
-from ..scene.model import SymbolTable
+from ..scene.symbol_table import SymbolTable
 from ..transforms.nonsmooth import decisions
 from ..values import listed
 from . import inputs
@@ -89,7 +89,7 @@ class Variation:
         method: str,
         weighed: GivenInputs | None = None,
     ) -> Sensitivity:
-        """Return values and derivatives along the run of a problem whose y0 (n_y,) is what `start` makes.
+        """Return values and derivatives along the run of a problem whose y0 (n_y,) is that of `start`.
 
         `start` are given initial values (n_given,), or the derivatives (n_y, n_wrt) of y0 themselves. `weighed` are the
         inputs, with the weights of those of their values that are differentiated by.
@@ -130,7 +130,7 @@ class Variation:
 def through_offsets(
     found: Sensitivity, offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]
 ) -> Sensitivity:
-    """Return derivatives by what was asked for, of which the parameters `offsets`, last in `wrt`, are functions."""
+    """Return derivatives by the requested variables; the parameters `offsets`, last in `wrt`, are functions of them."""
     count = len(found.wrt) - len(offsets)
     jacobians = found.jacobians[:, :, :count].copy()
     for place, offset in enumerate(offsets, start=count):
@@ -159,15 +159,15 @@ def _refuse_moved(kernels: SamplingKernels, wrt: Sequence[str]) -> None:
     moved = [name for name in wrt if name in kernels.moved]
     if moved:
         raise OptionError(
-            f"sensitivity: sampling instants of controllers depend on {list_names(moved)}, and derivatives by what"
-            " moves instants are not those of the equations of variation: take differences of two runs of simulate"
+            f"sensitivity: sampling instants of controllers depend on {list_names(moved)}, and derivatives by"
+            " parameters that move instants are not those of the equations of variation: take differences of two runs"
         )
 
 
 def chosen_names(
     program: Program, given: Iterable[str], of: Iterable[Any] | None, wrt: Iterable[Any], symbols: SymbolTable
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of values and of what they are differentiated with respect to, checked.
+    """Return the names of values and of the variables of differentiation, checked.
 
     Raises
     ------
@@ -198,6 +198,6 @@ def chosen_names(
         raise UnknownNameError("\n".join([*wrong, *unknown]))
     if not sources or not values:
         raise OptionError(
-            "wrt must name parameters or given initial values, of what is to be differentiated: at least one each"
+            "of must name at least one value to differentiate, wrt at least one parameter or given initial value"
         )
     return values, sources

@@ -50,7 +50,7 @@ def actuator_loads(actuator: ActuatorBase) -> tuple[tuple[Any, Any], ...]:
 
 
 def read_actuators(scene: Scene) -> tuple[list[ActuatorLoads], list[str]]:
-    """Return the actuators of a scene as loads, and the faults of those that are none."""
+    """Return the actuators of a scene as loads, and a fault for every other object among them."""
     found: list[ActuatorLoads] = []
     faults: list[str] = []
     for actuator in scene.actuators:

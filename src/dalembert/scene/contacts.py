@@ -82,7 +82,7 @@ class UnilateralContact:
         added as one.
     restitution : Expr or number
         Newton's coefficient, between 0 (default: the contact stays closed after an impact) and 1. After infinitely many
-        impacts within a finite time the contact stays closed, and the run goes on.
+        impacts within a finite time the contact stays closed, and the run continues.
     name : str, optional
         What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
     """
@@ -130,7 +130,7 @@ class _Reading:
         return name
 
     def sympified(self, value: Any) -> Any:
-        """Return an expression of SymPy, or None for what is none."""
+        """Return an expression of SymPy, or None where the value is not one."""
         try:
             e = None if isinstance(value, str | bytes) else sp.sympify(value)
         except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
@@ -149,7 +149,7 @@ class _Reading:
         return self.read(e, what)
 
     def friction(self, law: CoulombFriction, held: dict[str, Any]) -> None:
-        """Add what a friction law says to the fields of its contact."""
+        """Add the fields of a friction law to those of its contact."""
         where = f"friction {law.label!r}"
         pair = law.tangential if isinstance(law.tangential, tuple | list) else (law.tangential,)
         slips = None if law.slip is None else law.slip if isinstance(law.slip, tuple | list) else (law.slip,)

@@ -1,4 +1,4 @@
-"""Sampled controllers: what the user says of them, and its reading onto the graph."""
+"""Sampled controllers: `Controller`, and its reader onto the graph."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ def _items(scene: Scene) -> list[Controller]:
 
 
 def controlled_inputs(scene: Scene) -> tuple[Any, ...]:
-    """Return the symbols that the controllers of a scene give, in their order."""
+    """Return the symbols of the inputs that the controllers of a scene set, in their order."""
     return tuple(u for item in _items(scene) for u in _listed(item.inputs))
 
 
 def controller_symbols(scene: Scene) -> tuple[Any, ...]:
-    """Return the symbols of the states of controllers, then those of the inputs that they set, as far as there are."""
+    """Return the symbols of the states of controllers, then those of the inputs that they set."""
     states = [z for item in _items(scene) for z in _listed(item.states)]
     known = [*states, *(u for u in controlled_inputs(scene) if u in scene.inputs)]
     return tuple(dict.fromkeys(x for x in known if isinstance(x, AppliedUndef) and x.args == (dynamicsymbols._t,)))
@@ -116,7 +116,7 @@ def _names(symbols: Any) -> tuple[str, ...]:
 
 
 def _fits(item: Controller, faults: list[str]) -> bool:
-    """Whether a controller has expressions, or a function, as it must."""
+    """Return whether a controller has either expressions or a function."""
     place, function = f"controller {item.name!r}", item.function
     laws: tuple[Any, Any] = (item.states, item.inputs)
     if item.function is None:
@@ -131,7 +131,7 @@ def _fits(item: Controller, faults: list[str]) -> bool:
 
 
 def _duration(node: Node, where: tuple[str, str], parameters: int, faults: list[str]) -> Node:
-    """Return a period or an offset, which must be one."""
+    """Return a period or an offset; record a fault for other values."""
     what, place = where
     if node.deps & ~parameters:
         faults.append(f"the {what} of {place} must be a number or a function of parameters alone")
@@ -142,7 +142,7 @@ def _duration(node: Node, where: tuple[str, str], parameters: int, faults: list[
 
 
 def _changes(item: Controller, graph: Graph, read: Callable[[Any, str], Node]) -> dict[str, Node]:
-    """Return what a controller sets: inputs from everything as it was, then states with these inputs."""
+    """Return the values that a controller sets: inputs from all former values, then states with the new inputs."""
     place, laws = f"controller {item.name!r}", (dict(item.inputs), dict(item.states))
     inputs, states = (
         {name: read(e, f"{what} {name!r} of {place}") for name, e in zip(_names(law), law.values(), strict=False)}

@@ -24,7 +24,7 @@ from ..once import derived_property, deriving
 __all__ = ["START", "ElapsedTime", "Offset", "time_symbol", "timed"]
 
 _HIGHEST = 6
-"""Degree of the polynomials in time that are told from other functions."""
+"""Largest degree of the polynomials in time that are recognised."""
 
 _BITS = 320
 """Precision of the values at the start: enough for the product of three doubles, modulo a period."""
@@ -41,7 +41,7 @@ def time_symbol() -> Any:
 
 
 def timed(e: Any) -> bool:
-    """Whether an expression contains time otherwise than as the argument of a coordinate."""
+    """Return whether an expression contains time explicitly, not only as the argument of a coordinate."""
     if e == dynamicsymbols._t:
         return True
     if isinstance(e, sp.Derivative):
@@ -52,7 +52,7 @@ def timed(e: Any) -> bool:
 @final
 @dataclass(frozen=True, eq=False)
 class Offset:
-    """A parameter that stands for what an expression of time and parameters is at the start of a run.
+    """A parameter with the value of an expression of time and parameters at the start of a run.
 
     Attributes
     ----------

@@ -9,8 +9,8 @@ from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
 from ..transforms.quaternions import spin_matrix
-from .model import Entry
 from .orientation import FreeOrientation
+from .symbol_table import Entry
 
 __all__ = ["angular_velocity", "entries_of"]
 

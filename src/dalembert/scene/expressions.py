@@ -20,7 +20,7 @@ from ..naming import unwritable
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
-from .known_functions import DECIDED, FUNCTIONS, RECIPROCALS, SUDDEN, SUPPORTED, is_exhaustive
+from .known_functions import DECIDED, FUNCTIONS, PULSE_OPERATIONS, RECIPROCALS, SUPPORTED, is_exhaustive
 from .tables import TableFunction, outside
 from .unknowns import Unknown
 
@@ -28,7 +28,7 @@ __all__ = ["ExpressionReader", "short", "symbols_called"]
 
 _EXPONENT = 1_000_000
 
-_ONCE = "(SymPy tells symbols with other assumptions apart); create it once and use that one everywhere"
+_ONCE = "(for SymPy, symbols with other assumptions are other symbols); create it once and use that one everywhere"
 _OTHER = f"is not the coordinate of that name {_ONCE}"
 
 
@@ -38,7 +38,7 @@ def short(expression: Any, width: int = 80) -> str:
         text = str(expression)
     except RecursionError:
         return "an expression that is nested deeply"
-    except ValueError:  # Python does not print whole numbers of more than 4,300 digits
+    except ValueError:  # Python refuses to print integers of more than 4,300 digits
         return "an expression with numbers of thousands of digits"
     text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in SUPPORTED else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
@@ -97,7 +97,7 @@ class ExpressionReader:
         """Return the node of `expression`, met at `place`.
 
         `unknowns` says whether reactions may occur in it, `accelerations` whether second rates may, which `flow`
-        gives with the rates of coordinates, rates and time. What is read after it must allow them too.
+        gives with the rates of coordinates, rates and time. Expressions that are read after it must allow them too.
         """
         self._place, self._allow_unknowns, self._allow_accelerations = place, unknowns, accelerations
         try:
@@ -119,12 +119,12 @@ class ExpressionReader:
             self.graph.written = False
 
     def watch(self, e: Any) -> None:
-        """Add the parameters in elapsed time of an expression that another reader will read."""
+        """Add the parameters that an expression, read by another reader, needs in elapsed time."""
         if self.clock is not None:
             self._elapsed(e, self.clock)
 
     def _elapsed(self, e: Any, clock: ElapsedTime) -> Any:
-        """Return an expression in the elapsed time; what it has to be given for that become parameters."""
+        """Return an expression in the elapsed time; constants that depend on the start become parameters."""
         found = clock(e)
         for offset in clock.offsets.values():
             for symbol in (offset.symbol, *offset.symbols):
@@ -132,7 +132,7 @@ class ExpressionReader:
         return found
 
     def define(self, leaves: Mapping[Any, Node]) -> None:
-        """Let SymPy objects be read as these nodes from now on, whatever they were read as before."""
+        """Read SymPy objects as these nodes from now on."""
         self.leaves.update(leaves)
         self._known.clear()
 
@@ -230,7 +230,7 @@ class ExpressionReader:
     def _divide(self, top: Node, bottom: Node, e: Any) -> Node:
         if bottom.is_zero:
             return self.fault(f"{e} divides by zero")
-        self._take_down_narrow("pow", bottom)
+        self._record_pulse("pow", bottom)
         return self.graph.div(top, bottom)
 
     def _power(self, e: Any) -> Node:
@@ -243,7 +243,7 @@ class ExpressionReader:
             if exponent < 0:
                 return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
             if exponent > 2:
-                self._take_down_narrow("pow", base, float(exponent))
+                self._record_pulse("pow", base, float(exponent))
             return self.graph.power(base, exponent)
         return self.graph.call("pow", base, self._read(e.exp))
 
@@ -303,11 +303,11 @@ class ExpressionReader:
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(SUPPORTED)}")
 
     def _call(self, op: str, *args: Node) -> Node:
-        """Return an operation; one with kinks or jumps in time alone as what it is between them."""
+        """Return an operation; one with kinks or jumps in time alone becomes a condition."""
         graph = self.graph
         whole = graph.call(op, *args)
-        if op in SUDDEN:
-            self._take_down_narrow(op, args[0])
+        if op in PULSE_OPERATIONS:
+            self._record_pulse(op, args[0])
         if op not in DECIDED or self.time is None or not self._prescribed(args):
             return whole
         held = graph.substitute(args, {self.time: graph.input(CONDITION_TIME)})
@@ -320,8 +320,8 @@ class ExpressionReader:
             return graph.call("select", graph.call("less", *held), low, high)
         return graph.call(op, *held)
 
-    def _take_down_narrow(self, op: str, node: Node, exponent: float = -1.0) -> None:
-        """Take down where an operation on time alone may be over in a short time, so that no step passes over it."""
+    def _record_pulse(self, op: str, node: Node, exponent: float = -1.0) -> None:
+        """Record a narrow pulse of an operation on time alone, so that no step passes over it."""
         if self.time is not None and self._prescribed([node]):
             found = narrow_conditions(self.graph, op, node, self.time, exponent)
             self.conditions |= dict.fromkeys(found)

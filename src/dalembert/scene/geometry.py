@@ -107,12 +107,12 @@ class GeometryReader(SymbolReader):
         return found
 
     def _without_states(self, nodes: Sequence[Node], place: str) -> None:
-        """Record a fault where first-order states stand in what they may not."""
+        """Record a fault where nodes depend on first-order states."""
         if self.states:
             refuse_states(self.expressions, self.states, nodes, place)
 
     def _scalar(self, expression: Any, place: str) -> Node:
-        """Return a scalar that the motion depends on, in which angles have given way to quaternions."""
+        """Return a scalar that the motion depends on, with angles replaced by quaternions."""
         for angles in self.angles:
             if angles.concerns(expression):
                 found = angles.scalar(expression, place)

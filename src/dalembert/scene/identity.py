@@ -18,7 +18,7 @@ ROUNDING = sp.Float(10, DIGITS) ** -13
 
 
 def leaves_of(expressions: Iterable[Any]) -> list[Any]:
-    """Return the symbols, functions of time and rates in `expressions`, in an order of their own."""
+    """Return the symbols, functions of time and rates in `expressions`, in an order that is always the same."""
     found: set[Any] = set()
     for expression in expressions:
         found |= sp.sympify(expression).atoms(sp.Symbol, AppliedUndef, sp.Derivative)
@@ -49,7 +49,7 @@ def vanishes(expression: Any, values: Mapping[Any, Any] | None = None, *, points
     values : mapping, optional
         Leaves that are to be replaced first.
     points : int
-        How many points to try.
+        Number of points to try.
     """
     e = sp.sympify(expression)
     if values:

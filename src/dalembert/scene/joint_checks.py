@@ -160,7 +160,7 @@ def _point(frames: Mapping[int, FrameModel], points: Mapping[int, PointModel], n
 
 
 def _apart(frames: Mapping[int, FrameModel], points: Mapping[int, PointModel], body: BodyModel, at: int) -> int:
-    """Return what the vector from the mass centre to a point depends on, the body's own pose aside."""
+    """Return the inputs, other than the body's own pose, that the vector from the mass centre to a point depends on."""
     ahead, behind = _path(points, at), _path(points, body.centre)
     while ahead and behind and ahead[0] == behind[0]:
         del ahead[0], behind[0]

@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 from sympy.core.function import AppliedUndef
 
-__all__ = ["DECIDED", "FUNCTIONS", "RECIPROCALS", "SUDDEN", "SUPPORTED", "is_exhaustive"]
+__all__ = ["DECIDED", "FUNCTIONS", "PULSE_OPERATIONS", "RECIPROCALS", "SUPPORTED", "is_exhaustive"]
 
 FUNCTIONS: dict[Any, str] = {
     sp.sin: "sin",
@@ -27,7 +27,7 @@ FUNCTIONS: dict[Any, str] = {
     sp.sign: "sign",
     sp.floor: "floor",
 }
-SUDDEN = ("exp", "tanh", "atan", "sinh", "cosh")
+PULSE_OPERATIONS = ("exp", "tanh", "atan", "sinh", "cosh")
 """Smooth operations that may change within a short time."""
 DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
 """Operations with kinks or jumps."""

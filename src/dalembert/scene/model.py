@@ -12,7 +12,7 @@ from typing import Any, final
 
 from ..ir.graph import Graph, Node
 from ..transforms.conditions import Condition
-from .elapsed import Offset
+from .symbol_table import SymbolTable
 
 __all__ = [
     "Action",
@@ -21,18 +21,15 @@ __all__ = [
     "ConstraintModel",
     "ContactModel",
     "ControllerModel",
-    "Entry",
     "FrameModel",
     "GivenBody",
     "GivenLoad",
     "GivenMotion",
-    "InputSymbol",
     "Piece",
     "Pieces",
     "PointModel",
     "SceneModel",
     "SpeedGroup",
-    "SymbolTable",
 ]
 
 Components = tuple[Node, Node, Node]
@@ -177,29 +174,6 @@ class ConstraintModel:
 
 @final
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """Other values that a start may be given in, such as angles in place of a quaternion.
-
-    Attributes
-    ----------
-    names : tuple of str
-        What these values are called; all of them are needed.
-    needs : tuple of str
-        Names of other entries that must be given beside them.
-    targets : tuple of str
-        Coordinates or rates that they stand for.
-    values : tuple of Node
-        Those, in terms of inputs called like the names and coordinates.
-    """
-
-    names: tuple[str, ...]
-    needs: tuple[str, ...]
-    targets: tuple[str, ...]
-    values: tuple[Node, ...]
-
-
-@final
-@dataclass(frozen=True, slots=True)
 class ContactModel:
     """Friction, a constraint that opens, or both, at one normal reaction.
 
@@ -208,14 +182,14 @@ class ContactModel:
     name, normal : str
         Its name, and that of its normal reaction.
     gap, constraint, restitution : Node, int, Node, or None
-        What is positive where it is open, the number of the holonomic constraint that holds while it is closed, and
+        The gap, the number of the holonomic constraint that holds while it is closed, and
         Newton's coefficient; None for friction on a constraint that never opens.
     sense : int
         1 where that constraint is the gap, -1 where it is minus the gap.
     tangential : tuple of str
         Names of the friction forces; none without friction.
     slip : tuple of Node, or None
-        Slip velocities along them; None where the power of the forces tells.
+        Slip velocities along them; None where the power of the forces determines them.
     mu, mu_static, regularization : Node or None
         Coefficients of friction, and the slip speed of the smooth law.
     """
@@ -234,28 +208,6 @@ class ContactModel:
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class InputSymbol:
-    """An input: a given function of time.
-
-    Attributes
-    ----------
-    name : str
-    used : bool
-        Whether anything that was read depends on it.
-    smoothness : int
-        How often its values must have a continuous derivative: -1 where they may jump.
-    where : str
-        What requires that.
-    """
-
-    name: str
-    used: bool
-    smoothness: int
-    where: str
-
-
-@final
 @dataclass(frozen=True)
 class ControllerModel:
     """A sampled controller.
@@ -268,9 +220,9 @@ class ControllerModel:
     states, inputs : tuple of str
         Names of its states, and of the inputs that it sets; all are first-order states without a rate.
     changes : mapping of str to Node
-        What they are after it has acted, in terms of what everything was before; empty with a function.
+        Their values after an action, in terms of all values before; empty with a function.
     function : callable or None
-        What computes them instead.
+        Python function that computes them instead.
     """
 
     name: str
@@ -284,69 +236,30 @@ class ControllerModel:
 
 @final
 @dataclass(frozen=True)
-class SymbolTable:
-    """The names of a scene and the inputs they stand for.
-
-    Attributes
-    ----------
-    time : str
-        Name of time.
-    coordinates, rates, parameters, unknowns : tuple of str
-        Names, in the order of every array.
-    aliases : mapping of str to str
-        What a SymPy symbol prints as -> its name, so that symbols serve as keys wherever names do.
-    entries : tuple of Entry
-        Other values that a start may be given in.
-    assumptions : mapping of str to tuple of str
-        Name -> what its symbol was declared to be, such as "positive", where that excludes numbers.
-    timed : bool
-        Whether time itself occurs in the scene or its outputs.
-    offsets : tuple of Offset
-        Parameters that stand for what expressions of time are at the start of a run, where time is counted from there.
-    inputs : tuple of InputSymbol
-        Given functions of time; their parameters (`dalembert.ir.input_parameters`) are among the `parameters`.
-    states : tuple of str
-        Names of the first-order states.
-    held : tuple of str
-        Names of the inputs that controllers set, which are among the states.
-    """
-
-    time: str
-    coordinates: tuple[str, ...]
-    rates: tuple[str, ...]
-    parameters: tuple[str, ...]
-    unknowns: tuple[str, ...]
-    aliases: Mapping[str, str]
-    entries: tuple[Entry, ...] = ()
-    assumptions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    timed: bool = False
-    offsets: tuple[Offset, ...] = ()
-    inputs: tuple[InputSymbol, ...] = ()
-    states: tuple[str, ...] = ()
-    held: tuple[str, ...] = ()
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-        return tuple(each.name for each in self.inputs)
-
-    @property
-    def variables(self) -> tuple[str, ...]:
-        """Names of coordinates, rates and first-order states."""
-        return (*self.coordinates, *self.rates, *self.states)
-
-
-@final
-@dataclass(frozen=True)
 class SceneModel:
     """Everything of a scene that the derivation needs, as graph nodes.
 
-    Of a scene that gives velocities, `given` holds bodies and loads, and `bodies` and `actions` are empty; of one that
-    gives its Lagrangian, `given` holds the loads. `potentials` are those that the bodies
-    of the scene say themselves. `places` and `vectors` are outputs: number of a point or pieces of a vector, and of an
-    axis. `chosen` are names of outputs that are not the text of what they are. `conditions` are those that
-    depend on time and parameters alone. `stored` are candidates for the potential energies of the actuators.
-    `state_rates` are the rates of the first-order states, `controllers` act at sampling instants.
+    Attributes
+    ----------
+    potentials : tuple of Node
+        Potential energies that the bodies declare.
+    outputs : mapping of str to Node
+        Requested expressions.
+    places, vectors : mappings of str to (int, int) and (Pieces, int)
+        Requested components: number of a point or pieces of a vector, and number of the axis.
+    chosen : tuple of str
+        Names of outputs that a user chose, and that are not the text of the expression.
+    given : GivenMotion or None
+        Bodies and loads of a scene that prescribes velocities, in place of `bodies` and `actions`; the loads of a scene
+        with a `lagrangian`.
+    conditions : tuple of Condition
+        Conditions on time and parameters alone.
+    stored : tuple of Node or None
+        Candidates for the potential energies of the actuators.
+    state_rates : tuple of Node
+        Rates of the first-order states.
+    controllers : tuple of ControllerModel
+        Sampled controllers.
     """
 
     name: str

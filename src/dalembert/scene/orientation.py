@@ -71,7 +71,7 @@ def free_orientation(
     parent : ReferenceFrame, optional
         The frame to orient it in; that of the scene by default.
     names : sequence of four str, optional
-        What to call the coordinates; by default e0_S to e3_S for a frame called S.
+        Names of the coordinates; by default e0_S to e3_S for a frame called S.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def _angles(matrix: Any) -> list[Any]:
 
 
 def _entangled(scene: Scene, tree: Tree, chain: Sequence[ReferenceFrame], angles: Sequence[Any]) -> str:
-    """Return what else the angles do than to turn the last frame of a chain, or nothing."""
+    """Return what the angles do other than turn the last frame of a chain; empty where nothing."""
     named = list_names(a.func.__name__ for a in angles)
     if not all(a in scene.coordinates for a in angles):
         return f"{named} are not all coordinates of the scene"

@@ -13,8 +13,9 @@ from ..ir.graph import Node
 from ..naming import acceleration_input, acceleration_name, rate_name
 from .geometry import GeometryReader
 from .joints import Place
-from .model import Piece, Pieces, SymbolTable
+from .model import Piece, Pieces
 from .outputs import Component, NamedOutput
+from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS
 
 __all__ = ["OutputNodes", "names_as_nodes", "read_outputs"]
@@ -35,7 +36,7 @@ class OutputNodes:
 
 
 def read_outputs(reader: GeometryReader, outputs: Sequence[Any]) -> OutputNodes:
-    """Return requested outputs on the graph; plain names are left to who knows the equations.
+    """Return requested outputs on the graph, without plain names.
 
     Second rates may stand in them, so they are read after all that the motion depends on.
     """
@@ -74,8 +75,12 @@ def names_as_nodes(reader: GeometryReader, symbols: SymbolTable, outputs: Sequen
     ------
     UnknownNameError
         For a name that the scene does not have.
+    OptionError
+        For a name that an acceleration has and something else, too.
     """
     named, graph = reader._named_values(), reader.graph
+    values = [item.value for item in outputs if isinstance(item, NamedOutput)]
+    symbols.refuse_ambiguous([value for value in values if isinstance(value, str)])
     known = {name: name for name in (*symbols.unknowns, *symbols.variables, *RESERVED_OUTPUTS)}
     known |= {name: name for name in map(rate_name, symbols.states)}
     known |= {acceleration_name(name): acceleration_input(name) for name in symbols.coordinates}

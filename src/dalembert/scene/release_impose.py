@@ -114,7 +114,7 @@ def _release_faults(scene: Scene, coordinate: Any, target: Any, direction: Any) 
         tree = Tree(root, "_pos_dict" if kind == "point" else "_dcm_dict")
         if target is root and kind == "point":
             faults.append(
-                f"the point {target.name!r} cannot be released, because it is the origin. Let another lie there,"
+                f"the point {target.name!r} cannot be released, because it is the origin. Locate another there,"
                 f" pin = {target.name}.locatenew('pin', 0), locate the bodies that it carries from it, and release that"
             )
         elif target is root or tree.path(target) is None:
@@ -175,7 +175,7 @@ def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
 
 
 def _expression(given: Any) -> Any:
-    """Return what was given as a SymPy expression, None where it is none."""
+    """Return a value as a SymPy expression, None where it is not one."""
     try:
         value = sp.sympify(given, strict=True)
     except (sp.SympifyError, TypeError, ValueError, AttributeError):

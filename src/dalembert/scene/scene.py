@@ -159,9 +159,9 @@ class Scene:
         """Add given actions: ``Force``/``Torque`` of SymPy, or pairs (point, force) and (frame, torque).
 
         Those that have a potential energy, such as constant forces, springs along a coordinate or between points, and
-        torques that are a function of an angle, have it in ``"energy"``. What it leaves out is named by
-        ``model.explain()``: the work of what depends on rates (dampers, friction), of loads that depend on time, and of
-        others for which no potential energy is known. Who asks for the energy is warned of the last.
+        torques that are a function of an angle, have it in ``"energy"``. The loads that it leaves out are named by
+        ``model.explain()``: loads that depend on rates (dampers, friction) or on time, and
+        others for which no potential energy is known. Requesting the energy warns of the last.
         """
         self.loads += loads
 
@@ -207,7 +207,7 @@ class Scene:
         """Add first-order states beside the coordinates: filters, motors, integrators, muscles.
 
         They may stand in loads, joints, nonholonomic constraints, laws of friction, rates of states, outputs and
-        events; their initial values are given with those of the coordinates. What they say of positions needs a
+        events; their initial values are given with those of the coordinates. A quantity in positions must be a
         coordinate instead. Impacts leave them as they are.
 
         Parameters
@@ -326,7 +326,7 @@ class Scene:
         coordinate : dynamicsymbol
             The coordinate to eliminate.
         expression : Expr, optional
-            What it equals, in the other coordinates and time. Without it, a holonomic constraint that is affine in
+            Its value, in the other coordinates and time. Without it, a holonomic constraint that is affine in
             the coordinate is solved for it.
 
         Returns

@@ -38,7 +38,7 @@ class Sphere:
     at : Point, optional
         Its centre; the mass centre of the body by default.
     color : str, optional
-        A colour that matplotlib and HTML know, such as "tab:blue" or "#1f77b4".
+        A colour of matplotlib and HTML, such as "tab:blue" or "#1f77b4".
     """
 
     radius: Any

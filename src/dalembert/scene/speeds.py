@@ -13,7 +13,8 @@ from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .expressions import ExpressionReader
-from .model import Entry, SpeedGroup
+from .model import SpeedGroup
+from .symbol_table import Entry
 
 __all__ = ["read_speeds"]
 

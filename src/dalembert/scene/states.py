@@ -24,7 +24,7 @@ _TO_DO = "make it with dynamicsymbols, as in F = dynamicsymbols('F')"
 
 
 def state_symbols(scene: Scene, coordinates: Sequence[Any], fault: Callable[[str], Any]) -> tuple[Any, ...]:
-    """Return the symbols of the first-order states of a scene, without those that `fault` is told of.
+    """Return the symbols of the first-order states of a scene, without those for which `fault` is called.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def state_symbols(scene: Scene, coordinates: Sequence[Any], fault: Callable[[str
 def read_rates(
     scene: Scene, symbols: Sequence[Any], reader: ExpressionReader, read: Callable[[Any, str], Node]
 ) -> tuple[Node, ...]:
-    """Return the rates of first-order states, which are what their derivatives are read as from now on.
+    """Return the rates of first-order states; from now on their derivatives are read as these.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def read_rates(
 
 
 def refuse_states(reader: ExpressionReader, symbols: Sequence[Any], nodes: Sequence[Node], place: str) -> None:
-    """Record a fault where what moves bodies or is their energy depends on first-order states."""
+    """Record a fault where a position or an energy depends on first-order states."""
     deps = 0
     for node in nodes:
         deps |= node.deps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
@@ -21,10 +21,10 @@ from .controllers import controlled_inputs
 from .elapsed import ElapsedTime
 from .entries import angular_velocity, entries_of
 from .expressions import ExpressionReader
-from .model import InputSymbol, SymbolTable
 from .scene import Scene
 from .speeds import read_speeds
 from .states import state_symbols
+from .symbol_table import InputSymbol, SymbolTable
 
 __all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of"]
 
@@ -43,13 +43,24 @@ RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 def reader_of(scene: Scene) -> ExpressionReader:
     """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
     reader = SymbolReader(scene).expressions
-    reader.time = None  # at breaks of what is read later no step ends
+    reader.time = None  # steps do not end at breaks of expressions that are read later
     return reader
 
 
 def _is(symbol: Any, what: str) -> bool:
     """Whether a symbol was declared to be "positive" and so on, where it may be infinite, too."""
     return bool(getattr(symbol, f"is_extended_{what}" if what in _SIGNS[1:] else f"is_{what}"))
+
+
+class _Names(NamedTuple):
+    """Names of the symbols of a scene, by their kinds."""
+
+    coordinates: Sequence[str]
+    rates: Sequence[str]
+    parameters: Sequence[str]
+    unknowns: Sequence[str]
+    states: Sequence[str]
+    inputs: Sequence[str]
 
 
 class SymbolReader:
@@ -89,7 +100,7 @@ class SymbolReader:
         return tuple(good)
 
     def _functions_of_time(self) -> tuple[Any, ...]:
-        """Return the inputs of the scene that can be told apart from everything else."""
+        """Return the inputs of the scene; a fault for those that are also something else."""
         good: list[Any] = []
         sampled = controlled_inputs(self.scene)
         for u in (u for u in self.scene.inputs if u not in sampled):
@@ -167,46 +178,11 @@ class SymbolReader:
         rates = tuple(rate_name(name) for name in coordinates)
         parameters = tuple(sorted(self.expressions.parameters))
         unknowns = tuple(self.expressions.unknowns)
-        taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
         states = tuple(z.func.__name__ for z in self.states)
-        taken = dict.fromkeys(states, "a state") | taken
-        taken.update(dict.fromkeys(map(rate_name, states), "the rate of a state"))
-        taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
-        speeds = [u.func.__name__ for u in self.scene.speeds]
-        taken.update(dict.fromkeys(speeds, "a speed"))
-        inputs = [u.func.__name__ for u in self.inputs]
-        taken.update(dict.fromkeys((name for name in inputs if name not in taken), "an input"))
-        kinds: tuple[tuple[str, Sequence[str]], ...] = (
-            ("parameter", parameters),
-            ("unknown", unknowns),
-            ("coordinate", coordinates),
-            ("speed", speeds),
-            ("input", inputs),
-            ("state", states),
-        )
-        for kind, names in kinds:
-            for name in names:
-                if name in taken and taken[name] not in (f"a {kind}", f"an {kind}"):
-                    meant = " (where time is meant, use dynamicsymbols._t itself)" if name == TIME else ""
-                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
-        time = dynamicsymbols._t
-        aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
-        for name in parameters:
-            aliases.setdefault(str(self.expressions.parameters[name]), name)  # a Dummy does not print as its name
-        for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
-            aliases[str(q)] = name
-            aliases[str(sp.Derivative(q, time))] = rate
-            aliases[str(sp.Derivative(q, (time, 2)))] = acceleration_name(name)
-        for z, name in zip(self.states, states, strict=True):
-            aliases |= {name: name, str(z): name, str(sp.Derivative(z, time)): rate_name(name)}
-        for angle in (angle for item in self.scene.orientations for angle in item.angles):
-            name = angle.func.__name__
-            aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
-            aliases |= {name: name, rate_name(name): rate_name(name)}
-        for u in self.scene.speeds:
-            name = u.func.__name__
-            aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
-        aliases |= {name: name for name in inputs} | {str(u): u.func.__name__ for u in self.inputs}
+        inputs = tuple(u.func.__name__ for u in self.inputs)
+        names = _Names(coordinates, rates, parameters, unknowns, states, inputs)
+        self._refuse_shared_names(names)
+        aliases = self._aliases(names)
         entries = (*entries_of(self.graph, self.scene.orientations), *self._starts)
         assumptions = self._assumptions(parameters)
         parameters = (*parameters, *(hidden for name in inputs for hidden in hidden_parameters(name)))
@@ -228,8 +204,54 @@ class SymbolReader:
             tuple(str(u.func.__name__) for u in controlled_inputs(self.scene) if u in self.states),
         )
 
+    def _refuse_shared_names(self, names: _Names) -> None:
+        """Record a fault for every symbol that has the name of a symbol of another kind."""
+        coordinates, rates, parameters, unknowns, states, inputs = names
+        taken = {TIME: "time", **dict.fromkeys(coordinates, "a coordinate"), **dict.fromkeys(rates, "a rate")}
+        taken = dict.fromkeys(states, "a state") | taken
+        taken.update(dict.fromkeys(map(rate_name, states), "the rate of a state"))
+        taken.update(dict.fromkeys(RESERVED_OUTPUTS, "an output of every model"))
+        speeds = [u.func.__name__ for u in self.scene.speeds]
+        taken.update(dict.fromkeys(speeds, "a speed"))
+        taken.update(dict.fromkeys((name for name in inputs if name not in taken), "an input"))
+        kinds: tuple[tuple[str, Sequence[str]], ...] = (
+            ("parameter", parameters),
+            ("unknown", unknowns),
+            ("coordinate", coordinates),
+            ("speed", speeds),
+            ("input", inputs),
+            ("state", states),
+        )
+        for kind, called in kinds:
+            for name in called:
+                if name in taken and taken[name] not in (f"a {kind}", f"an {kind}"):
+                    meant = " (where time is meant, use dynamicsymbols._t itself)" if name == TIME else ""
+                    self.faults.append(f"the {kind} {name!r} has the name of {taken[name]}; rename it{meant}")
+
+    def _aliases(self, names: _Names) -> dict[str, str]:
+        """Return the name of every symbol by its name and by the text that it prints as."""
+        coordinates, rates, parameters, unknowns, states, inputs = names
+        time = dynamicsymbols._t
+        aliases = {name: name for name in (*coordinates, *rates, *parameters, *unknowns, TIME)}
+        for name in parameters:
+            aliases.setdefault(str(self.expressions.parameters[name]), name)  # a Dummy does not print as its name
+        for q, name, rate in zip(self.coordinates, coordinates, rates, strict=True):
+            aliases[str(q)] = name
+            aliases[str(sp.Derivative(q, time))] = rate
+            aliases[str(sp.Derivative(q, (time, 2)))] = acceleration_name(name)
+        for z, name in zip(self.states, states, strict=True):
+            aliases |= {name: name, str(z): name, str(sp.Derivative(z, time)): rate_name(name)}
+        for angle in (angle for item in self.scene.orientations for angle in item.angles):
+            name = angle.func.__name__
+            aliases |= {str(angle): name, str(sp.Derivative(angle, time)): rate_name(name)}
+            aliases |= {name: name, rate_name(name): rate_name(name)}
+        for u in self.scene.speeds:
+            name = u.func.__name__
+            aliases |= {str(u): self._names.get(name, name), name: self._names.get(name, name)}
+        return aliases | {name: name for name in inputs} | {str(u): u.func.__name__ for u in self.inputs}
+
     def _input_symbol(self, u: Any, requirements: Sequence[Requirement]) -> InputSymbol:
-        """Return an input with what its values must be for what was read."""
+        """Return an input with the smoothness that its uses require of its values."""
         rate, met, name = sp.Derivative(u, dynamicsymbols._t), self.expressions.met, u.func.__name__
         smoothness, where = (0, f"the rate of {name!r}") if rate in met else (-1, "")
         mask = self.graph.mask(hidden_parameters(name))

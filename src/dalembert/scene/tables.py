@@ -40,7 +40,7 @@ def table(
     Parameters
     ----------
     x : SymPy expression
-        What the curve is a function of: coordinates, rates, time, parameters.
+        Argument of the curve: coordinates, rates, time, parameters.
     knots : array_like (n,)
         Where the curve is known, increasing, in the units of `x`.
     values : array_like (n,)
@@ -51,10 +51,10 @@ def table(
         ``"linear"`` interpolates; ``"cubic"`` is the cubic spline that SciPy calls not-a-knot, and needs 4 knots;
         ``"hold"`` keeps the value of the last knot that is not above x.
     extrapolate : str
-        What the curve is outside of its knots: ``"error"``, where a run ends with the status ``OUTSIDE_TABLE``;
+        Continuation outside of the knots: ``"error"``, where a run ends with the status ``OUTSIDE_TABLE``;
         ``"hold"``, the value at the end; ``"linear"``, the line through the end with the slope there.
     name : str
-        What messages and the textbook view call the curve.
+        Name of the curve in messages and the textbook view.
 
     Returns
     -------

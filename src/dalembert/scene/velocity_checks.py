@@ -57,7 +57,7 @@ def velocity_faults(scene: Scene, frames: Tree, points: Tree, used: Sequence[Any
 
 
 def _of_real_numbers(e: Any) -> Any:
-    """Return an expression without the real and imaginary parts that SymPy writes into derivatives of Abs and sign."""
+    """Return an expression without the parts re and im that SymPy writes into derivatives of Abs and sign."""
     if not e.has(sp.re, sp.im):
         return e
     return e.replace(sp.re, lambda x: x).replace(sp.im, lambda x: sp.S.Zero).doit()

@@ -24,7 +24,7 @@ class Constraint:
     Attributes
     ----------
     expression : Expr
-        What vanishes.
+        Expression that vanishes.
     holonomic : bool
         Whether it was given in coordinates and time.
     rheonomic : bool
@@ -36,7 +36,7 @@ class Constraint:
     obstruction : Expr
         For one that is not integrable, a coefficient of the Frobenius condition that does not vanish; else zero.
     reason : str
-        How the classification was reached.
+        Reason for the classification.
     """
 
     expression: Any

@@ -13,10 +13,10 @@ from ..scene import CoulombFriction
 from .actions import Actions
 from .energy import readable
 
-__all__ = ["friction_laws", "refuse_friction", "rubbing"]
+__all__ = ["friction_forces", "friction_laws", "refuse_friction"]
 
 
-def rubbing(laws: Sequence[CoulombFriction]) -> set[str]:
+def friction_forces(laws: Sequence[CoulombFriction]) -> set[str]:
     """Return the names of the unknowns that are friction forces."""
     return {str(x) for law in laws for x in _parts(law.tangential)}
 
@@ -49,7 +49,7 @@ def friction_laws(actions: Actions) -> dict[Any, Any]:
 
 
 def _slip(actions: Actions, force: Any) -> Any:
-    """Return the slip velocity at a joint along a reaction component: what the component has power on.
+    """Return the slip velocity at a joint along a reaction component, on which the component has power.
 
     That of a component of a torque is an angular velocity.
     """

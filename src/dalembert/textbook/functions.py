@@ -56,7 +56,7 @@ def function_of(arguments: Sequence[Any], expressions: Sequence[Any]) -> Callabl
 
 
 def _written(expression: Any, names: dict[Any, str], lines: list[str]) -> str:
-    """Write the lines that compute an expression, and return what it is called; ``KeyError`` for what is not known."""
+    """Write the lines that compute an expression, and return its name; ``KeyError`` for an unknown function."""
     stack = [expression]
     while stack:
         e = stack[-1]

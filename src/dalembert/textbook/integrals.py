@@ -27,7 +27,7 @@ class FirstIntegral:
     Attributes
     ----------
     name : str
-        What it is.
+        Kind of the integral.
     expression : Expr
         In coordinates, rates, time and parameters.
     reason : str
@@ -48,14 +48,14 @@ class FirstIntegrals(tuple[FirstIntegral, ...]):
     reasons : tuple of str
         One line for every coordinate, or for the energy, that gives no first integral.
     independent : int
-        How many of them are independent on the constraints.
+        Number of independent ones on the constraints.
     """
 
     reasons: tuple[str, ...]
     independent: int
 
     def __new__(cls, found: Sequence[FirstIntegral], reasons: Sequence[str], independent: int) -> FirstIntegrals:
-        """Return the tuple with what is known beside it."""
+        """Return the tuple with its attributes."""
         self = super().__new__(cls, found)
         self.reasons, self.independent = tuple(reasons), independent
         return self

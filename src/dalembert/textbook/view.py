@@ -18,7 +18,7 @@ from ..scene.reading import read
 from .actions import Actions
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
-from .friction import friction_laws, refuse_friction, rubbing
+from .friction import friction_forces, friction_laws, refuse_friction
 from .geometry import Geometry
 from .ideal import ideal_conditions, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
@@ -66,7 +66,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
 
 @final
 class LagrangeView:
-    """The Lagrange equations of one scene, derived when asked for; made by `dalembert.lagrange`."""
+    """The Lagrange equations of one scene, derived on demand; made by `dalembert.lagrange`."""
 
     def __init__(self, scene: Scene, given_energy: Any = None) -> None:
         self.scene = scene
@@ -196,7 +196,7 @@ class LagrangeView:
     @cached_property
     def vanishing(self) -> tuple[Any, ...]:
         """The unknowns that ideal joints make zero."""
-        held = rubbing(self.scene.frictions)
+        held = friction_forces(self.scene.frictions)
         found = (x for joint in self.scene.joints for x in single_unknowns(self.ideal_conditions(joint)))
         return tuple(x for x in found if str(x) not in held)
 

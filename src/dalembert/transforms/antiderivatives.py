@@ -63,7 +63,7 @@ def _named(g: Graph, op: str, args: tuple[Node, ...]) -> Node | None:
 
 
 def _parallel(pair: tuple[float, float], slopes: Probe) -> bool:
-    """Whether two covectors agree along two directions, but for a factor."""
+    """Return whether two covectors agree along two directions, up to a factor."""
     left, right = pair[0] * slopes.b, pair[1] * slopes.a
     return abs(left - right) <= _PARALLEL * max(abs(left), abs(right))
 
@@ -100,7 +100,7 @@ class Antiderivatives:
         return self._centred(h, u, place) or self._polynomial(h, u, place) or self._renamed(h, u)
 
     def _jumps(self, h: Node) -> bool:
-        """Whether an expression has jumps: what a rule finds on either side of one need not meet there."""
+        """Return whether an expression has jumps; the antiderivatives on both sides of one need not agree there."""
         jumping = ("select", "sign", "floor", "less", "less_equal", "table")
         mask = sum(x.deps for x in self.moving)
         return any(node.op in jumping and node.deps & mask for node in self.graph.topological([h]))

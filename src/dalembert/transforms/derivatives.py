@@ -12,7 +12,7 @@ __all__ = ["GUARDED", "RULES", "cotangents", "jacobian", "tangents"]
 
 
 class Form(NamedTuple):
-    """A node and its form when it was met; making its derivative may give the node a cheaper form."""
+    """A node and its form before differentiation, which may give the node a cheaper form."""
 
     node: Node
     op: str
@@ -121,7 +121,7 @@ def tangents(
     graph : Graph
         The graph of all nodes.
     outputs : sequence of Node
-        What to differentiate.
+        Nodes to differentiate.
     seeds : mapping of Node to Node
         The rate of each input that varies; inputs not named are constant.
     rules : mapping of str to Rule

@@ -1,8 +1,7 @@
 """Expansion of recurrences: Taylor coefficients of every value, order by order.
 
-`Expansion` writes orders 0, 1, 2, ... out as straight-line code. `Ahead` writes one order whose number is not known
-yet, as a loop passes through it again and again. Both take the same operations in the same order, so that what they
-compute is the same to the last bit.
+`Expansion` writes orders 0, 1, 2, ... out as straight-line code. `dalembert.transforms.order_pass` writes one order as
+the body of a loop. Both use `Extension`: the same operations in the same order, and so the same bits.
 
 The recurrences divide by the order k. A product with the rounded 1 / k is off by the same share at every step, which
 makes the errors of a long run grow with time and not with its square root (energy of the harmonic oscillator over 1e5
@@ -21,7 +20,7 @@ from ..ir.kernel import Assignment, Operand
 from ..ir.lines import Lines
 from .recurrences import Integrated, Recurrences
 
-__all__ = ["FAITHFUL_ORDER", "Ahead", "Carried", "Expansion", "Series", "Sum", "coefficient", "over"]
+__all__ = ["FAITHFUL_ORDER", "Expansion", "Extension", "Series", "Sum", "coefficient", "over"]
 
 FAITHFUL_ORDER = 19
 """Order from which quotients by the order are rounded but once: that of tolerances up to 7e-13."""
@@ -46,7 +45,7 @@ def over(lines: Lines, value: Operand, k: int, faithful: bool) -> Operand:
 @final
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """The sum of a_i b_(m-i) for i = 0 .. m, asked for order by order; where `half`, that for i < m - i of one series.
+    """The sum of a_i b_(m-i) for i = 0 .. m, written order by order; if `half`, that for i < m - i of one series.
 
     `a` is the factor that is known later. The pairs without index 0, whose factors are known before the present order,
     come first, and those with the newest coefficients last among them: little is left to wait for.
@@ -63,7 +62,7 @@ class Sum:
         return [(i, m - i) for i in (*range(2, m - 1), *dict.fromkeys((1, m - 1))) if 0 < i < m]
 
 
-class _Extension(ABC):
+class Extension(ABC):
     """The next coefficient of every value, from those that are known.
 
     Attributes
@@ -73,7 +72,7 @@ class _Extension(ABC):
     series, slopes : dict of str to Series
         Coefficients of every value, and those of the derivatives (j + 1) a_(j+1) where a recurrence needs them.
     sums : dict of str to list of Sum
-        What the coefficients of a value need.
+        Sums that the coefficients of a value need.
     """
 
     def __init__(self, recurrences: Recurrences, lines: Lines, faithful: bool) -> None:
@@ -203,7 +202,7 @@ class _Extension(ABC):
 
 
 @final
-class Expansion(_Extension):
+class Expansion(Extension):
     """The first orders, written out one after the other."""
 
     def __init__(self, recurrences: Recurrences, order: int) -> None:
@@ -227,7 +226,7 @@ class Expansion(_Extension):
             self._move(0)
 
     def _depths(self) -> dict[int, int]:
-        """Return how late in an order the coefficient of each series is known."""
+        """Return the depth of each series within an order: the length of the chain of series that it needs."""
         depth: dict[str, int] = {}
         for item, line in self.moving:
             before = [] if isinstance(item, Integrated) else [depth.get(a, 0) for a in line.args if isinstance(a, str)]
@@ -274,94 +273,3 @@ class Expansion(_Extension):
 
     def _times_order(self, value: Operand, k: int) -> Operand:
         return self.lines.mul(value, float(k))
-
-
-@final
-@dataclass(frozen=True)
-class Carried:
-    """A value that goes from one pass to the next: at first `known`, then what `series[place]` has come to."""
-
-    name: str
-    known: Operand
-    series: Series
-    place: int
-
-
-@final
-class Ahead(_Extension):
-    """Coefficient k of every value, for a k that is known only when the code runs, larger than the orders of `entry`.
-
-    Series have three places: coefficient 0, the one before (``k - 1``), and the present one, k; the state has a fourth,
-    ``k + 1``. What changes with k is read under the names below and those of `Carried` values.
-
-    Parameters
-    ----------
-    entry : Expansion
-        The orders before. Constants that it has computed are used, and its lines are continued.
-
-    Attributes
-    ----------
-    carried : list of Carried
-    known, middles : dict
-        To be filled in before `extend`: the names of what `_inner` and, for the series of half sums, `_middle` return.
-    still : set of int
-        The series, by `id`, of which all but coefficient 0 is zero.
-    before : dict of int to Series
-        The series of `entry` that stands behind each series, by `id`.
-    """
-
-    SHARE, REST, ORDER = "now.share", "now.rest", "now.order"
-    NEXT_SHARE, NEXT_REST = "next.share", "next.rest"
-    """1 / k as rounded, what rounding took from it, and k; the first two for k + 1 too."""
-
-    def __init__(self, entry: Expansion) -> None:
-        super().__init__(entry.recurrences, entry.lines, entry.faithful)
-        self.carried: list[Carried] = []
-        self.known: dict[Sum, Operand] = {}
-        self.middles: dict[int, Operand] = {}
-        self.before: dict[int, Series] = {}
-        twin: dict[int, Series] = {}
-        for name, series in entry.series.items():
-            self.series[name] = twin[id(series)] = self._begun(series, entry.orders)
-        for inner, series in entry.slopes.items():
-            self.slopes[inner] = twin[id(series)] = series[:1]
-        self.before = {id(twin[id(series)]): series for series in (*entry.series.values(), *entry.slopes.values())}
-        self.still = {key for key, series in self.before.items() if all(a == 0.0 for a in series[1:])}
-        for name, sums in entry.sums.items():
-            for s in sums:  # the rate of a state may be a number, which is no value's series
-                for series in (s.a, s.b):
-                    if id(series) not in twin:
-                        twin[id(series)] = series
-                        self.still.add(id(series))
-            self.sums[name] = [Sum(twin[id(s.a)], twin[id(s.b)], s.half) for s in sums]
-
-    def _begun(self, series: Series, orders: int) -> Series:
-        """Return coefficients 0 and k - 1, and of the state k too; zero once they have come to be."""
-        begun = series[:1]
-        for place, known in enumerate(series[orders - 1 :] if len(series) > 1 else [], 1):
-            if all(a == 0.0 for a in series[2:]):
-                begun.append(0.0)
-                continue
-            name = f"carried.{len(self.carried)}"
-            self.carried.append(Carried(name, known, begun, place + 1))
-            begun.append(name)
-        return begun
-
-    def extend(self) -> None:
-        """Append coefficient k of every value, and coefficient k + 1 of the state."""
-        self._extend(2)
-
-    def _inner(self, k: int) -> dict[Sum, Operand]:
-        return self.known
-
-    def _middle(self, series: Series, k: int) -> Operand:
-        return self.middles[id(series)]
-
-    def _over(self, value: Operand, k: int) -> Operand:
-        share, rest = (self.SHARE, self.REST) if k == 2 else (self.NEXT_SHARE, self.NEXT_REST)
-        if not self.faithful:
-            return self.lines.mul(value, share)
-        return self.lines.fma(value, share, self.lines.mul(value, rest))
-
-    def _times_order(self, value: Operand, k: int) -> Operand:
-        return self.lines.mul(value, self.ORDER)

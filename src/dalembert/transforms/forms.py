@@ -25,7 +25,7 @@ class Forms:
     moving : int
         Dependency bits of the inputs that vary along a motion.
     uses : mapping of int to int
-        How often the value with an index is an operand of values in use, or an output.
+        Number of uses of the value with an index: as an operand of values in use, or as an output.
     """
 
     def __init__(self, graph: Graph, moving: int = 0) -> None:

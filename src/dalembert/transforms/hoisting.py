@@ -73,7 +73,7 @@ class _Constants:
 
 
 def _without_parameters(kernel: Kernel, constants: _Constants, changing: frozenset[int]) -> Kernel:
-    """Return a kernel that takes constants in place of parameters, of which some change along a run."""
+    """Return a kernel that takes constants in place of parameters; some of these change along a run."""
     fixed = values_of(kernel, "p", changing)
     meaning = {load.target: constants.parameters[load.index or 0] for load in kernel.loads if load.array == "p"}
     for line in kernel.body:

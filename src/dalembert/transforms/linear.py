@@ -9,8 +9,17 @@ from typing import final
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 
-__all__ = ["Factorization", "Matrix", "SingularMatrix", "determinant_and_solution", "factorize", "matmul", "matvec"]
-__all__ += ["transpose"]
+__all__ = [
+    "SET_ASIDE",
+    "Factorization",
+    "Matrix",
+    "SingularMatrix",
+    "determinant_and_solution",
+    "factorize",
+    "matmul",
+    "matvec",
+    "transpose",
+]
 
 Matrix = list[list[Node]]
 
@@ -104,14 +113,19 @@ def _elimination_order(a: Sequence[Sequence[Node]]) -> list[int]:
     return order
 
 
-Guard = Callable[[Node, Node], Node]
-"""A pivot and the diagonal entry that it came from -> the pivot to divide by."""
+Guard = Callable[[Node, Node, int], Node]
+"""A pivot, the diagonal entry that it came from, and the row of that -> the pivot to divide by."""
+
+
+SET_ASIDE = 1e300
+"""Pivot in place of one that counts as zero. The comparison that selects it is a guard, not a switch of the motion: no
+step ends at its zeros (`dalembert.transforms.switches`)."""
 
 
 def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None) -> Factorization:
     """Return the sparse L D L^T of a symmetric matrix of which only the lower triangle is read.
 
-    With `guard`, pivots that elimination has changed are replaced by what it makes of them.
+    With `guard`, pivots are replaced by what it makes of them.
 
     Raises
     ------
@@ -128,8 +142,8 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
         pivot = work[k][k]
         if vanishes(pivot):
             raise SingularMatrix(order[k])
-        if guard is not None and pivot is not full[order[k]][order[k]]:
-            pivot = guard(pivot, full[order[k]][order[k]])
+        if guard is not None:
+            pivot = guard(pivot, full[order[k]][order[k]], order[k])
         pivots.append(pivot)
         column = [(i, work[i][k]) for i in range(k + 1, size) if not vanishes(work[i][k])]
         for i, entry in column:

@@ -36,8 +36,8 @@ def lower_kernel(
 ) -> Kernel:
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
 
-    With `fixed`, the inputs that stay the same along a motion, it has few products of the others. What each pass did is
-    appended to `records`.
+    With `fixed`, the inputs that stay the same along a motion, it has few products of the others. `records` gets a
+    record of each pass.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def _table(
 
 
 def _literal(node: Node, args: list[Operand]) -> float:
-    """Return the value of a node that depends on no input."""
+    """Return the value of a node without inputs."""
     if node.op == "const":
         assert isinstance(node.payload, Fraction | float)
         try:

@@ -85,7 +85,7 @@ def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
 
 
 def last_of(kernel: Kernel, values: Collection[str]) -> tuple[str, ...]:
-    """Return those of some values that no other of them is computed from."""
+    """Return those values from which none of the others is computed."""
     behind = {value for value in values if reached_from(kernel, [value]) & set(values) == {value}}
     return tuple(line.target for line in kernel.body if line.target in behind)
 
@@ -111,12 +111,13 @@ def vanishing_roots(kernel: Kernel, moving: Collection[Operand]) -> tuple[str, .
     return tuple(found)
 
 
-def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node]) -> bool:
-    """Return whether nodes have kinks, jumps or exponential functions in what is `moving`."""
+def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node], *, kinks: bool) -> bool:
+    """Return whether nodes have exponential functions in what is `moving` or, where `kinks` count, kinks or jumps."""
     mask = 0
     for node in moving:
         mask |= node.deps
-    return any(node.op in (*_KINKED, *_STEEP, *_BRANCHED) and node.deps & mask for node in graph.topological(nodes))
+    counted = {*_STEEP, *_BRANCHED, *(_KINKED if kinks else ())}
+    return any(node.op in counted and node.deps & mask for node in graph.topological(nodes))
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:
@@ -139,7 +140,7 @@ def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[s
 
 
 def leading_to(kernel: Kernel, targets: Collection[Operand]) -> set[Operand]:
-    """Return the values that some are computed from, and these."""
+    """Return some values and all from which they are computed."""
     needed = set(targets)
     for line in reversed(kernel.body):
         if line.target in needed:
@@ -148,7 +149,7 @@ def leading_to(kernel: Kernel, targets: Collection[Operand]) -> set[Operand]:
 
 
 def reached_from(kernel: Kernel, values: Collection[str]) -> set[Operand]:
-    """Return the values that are computed from some, and these."""
+    """Return some values and all that are computed from them."""
     reached: set[Operand] = set(values)
     for line in kernel.body:
         if any(arg in reached for arg in line.args):

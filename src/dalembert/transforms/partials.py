@@ -24,7 +24,7 @@ def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
     Parameters
     ----------
     kernel : Kernel
-        What to differentiate.
+        Kernel to differentiate.
     size : int
         Length of the argument.
     array : str

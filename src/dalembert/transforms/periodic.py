@@ -33,7 +33,7 @@ def turning(body: Sequence[Assignment], inputs: Iterable[str], outputs: Iterable
 
 
 def angles_in(kernel: Kernel, first: int = 0) -> frozenset[int]:
-    """Return which components of y a kernel takes modulo a turn, as far as its outputs from `first` on go."""
+    """Return which components of y the outputs of a kernel from `first` on depend on modulo a turn."""
     places = {load.target: load.index for load in kernel.loads if load.array == "y" and load.index is not None}
     kernel = EliminateDeadCode()(replace(kernel, outputs=kernel.outputs[first:]))
     return frozenset(places[name] for name in turning(kernel.body, places, kernel.outputs))

@@ -80,7 +80,7 @@ class Pipeline(Generic[Code]):
         Parameters
         ----------
         code : Kernel or Program
-            What the passes take.
+            Argument of the passes.
         records : list of PassRecord, optional
             Gets a record of each pass.
 

@@ -41,7 +41,7 @@ def times(a: Monomial, b: Monomial, sign: int = 1) -> Monomial:
 
 
 def sign(c: Node) -> tuple[bool, Node]:
-    """Return whether a coefficient is negative as it is written, and the coefficient without its sign."""
+    """Return whether the form of a coefficient is negative, and the coefficient without its sign."""
     if c.op == "neg" or (c.number is not None and c.number < 0):
         return True, -c
     return False, c

@@ -14,7 +14,7 @@ __all__ = ["rotation_entries", "spin_matrix"]
 
 
 def rotation_entries(e: Sequence[Node]) -> list[list[Node]]:
-    """Return the matrix (3, 3) from components on the body to those on the frame that it turns in."""
+    """Return the matrix (3, 3) from components on the body to those on its reference frame."""
     e0, e1, e2, e3 = e
     return [
         [e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2 * (e1 * e2 - e0 * e3), 2 * (e0 * e2 + e1 * e3)],
@@ -24,7 +24,7 @@ def rotation_entries(e: Sequence[Node]) -> list[list[Node]]:
 
 
 def spin_matrix(e: Sequence[Node], *, body: bool) -> list[list[Node]]:
-    """Return E (4, 3), for components of the angular velocity on the body or on the frame that it turns in."""
+    """Return E (4, 3), for components of the angular velocity on the body or on its reference frame."""
     e0, e1, e2, e3 = e
     if body:
         return [[-e1, -e2, -e3], [e0, -e3, e2], [e3, e0, -e1], [-e2, e1, e0]]

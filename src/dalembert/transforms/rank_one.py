@@ -34,10 +34,10 @@ class DiagonalLessDyad:
     @property
     def regular(self) -> bool:
         """Whether the matrix is not singular at every place, up to the rounding of decimals."""
-        return not any(vanishes(pivot) for pivot in (*self.diagonal, self._rest()))
+        return not any(vanishes(pivot) for pivot in (*self.diagonal, self._determinant_factor()))
 
-    def _rest(self) -> Node:
-        """Return what the determinant is times the product of the diagonal."""
+    def _determinant_factor(self) -> Node:
+        """Return the determinant divided by the product of the diagonal."""
         terms = zip(self.weights, self.diagonal, self.values, strict=True)
         return 1 - self.scale * self.graph.sum(w / d * w * (g * g) for w, d, g in terms)
 
@@ -46,7 +46,7 @@ class DiagonalLessDyad:
         graph = self.graph
         shares = [w / d for w, d in zip(self.weights, self.diagonal, strict=True)]
         along = graph.sum(s * (g * x) for s, g, x in zip(shares, self.values, b, strict=True))
-        lift = self.scale * along / self._rest()
+        lift = self.scale * along / self._determinant_factor()
         return [x / d + s * (g * lift) for x, d, s, g in zip(b, self.diagonal, shares, self.values, strict=True)]
 
 

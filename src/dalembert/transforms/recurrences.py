@@ -23,6 +23,7 @@ from .nonsmooth import (
     vanishing_roots,
 )
 from .periodic import turning
+from .switches import Switch, left_to_control, switches_of
 
 __all__ = ["Integrated", "Recurrences", "recurrences"]
 
@@ -52,7 +53,7 @@ class Recurrences:
         How many of the states, the last ones, are integrals of events with series: nothing depends on them,
         and they begin at zero in every step.
     controlled : tuple of int
-        Which rates of the state depend on what a series may know nothing of: steps look at their defect.
+        Rates of the state that depend on functions which a series may not show: steps check their residual.
     poles : tuple of str
         Inverse powers among that: steps stay within the reach of their series, however small these are.
     step_growth_limited : bool
@@ -62,7 +63,11 @@ class Recurrences:
     tables : tuple of (str, float)
         Arguments of tables that vary, and the keys of these: a step ends where an argument leaves a piece.
     roots : tuple of str
-        Square roots that may vanish: a step ends there, because power series go on to negative values.
+        Square roots that may vanish: a step ends there, because power series continue to negative values.
+    switches : tuple of Switch
+        Kinks and jumps at which steps end.
+    hidden : tuple of str
+        Kinds of the operations that a power series may not show, without the switches.
     """
 
     kernel: Kernel
@@ -77,11 +82,18 @@ class Recurrences:
     nonsmooth: bool = False
     tables: tuple[tuple[str, float], ...] = ()
     roots: tuple[str, ...] = ()
+    switches: tuple[Switch, ...] = ()
+    hidden: tuple[str, ...] = ()
 
     @property
     def watched(self) -> tuple[str, ...]:
-        """Values whose series the end of a step reads whole: the arguments of tables, and the roots."""
-        return (*(argument for argument, _ in self.tables), *self.roots)
+        """Values whose series the end of a step reads whole: arguments of tables, roots, arguments of switches."""
+        return (*(argument for argument, _ in self.tables), *self.roots, *self.switch_arguments)
+
+    @property
+    def switch_arguments(self) -> tuple[str, ...]:
+        """What the switches decide by, each once."""
+        return tuple(dict.fromkeys(switch.argument for switch in self.switches))
 
     @property
     def angles(self) -> frozenset[str]:
@@ -117,19 +129,23 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
     flat = reached_from(kernel, kinks)
     for line in kernel.body:
         if line.op in ("piece", "entry") or not any(arg in varying for arg in line.args):
-            items.append(line)  # steps end where pieces of tables do
+            items.append(line)  # steps end at the ends of pieces of tables
             continue
         new = _from_flat(line) if line.args[0] in flat and _root(line) else _expanded(line, known, done)
         items += _without_fixed_terms(line, new, varying)
     own = len(kernel.outputs) - events_with_series
+    switches, differences = switches_of(kernel, own, varying, hidden)
+    items += differences
+    hidden = left_to_control(kernel, varying, hidden, switches)
     looked_at = reached_from(kernel, hidden)
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
     poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
+    roots = vanishing_roots(kernel, varying - flat)
     return Recurrences(
         kernel,
         tuple(items),
-        frozenset(varying),
+        frozenset(varying | {line.target for line in differences}),
         states,
         kernel.outputs,
         events_with_series,
@@ -142,7 +158,9 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
             for line in kernel.body
             if line.op == "piece" and line.args[0] in varying
         ),
-        vanishing_roots(kernel, varying - flat),
+        roots,
+        switches,
+        tuple(hidden.values()),
     )
 
 
@@ -150,7 +168,7 @@ Items = list[Assignment | Integrated]
 
 
 def _without_fixed_terms(line: Assignment, new: Items, varying: set[str]) -> Items:
-    """Return the items of a value without the terms of operands that do not vary, and without what only these needed.
+    """Return the items of a value without terms of fixed operands, and without items that only those terms need.
 
     The targets of items that vary join `varying`. An operand may be a literal (atan2(y, 2)), which has no series.
     """

@@ -1,4 +1,4 @@
-"""Residual control of Taylor steps: the defect of the polynomial at points within the step.
+"""Residual control of Taylor steps: the residual of the polynomial at points within the step.
 
 A step takes its size from the last two coefficients of its series. A term that vanishes at the start of the step and is
 large within it is not in them: tanh(100) is 1 with all its derivatives 0, and t**25 has no coefficient up to order 24.
@@ -22,6 +22,7 @@ from ..ir.lines import Lines
 from .expansion import FAITHFUL_ORDER, Series, coefficient, over
 from .nonsmooth import leading_to
 from .recurrences import Recurrences
+from .switch_steps import as_at_start
 
 __all__ = ["PREVIOUS", "cost", "grown", "reached"]
 
@@ -49,7 +50,7 @@ def cost(recurrences: Recurrences, order: int) -> tuple[int, int]:
 
 
 def grown(lines: Lines, size: Operand, largest: Operand) -> Operand:
-    """Return the size of a step that its predecessor allows."""
+    """Return the largest size of a step after its predecessor."""
     first = lines.mul(largest, _FIRST)
     most = lines.op("select", lines.op("less", 0.0, PREVIOUS), lines.mul(PREVIOUS, _GROWTH), first)
     return lines.op("min", size, most)
@@ -66,7 +67,7 @@ def reached(
     tolerance: float,
     arguments: Mapping[Operand, Operand],
 ) -> Operand:
-    """Return how far a step may go: up to the last point before the first where its polynomial is not a solution.
+    """Return the size of a step that ends at the last point before its polynomial fails to solve the equations.
 
     Parameters
     ----------
@@ -75,15 +76,16 @@ def reached(
     size : Operand
         Of the step that is proposed, which is returned as it is where all is fine.
     scale, tolerance
-        What errors are measured by, and the share of it that the order of the step stands for.
+        Scale of errors, and the tolerance of the step as a share of it.
     arguments : mapping of str to Operand
-        Arguments of tables at the beginning of the step, which stays in the pieces that they are in.
+        Arguments of tables and of switches at the beginning of the step, which stays in the pieces that they are in.
     """
     kernel = recurrences.kernel
     needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
     body = [line for line in kernel.body if line.target in needed]
     read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.controlled}
     allowed = lines.mul(scale, max(_ALLOWED * (order + 1) * tolerance, _NOISE))
+    switches = {switch.line.target: switch for switch in recurrences.switches}
     reach: Operand = _LEAST
     fine: Operand = 1.0
     for theta in _POINTS:
@@ -107,7 +109,13 @@ def reached(
                 values[load.target] = lines.op("add", load.target, x)
         for line in body:
             known = arguments if line.op == "piece" else values
-            values[line.target] = lines.op(line.op, *(known.get(arg, arg) for arg in line.args))
+            args = [known.get(arg, arg) for arg in line.args]
+            switch = switches.get(line.target)
+            values[line.target] = (
+                lines.op(line.op, *args)
+                if switch is None
+                else as_at_start(lines, switch, arguments[switch.argument], args)
+            )
         for i in recurrences.controlled:
             found = values[recurrences.rates[i]]
             gap = lines.op("abs", lines.sub(found, polynomial(rates[i])))

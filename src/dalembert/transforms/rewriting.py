@@ -26,7 +26,7 @@ _PASSES = 3
 _THOROUGH, _LARGEST = 300, 1000
 """Values up to which every form is tried, and up to which any is: the time goes with their number."""
 _FIRST_SLACK = 1.5
-"""What a form may cost more in the first pass: that a product can be shared shows once others have it too."""
+"""Factor by which a form may cost more in the first pass: that a product can be shared shows once others do so."""
 _LAST = 1 << 60
 
 
@@ -62,13 +62,13 @@ def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tupl
     return forms, outputs
 
 
-class _Unfit(Exception):
-    """A form needs a value that comes after the value that it is for, or costs more than the best one known."""
+class _UnsuitableForm(Exception):
+    """Raised for a form that needs a value computed later, or that costs more than the best known form."""
 
 
 @final
 class _Rewriter:
-    """One round after another of values, operands first, each given the cheapest of the forms tried."""
+    """Rounds over all values, operands first; each value takes the cheapest of the forms tried."""
 
     def __init__(self, forms: Forms, order: Sequence[Node], errors: dict[int, Probed]) -> None:
         self.forms, self.graph, self.order, self.errors = forms, forms.graph, order, errors
@@ -126,7 +126,7 @@ class _Rewriter:
                 self.counted.clear()
                 try:
                     made = self._build(p, factored)
-                except _Unfit:
+                except _UnsuitableForm:
                     continue
                 if made is not node or not self.final[0]:
                     continue
@@ -142,7 +142,7 @@ class _Rewriter:
             self.changed |= {node.index, *(arg.index for arg in (*old[1], *best[1]))}
 
     def _is_accurate(self, node: Node, form: Form) -> bool:
-        """Whether a form loses no digit that the value as it came has; values in between count as they came."""
+        """Return whether a form loses no digit that the original form of the value has."""
         known = dict(self.errors)
         for arg in form[1]:
             probed(arg, known, self.forms.of)
@@ -174,7 +174,7 @@ class _Rewriter:
     # -- building -------------------------------------------------------------------------
 
     def _make(self, op: str, *args: Node) -> Node:
-        """Return the value, in the form that it has already or else in this one."""
+        """Return the value, in the form that it has already or, without one, in this form."""
         for arg in args:
             self._bring(arg, (arg.op, arg.args))
         made = self._known(op, args) or self.graph.call(op, *args)
@@ -186,7 +186,7 @@ class _Rewriter:
             self.counted.add(made.index)
             self.budget -= self.forms.weight(made)
             if self.budget < 0:
-                raise _Unfit
+                raise _UnsuitableForm
         return made
 
     def _bring(self, node: Node, form: Form) -> None:
@@ -197,7 +197,7 @@ class _Rewriter:
         unused = not self.forms.uses[node.index]
         args = form[1] if unused else self.forms.args(node)
         if node is self.target or any(self._place(arg) >= here for arg in args):
-            raise _Unfit
+            raise _UnsuitableForm
         if unused:
             self.forms.choose(node, form)
         self.serial += 1

@@ -1,6 +1,6 @@
 """Ends of Taylor steps at zeros of square roots: [series of a root] -> [size of the step].
 
-A length sqrt(x^2 + y^2) that passes through zero has a kink there. Its power series knows of none: it goes on to
+A length sqrt(x^2 + y^2) that passes through zero has a kink there. Its power series has none: it continues to
 negative values, as that of sqrt(x^2) is the series of x. A force along the line between two points then keeps its
 direction where it ought to turn round, and nothing in the coefficients shows it. The same holds for lengths that come
 so close to zero that their kink is below the tolerance.
@@ -20,7 +20,7 @@ from ..ir.kernel import Operand
 from ..ir.lines import Lines
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .expansion import Series, coefficient
-from .table_steps import CLOCK
+from .table_steps import CLOCK, time_to_change
 
 __all__ = ["before_zeros"]
 
@@ -59,7 +59,7 @@ def before_zeros(
     size, direction : Operand
         Of the step that is proposed, and that of time.
     scale, tolerance
-        What errors are measured by, and the share of it that the order of the step stands for.
+        Scale of errors, and the tolerance of the step as a share of it.
     """
     if not roots:
         return size
@@ -70,19 +70,14 @@ def before_zeros(
         sooner = lines.op("less", lines.mul(other[0], below), lines.mul(above, other[1]))
         above, below = (lines.op("select", sooner, a, b) for a, b in zip(other, (above, below), strict=True))
     certain = lines.mul(size, lines.op("div", lines.mul(above, 0.5), lines.add(below, _TINY)))
-    least = lines.op("max", _passing(lines, rates, scale, tolerance), lines.mul(lines.op("abs", CLOCK), _SPACING))
+    least = lines.op(
+        "max",
+        time_to_change(lines, rates, scale, max(_PASSING * tolerance, _NEAREST)),
+        lines.mul(lines.op("abs", CLOCK), _SPACING),
+    )
     last = lines.op("less", lines.mul(certain, 0.5 * (1.0 - _SHARE)), least)
     share = lines.op("select", last, 1.0, _SHARE)
     return lines.op("min", lines.fma(certain, share, least), size)
-
-
-def _passing(lines: Lines, rates: Sequence[Series], scale: Operand, tolerance: float) -> Operand:
-    """Return the time in which rates change the state by a share of the tolerance."""
-    fastest: Operand = _TINY
-    for rate in rates:
-        if rate[0] != 0.0:
-            fastest = lines.op("max", fastest, lines.op("abs", rate[0]))
-    return lines.op("div", lines.mul(scale, max(_PASSING * tolerance, _NEAREST)), fastest)
 
 
 def _certain(lines: Lines, series: Series, order: int, h: Operand) -> tuple[Operand, Operand]:

@@ -15,7 +15,7 @@ from ..ir.kernel import Kernel, Load, Operand
 from ..ir.lines import Lines
 from ..methods.chebyshev import COEFFICIENTS, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SLOPES, SMOOTH, TAIL
 from .pipelines import STEP_PASSES
-from .runge_kutta import inlined
+from .runge_kutta_parts import inlined
 
 __all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
@@ -53,7 +53,7 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     Parameters
     ----------
     count : int
-        How many expressions have series.
+        Number of expressions with series.
     size : int
         Place of the size of the step among its outputs; behind its check are polynomials, the last of the integrals.
     degree : int
@@ -96,7 +96,7 @@ def step_bounds_kernel(values: Kernel, shape: StepShape) -> Kernel:
 def _over_step(
     name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
 ) -> Kernel:
-    """Return a kernel of a step's outputs, `finish` giving what it computes of the values at the points."""
+    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at the points."""
     lines = Lines()
     used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]

@@ -10,6 +10,7 @@ times the spacing of times: so steps make progress, and the argument is past the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -19,7 +20,15 @@ from ..ir.tables import LOWER, UPPER, table_of
 from ..methods.step_constants import EPSILON, SMALLEST_OF_TIME
 from .expansion import Series, coefficient
 
-__all__ = ["CLOCK", "within_piece"]
+__all__ = [
+    "CLOCK",
+    "Side",
+    "in_shares_of_step",
+    "shortest",
+    "time_to_change",
+    "value_and_slope",
+    "within_piece",
+]
 
 CLOCK = "clock_"
 """The time at the beginning of a step."""
@@ -45,31 +54,50 @@ def within_piece(lines: Lines, series: Series, key: float, order: int, size: Ope
         Of the step that is proposed, and that of time.
     """
     place = lines.op("piece", series[0], key)
-    h = lines.mul(size, direction)
-    power: Operand = 1.0
-    terms: Series = []  # of the argument, in shares of the step
-    for k in range(order):
-        terms.append(lines.mul(coefficient(series, k), power))
-        power = lines.mul(power, h)
+    terms = in_shares_of_step(lines, series, order, lines.mul(size, direction))
     table = table_of(key)
     margin = _MARGIN * max(abs(table.first), abs(table.last), table.spacing)
     gaps = (
         lines.add(lines.op("sub", lines.op("entry", place, key, float(UPPER)), series[0]), margin),
         lines.add(lines.op("sub", series[0], lines.op("entry", place, key, float(LOWER))), margin),
     )
-    up, down = (_Side.of(lines, terms, turned) for turned in (False, True))
+    up, down = (Side.of(lines, terms, turned) for turned in (False, True))
     share: Operand = 0.0
     for number in range(_ROUNDS):
-        moved, slope = (0.0, terms[1]) if number == 0 else _value_and_slope(lines, terms, share)
+        moved, slope = (0.0, terms[1]) if number == 0 else value_and_slope(lines, terms, share)
         above = up.certain(lines, lines.sub(gaps[0], moved), slope)
         below = down.certain(lines, lines.add(gaps[1], moved), lines.neg(slope))
         share = lines.op("min", lines.add(share, lines.op("min", above, below)), 1.0)
-    least = lines.op("max", lines.mul(size, _LEAST), lines.mul(lines.op("abs", CLOCK), _SPACING))
+    least = shortest(lines, size)
     stays = lines.mul(lines.op("less", up.rise, gaps[0]), lines.op("less_equal", down.rise, gaps[1]))
     return lines.op("select", stays, size, lines.op("min", lines.fma(size, share, least), size))
 
 
-def _value_and_slope(lines: Lines, terms: Series, share: Operand) -> tuple[Operand, Operand]:
+def in_shares_of_step(lines: Lines, series: Series, order: int, h: Operand) -> Series:
+    """Return the terms of a series whose variable is the share of a step h, with its sign."""
+    power: Operand = 1.0
+    terms: Series = []
+    for k in range(order):
+        terms.append(lines.mul(coefficient(series, k), power))
+        power = lines.mul(power, h)
+    return terms
+
+
+def shortest(lines: Lines, size: Operand) -> Operand:
+    """Return how much a step always takes, so that it makes progress."""
+    return lines.op("max", lines.mul(size, _LEAST), lines.mul(lines.op("abs", CLOCK), _SPACING))
+
+
+def time_to_change(lines: Lines, rates: Sequence[Series], scale: Operand, share: float) -> Operand:
+    """Return the time in which rates change the state by a share of the scale of errors."""
+    fastest: Operand = _TINY
+    for rate in rates:
+        if rate[0] != 0.0:
+            fastest = lines.op("max", fastest, lines.op("abs", rate[0]))
+    return lines.op("div", lines.mul(scale, share), fastest)
+
+
+def value_and_slope(lines: Lines, terms: Series, share: Operand) -> tuple[Operand, Operand]:
     """Return how far the argument has moved after a share of the step, and its slope there, by Horner's scheme."""
     value: Operand = terms[-1]
     slope: Operand = 0.0
@@ -81,7 +109,7 @@ def _value_and_slope(lines: Lines, terms: Series, share: Operand) -> tuple[Opera
 
 @final
 @dataclass(frozen=True)
-class _Side:
+class Side:
     """Bounds over the whole step of the motion towards one end of a piece.
 
     Attributes
@@ -97,7 +125,7 @@ class _Side:
     most: Operand
 
     @classmethod
-    def of(cls, lines: Lines, terms: Series, turned: bool) -> _Side:
+    def of(cls, lines: Lines, terms: Series, turned: bool) -> Side:
         """Return the bounds towards the upper end, or the lower where `turned`."""
         rise: Operand = 0.0
         bend: Operand = 0.0
@@ -111,7 +139,7 @@ class _Side:
         return cls(rise, bend, most)
 
     def certain(self, lines: Lines, gap: Operand, slope: Operand) -> Operand:
-        """Return for how long the end is certainly not reached: the root d of slope d + bend d^2/2 = gap."""
+        """Return the time for which the end is certainly not reached: the root d of slope d + bend d^2/2 = gap."""
         gap = lines.op("max", lines.op("min", gap, self.most), 0.0)
         twice = lines.mul(gap, 2.0)
         root = lines.op("sqrt", lines.fma(slope, slope, lines.mul(self.bend, twice)))

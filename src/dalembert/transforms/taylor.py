@@ -25,6 +25,7 @@ from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
 from .root_steps import before_zeros
+from .switch_steps import before_switches
 from .table_steps import CLOCK, within_piece
 
 __all__ = [
@@ -104,7 +105,7 @@ _TURNS = 4.0 * math.pi
 LOW_TERMS = 4
 """Terms of the series of an event that may be the largest: those after which it leaves zero."""
 _NOTHING, _LESS = 1e-250, 1e-300
-"""Sizes that stand for zero, such that what is zero all over a step does not limit it."""
+"""Smallest sizes of terms, so that a series that is zero does not limit the step."""
 
 SETTING_NAMES = ("largest_", "direction_", "floor_")
 
@@ -136,15 +137,20 @@ def closing(
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
     if recurrences.step_growth_limited:
         size = grown(lines, size, largest)
-    arguments, roots = watched[: len(recurrences.tables)], watched[len(recurrences.tables) :]
+    tables, vanishing = len(recurrences.tables), len(recurrences.roots)
+    arguments, roots = watched[:tables], watched[tables : tables + vanishing]
+    deciding = dict(zip(recurrences.switch_arguments, watched[tables + vanishing :], strict=True))
     for (_, key), series in zip(recurrences.tables, arguments, strict=True):
         size = within_piece(lines, series, key, order, size, direction)
     tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
     size = before_zeros(lines, roots, rates, order, size, direction, scale, tolerance)
+    moving = recurrences.switches, deciding, rates
+    size = before_switches(lines, *moving, order, size, direction, scale, tolerance)
     if recurrences.controlled:
         begun: dict[Operand, Operand] = {
             name: series[0] for (name, _), series in zip(recurrences.tables, arguments, strict=True)
         }
+        begun |= {name: series[0] for name, series in deciding.items()}
         size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance, begun)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER

@@ -27,16 +27,7 @@ def zero_limits(
 ) -> tuple[Node, Node] | None:
     """Return the largest size of the next step, forward and backward in time; None where nothing limits it.
 
-    Parameters
-    ----------
-    graph : Graph
-        Of all nodes.
-    rates, state : sequence of Node
-        Of the state, and its components.
-    time : Node
-        The time.
-    moving : int
-        Dependency bits of the components of the state.
+    Parameters are those of `knot_limits`, with dependency bits `moving` of the components of the state alone.
     """
     lengths = [node for node in _vanishing(graph, rates) if node.deps & moving]
     if not lengths:
@@ -58,7 +49,7 @@ def zero_limits(
 
 def _vanishing(graph: Graph, rates: Sequence[Node]) -> list[Node]:
     """Return the square roots that may vanish: of all but sums of squares and a positive number."""
-    least: dict[int, float] = {}  # lower bounds of values that are known to be positive or zero
+    least: dict[int, float] = {}  # lower bounds of values that are positive or zero
     found = []
     for node in graph.topological(rates):
         args = node.args

@@ -19,13 +19,13 @@ FIXED = {
     "particle": (3, 44, 56, 73),
     "stack": (17, 21, 37),
     "rod on floor": (1, 21, 36),
-    "rod in corner": (2, 21, 49, 167),
+    "rod in corner": (2, 21, 49, 61, 167),
     "plate": (1, 41, 46, 58, 136),
     "wheel": (0, 9, 25, 64),
     "slot": (26, 37, 49),
     "chain": (3, 8, 27, 38, 42, 56, 87, 172),
     "disc": (5, 8, 32, 39),
-    "pendulum": (1, 32, 48, 53, 127),
+    "pendulum": (1, 32, 41, 48, 53, 127),
 }
 PARTICLE = ("m", "g_x", "g_y", "k", "c", "x_0", "A", "omega", "phi", "B", "C", "nu", "belt", "mu", "mu_s", "e")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...errors import OptionError, list_names
+from ...errors import OptionError
 from ...integrators.jax.kernels import CORRECTIONS
 from ...ir.program import Program
 from ...options import SolveOptions
@@ -23,12 +23,8 @@ def refuse_adjoint(program: Program, options: SolveOptions, *, implicit: bool) -
         why = f"method={options.method!r} has derivatives of its own, with checkpoints"
     elif options.dense:
         why = "dense=True keeps a record of the run"
-    elif program.conditions is not None:
-        why = "conditions on time of this scene end its steps"
     elif decisions(program) is not None:
         why = "the rates of this scene may jump with its state, across which derivatives are found along a record"
-    elif program.layout.inputs:
-        why = f"this scene has inputs ({list_names(program.layout.inputs)})"
     elif adjoint == "continuous" and any(name in program for name in CORRECTIONS):
         why = (
             f"the formulation {program.formulation!r} moves states onto the constraints after each step, of which the"

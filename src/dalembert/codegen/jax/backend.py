@@ -25,9 +25,7 @@ from ..step_blocks import growing_step_blocks
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
-    from ...scene.model import InputSymbol
-
-    pass
+    from ...scene.symbol_table import InputSymbol
 
 try:
     import diffrax  # noqa: F401  # of the extra, too
@@ -43,9 +41,11 @@ from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.precision import double_precision
+from ...integrators.jax.run_data import Limits
 from ...integrators.jax.series import TaylorIntegrator
 from ...integrators.jax.solvers import METHODS, Integrator
 from ...integrators.jax.solvers import Settings as SolverSettings
+from .foreign import ForeignRuns, row_of_limits
 from .hosted import HostedSolve
 from .kernels import compile_kernel
 from .modules import loaded, rendered_module
@@ -191,9 +191,44 @@ class JaxEngine(Engine):
         if block.watch is not None:
             super().integrate_block(block, method, result)
             return
-        run = self._diffrax_block if method in METHODS and METHODS[method].ends else self._own_block
         with double_precision():
-            run(block, method, result)
+            if method in METHODS and METHODS[method].ends:
+                self._diffrax_block(block, method, result)
+            elif self._calls_machine_code(method):
+                self._called_block(block, method, result)
+            else:
+                self._own_block(block, method, result)
+
+    def _calls_machine_code(self, method: str) -> bool:
+        """Return whether machine code that XLA calls runs the cases: on CPUs."""
+        device = jax.config.jax_default_device  # type: ignore[attr-defined]
+        platform = getattr(device, "platform", device) or jax.default_backend()
+        served = self._program.conditions is None and bool(self._program.layout.state)
+        return platform == "cpu" and served and ForeignRuns(self._program, method).serves_batches
+
+    def _called_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
+        """Run cases in one call; those that pad their number to a power of two end where they begin."""
+        tolerance = clipped_tolerance(block.rtol, block.atol)
+        floor, least = scale_floor(block.rtol, block.atol), max(block.atol, SMALLEST_SCALE)
+        limits = Limits(block.rtol, least, floor, block.max_step, block.max_steps)
+        order, count = order_for(tolerance) if method == "taylor" else 0, len(block.y)
+
+        def make() -> Callable[..., Any]:
+            steps = pieces_of(self._program, self.kernels, method, order).steps
+            return ForeignRuns(self._program, method).sweep(limits, steps)
+
+        runner = computed_once(self._batches, (f"call {method}", order), make)
+        t, states = _padded(block.spans), _padded(block.y)
+        t[count:, 1] = t[count:, 0]
+        if len(block.t_eval):  # whose span is that of all cases
+            t = np.concatenate([t[:1, :1], block.t_eval[np.newaxis], t[:1, 1:]], axis=1)
+            states[count:] = np.nan
+        row = np.array([row_of_limits(limits, method)])
+        out, samples = jax.device_get(runner(t, states, _padded(block.c), row))
+        if len(block.t_eval):
+            result.samples[:] = samples[:count, 1:-1]
+        result.y[:] = out.end[:count]
+        result.ends[:] = np.stack([out.reached, out.status, out.steps], axis=1)[:count]
 
     def _own_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         tolerance = clipped_tolerance(block.rtol, block.atol)

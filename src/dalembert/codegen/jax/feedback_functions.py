@@ -15,7 +15,7 @@ from jax.extend.core import jaxprs_in_params
 from ...errors import OptionError
 from ...integrators.feedback import Feedback
 from ...once import once
-from ...scene.model import InputSymbol
+from ...scene.symbol_table import InputSymbol
 
 __all__ = ["checked_feedback", "function_of_weights", "register_feedback", "weights_of"]
 

@@ -1,18 +1,18 @@
-"""Single runs in traced programs as calls of machine code: on CPUs, in double precision.
+"""Runs in traced programs as calls of machine code: on CPUs, in double precision.
 
 XLA takes a microsecond to start each fused loop, of which a step of one case has dozens. A run without inputs and
 conditions on time is therefore one operation of the traced program, which XLA calls as a foreign function: the compiled
-loop of prepared runs (`dalembert.integrators.foreign_loop`). On other devices, and in programs that are exported, the
-same operation is the traced loop.
+loop of prepared runs (`dalembert.integrators.foreign_loop`). A batch of such runs is one operation, too: the compiled
+loop over lanes (`dalembert.codegen.jax.foreign_batches`). On other devices, and in programs that are exported, these
+operations are traced loops.
 """
 
 from __future__ import annotations
 
 import ctypes
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import jax
@@ -20,25 +20,26 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import mlir
 
-from ...integrators.jax.derivatives import Record
-from ...integrators.jax.motion import Limits
+from ...integrators.jax.derivatives import Record, Steps
+from ...integrators.jax.run_data import Limits, Stepping
 from ...ir.program import Program
 from ...once import computed_once, once
+from ...transforms.taylor import clipped_tolerance, order_for
 from ..cache import digest_of
 from ..llvm.loops import debugging
+from .foreign_batches import Traced, run_batch, run_sweep
+from .foreign_interface import foreign_interface
 
 if TYPE_CHECKING:
     from ..llvm.foreign import ForeignCode
+    from ..llvm.foreign_batch import Interface
 
-__all__ = ["ForeignRuns"]
+__all__ = ["ForeignRuns", "row_of_limits"]
 
 _COMPILED = {"dopri8": "dop853", "tsit5": "tsit5", "taylor": "taylor"}
 """Methods of traced runs, and what compiled loops call them."""
 
 _NUMBERS = 5
-_KNOWN_VERSION = 0, 3
-"""The major version of XLA's interface for foreign functions that the handlers are written for, and its last minor one:
-a later one may add fields to what the handlers read."""
 
 
 @final
@@ -63,10 +64,17 @@ class ForeignRuns:
 
         It computes in 64 bits, is not told apart by mesh axes, and gives way where loops are to run as plain Python.
         """
+        return self._serves_on(jax.sharding.AxisType.Auto)
+
+    @property
+    def serves_batches(self) -> bool:
+        """Whether the present trace may call machine code for batches; on axes of ``jax.shard_map``, too."""
+        return self._serves_on(jax.sharding.AxisType.Auto, jax.sharding.AxisType.Manual)
+
+    def _serves_on(self, *kinds: Any) -> bool:
         types = jax.sharding.get_abstract_mesh().axis_types
-        automatic = all(kind == jax.sharding.AxisType.Auto for kind in types)
         wide: bool = jax.config.jax_enable_x64  # type: ignore[attr-defined]
-        return wide and automatic and _version() is not None and not debugging()
+        return wide and all(kind in kinds for kind in types) and foreign_interface() is not None and not debugging()
 
     def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
         """Return how the run went at times t (n_t,) from y (n_y,) with constants c (n_c,), as `Motion` wants it.
@@ -76,9 +84,51 @@ class ForeignRuns:
         rows = (room, 2 + len(y)) if room or len(t) <= 2 else (len(t), 1 + len(y))
         run = _Run(self.program, self.method, limits)
         bind: Any = _RUN.bind
-        end, numbers, taken = bind(t, y, c, run=run, rows=rows, traced=_Traced(traced, (run, rows)))
+        end, numbers, taken = bind(t, y, c, run=run, rows=rows, traced=Traced(traced, (run, rows)))
         count, reached, status, steps, attempts = numbers
         return Record(count.astype(int), taken, end, reached, status, steps, attempts)
+
+    def batch(
+        self,
+        limits: Limits,
+        room: int,
+        traced: Callable[..., Record],
+        size: int,
+        given: Sequence[Any],
+        batched: Sequence[bool],
+    ) -> Record:
+        """Return how `size` runs went; see `dalembert.codegen.jax.foreign_batches.run_batch`."""
+        return run_batch(_Run(self.program, self.method, limits), room, traced, size, given, batched)
+
+    def sweep(self, limits: Limits, steps: Stepping) -> Callable[..., tuple[Record, Any]]:
+        """Return the function that runs a sweep, compiled once for all limits.
+
+        It is one of rows (t, y, c, limits) as `run_sweep` has them, and returns how the runs went, and states (k, n_t,
+        n_y) at times between ends, by shorter `steps`, NaN where a run did not come. Taylor steps have the order of the
+        `limits` given here.
+        """
+        run = _Run(self.program, self.method, limits)
+
+        def swept(t: Any, y: Any, c: Any, limits: Any) -> tuple[Record, Any]:
+            record = run_sweep(run, t, y, c, limits)
+            if t.shape[1] == 2:
+                return record, jnp.zeros((len(y), 0, y.shape[1]))
+            begins, known = record.taken[:, :, 0], jnp.abs(t - t[:, :1]) <= jnp.abs(record.reached[:, None] - t[:, :1])
+            sizes = jnp.where(known, t - begins, 0.0)
+
+            def ends(begins: Any, sizes: Any, states: Any, c: Any) -> Any:
+                return jnp.stack(steps(Steps(begins, sizes, tuple(states.T), tuple(c), record.count > 0)), axis=1)
+
+            states = jax.vmap(ends)(begins, sizes, record.taken[:, :, 1:], c)
+            return record, jnp.where(known[:, :, None], states, jnp.nan)
+
+        return jax.jit(swept)
+
+
+def row_of_limits(limits: Limits, method: str) -> tuple[float, ...]:
+    """Return the largest step, the number of attempts, and what steps of a method read of tolerances."""
+    read = (limits.floor,) if method == "taylor" else (limits.rtol, limits.atol)
+    return limits.max_step, float(limits.max_steps), *read
 
 
 @final
@@ -92,63 +142,71 @@ class _Run:
 
     @property
     def code(self) -> tuple[str, ForeignCode]:
-        """The name of the handler, and what it is."""
-        return _registered(self)
+        """The name of the handler of single runs, and what it is."""
+        return _of_one(self)
+
+    def batch_code(self, *, recorded: bool) -> tuple[str, ForeignCode]:
+        """See `BatchRun`."""
+        return _of_many(self, recorded)
+
+    @property
+    def row_of_limits(self) -> tuple[float, ...]:
+        """See `BatchRun`."""
+        return row_of_limits(self.limits, self.method)
 
 
-@final
-class _Traced:
-    """A function of (t, y, c) that traces a run; those of the same run are the same."""
-
-    def __init__(self, function: Callable[..., Record], key: Any) -> None:
-        self._function, self._key = function, key
-
-    def __call__(self, t: Any, y: Any, c: Any) -> tuple[Any, ...]:
-        """Return the last state, the numbers and the rows."""
-        record = self._function(t, y, c)
-        numbers = record.count, record.reached, record.status, record.steps, record.attempts
-        return record.end, jnp.stack([jnp.asarray(number, float) for number in numbers]), record.taken
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Traced) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+def _in_loop(t: Any, y: Any, c: Any, traced: Traced) -> tuple[Any, ...]:
+    """Return the last state, the numbers and the rows of a traced loop."""
+    record = traced(t, y, c)
+    numbers = record.count, record.reached, record.status, record.steps, record.attempts
+    return record.end, jnp.stack([jnp.asarray(number, float) for number in numbers]), record.taken
 
 
 @once
-def _version() -> tuple[int, int] | None:
-    """Return the version of XLA's interface for foreign functions; None where it is not one that is known."""
-    header = Path(jax.ffi.include_dir()) / "xla" / "ffi" / "api" / "c_api.h"
-    try:
-        text = header.read_text(encoding="utf-8")
-    except OSError:
-        return None
-    found = [re.search(rf"#define XLA_FFI_API_{part} (\d+)", text) for part in ("MAJOR", "MINOR")]
-    if found[0] is None or found[1] is None:
-        return None
-    version = int(found[0][1]), int(found[1][1])
-    return version if version[0] == _KNOWN_VERSION[0] and version[1] <= _KNOWN_VERSION[1] else None
+def _of_one(run: _Run) -> tuple[str, ForeignCode]:
+    """Return the handler of single runs, and its name."""
+    limits = run.limits
+    given = _COMPILED[run.method], (limits.rtol, limits.atol), (limits.max_step, limits.max_steps)
+
+    def made(engine: Any, interface: Interface) -> ForeignCode:
+        code: ForeignCode = engine.foreign(*given, interface.version)
+        return code
+
+    return _registered("run", run.program, (run.method, limits), made)
 
 
 @once
-def _registered(run: _Run) -> tuple[str, ForeignCode]:
-    """Return the handler of runs, which XLA knows from now on by a name that is the same in every process."""
+def _of_many(run: _Run, recorded: bool) -> tuple[str, ForeignCode]:
+    """Return the handler of batches, with records or without, and its name: one for all tolerances."""
+    tolerances = run.limits.rtol, run.limits.atol
+    order = order_for(clipped_tolerance(*tolerances)) if run.method == "taylor" else 0
+
+    def made(engine: Any, interface: Interface) -> ForeignCode:
+        code: ForeignCode = engine.foreign_batch(_COMPILED[run.method], tolerances, interface, recorded=recorded)
+        return code
+
+    return _registered("recorded_batch" if recorded else "batch", run.program, (run.method, order), made)
+
+
+def _registered(
+    kind: str, program: Program, settings: Any, made: Callable[[Any, Interface], ForeignCode]
+) -> tuple[str, ForeignCode]:
+    """Return a handler, which XLA knows from now on by a name that is the same in every process.
+
+    `made` makes it of the compiled engine and the interface.
+    """
     from ..llvm.backend import LLVMBackend
     from ..llvm.target import target
 
-    backend, limits, version = LLVMBackend(), run.limits, _version()
-    assert version is not None
-    rendered = backend.render(run.program)
-    layout = run.program.layout
+    backend, interface = LLVMBackend(), foreign_interface()
+    assert interface is not None
+    rendered = backend.render(program)
+    layout = program.layout
     sizes = len(layout.state), layout.constants or len(layout.parameters)
-    settings = repr((_COMPILED[run.method], limits, version, target().key, sizes))
-    name = f"dalembert_run_{digest_of(rendered.digest, settings)}"
+    name = f"dalembert_{kind}_{digest_of(rendered.digest, repr((settings, interface, target().key, sizes)))}"
 
     def make() -> ForeignCode:
-        engine: Any = backend.load(rendered, cache=True)
-        tolerances, allowed = (limits.rtol, limits.atol), (limits.max_step, limits.max_steps)
-        code: ForeignCode = engine.foreign(_COMPILED[run.method], tolerances, allowed, version)
+        code = made(backend.load(rendered, cache=True), interface)
         ffi: Any = jax.ffi  # which has no types throughout
         ffi.register_ffi_target(name, ffi.pycapsule(ctypes.c_void_p(code.address)), platform="cpu")
         return code
@@ -164,23 +222,23 @@ _RUN.multiple_results = True
 
 
 @_RUN.def_impl
-def _run_at_once(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: _Traced) -> Sequence[Any]:
+def _run_at_once(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
     """Return what `traced` does: the operation is compiled wherever a trace is."""
-    return traced(t, y, c)
+    return _in_loop(t, y, c, traced)
 
 
 @_RUN.def_abstract_eval
-def _shapes(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: _Traced) -> Sequence[Any]:
+def _shapes(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
     """Return the shapes of the last state, the numbers and the rows."""
     return tuple(jax.core.ShapedArray(shape, y.dtype) for shape in (y.shape, (_NUMBERS,), rows))
 
 
-def _lower_traced(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: _Traced) -> Sequence[Any]:
+def _lower_traced(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
     """Lower to the traced loop."""
-    return mlir.lower_fun(traced, multiple_results=True)(context, *values)
+    return mlir.lower_fun(partial(_in_loop, traced=traced), multiple_results=True)(context, *values)
 
 
-def _lower_called(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: _Traced) -> Sequence[Any]:
+def _lower_called(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
     """Lower to a call of the handler."""
     if context.module_context.lowering_parameters.for_export:
         return _lower_traced(context, *values, run=run, rows=rows, traced=traced)

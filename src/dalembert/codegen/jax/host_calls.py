@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...arrays import FloatArray
-from ...integrators.jax.mesh_axes import varying_like
+from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_like, vectorised
 from ...integrators.jax.precision import SINGLE, process_precision
 
 __all__ = ["on_host"]
@@ -46,13 +47,21 @@ def on_host(
         )
 
     given = tuple(jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in given)
+    with mesh_of(given):
+        # On explicit axes each device calls for its own cases; JAX takes what comes back for arrays that lie nowhere.
+        found = vectorised(partial(_called, call, shapes, single), True, *given)
+        return tuple(varying_like(laid_on_mesh(found), given))
+
+
+def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single: bool, *given: Any) -> tuple[Any, ...]:
+    """Return what a function on the host gives, whose numbers pass through 32 bits each."""
     if single:
         shown = tuple(_Struct(shape, jnp.float32) for shape in shapes)
-        return varying_like(tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all")), given)
+        return tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all"))
     wanted = tuple(_Struct((*shape, 2), jnp.uint32) for shape in shapes)
     halves = (_halves(value) for value in given)
     found = jax.pure_callback(call, wanted, *halves, vmap_method="broadcast_all")
-    return varying_like(tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found), given)
+    return tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found)
 
 
 def _halves(value: Any) -> Any:

@@ -12,32 +12,23 @@ from jax.custom_derivatives import SymbolicZero
 
 from ...errors import OptionError
 from ...integrators.feedback import Feedback
-from ...integrators.jax.kernels import stacked
 from ...integrators.jax.linear_maps import apply
 from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from ...integrators.jax.unknown import Sloped, without_derivative
 from ...integrators.samples import Samples
-from ...methods.status import Status
 from ...once import once_property
 from ...options import SolveOptions
 from ..host_runs import HostedRuns, HostRun
-from ..printers import JAX
 from .arguments import parameters_of, times, vector
 from .host_calls import on_host
 from .hosted_dense import HostedDense
-from .kernels import compile_kernel
+from .hosted_derivatives import HostedChanges
 from .pointwise import StateFunctions
-from .pure import Solve, refusing
+from .pure import Solve
 from .records import register_samples
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
 from .solved import EventTimes, Solved, States, raise_failure
 
 __all__ = ["HostedSolve"]
-
-_NO_SECOND = (
-    "runs with events have first derivatives only: take those of second order without events=, over a span that ends"
-    " before them"
-)
 
 
 @final
@@ -110,6 +101,16 @@ class HostedSolve:
         y, q, qdot, outputs = jnp.split(rows, [n, n + count, n + 2 * count], axis=-1)
         return y, q, qdot, outputs
 
+    @property
+    def hosted(self) -> HostedRuns:
+        """What runs, and what is watched."""
+        return self._hosted
+
+    @property
+    def native(self) -> Solve | None:
+        """The traced runs by which derivatives are taken."""
+        return self._native
+
     # -- the run --------------------------------------------------------------------------
 
     @once_property
@@ -122,16 +123,9 @@ class HostedSolve:
             # What does not change is left out: derivatives by knots may not exist.
             flat, tree = jax.tree.flatten(values)
             changes = jax.tree.leaves(tangents)
-            moving = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
-
-            def of_moving(*some: Any) -> tuple[HostRun, HostRun]:
-                whole = list(flat)
-                for i, value in zip(moving, some, strict=True):
-                    whole[i] = value
-                return self._differentiable(*jax.tree.unflatten(tree, whole))
-
-            of = [flat[i] for i in moving], [changes[i] for i in moving]
-            _, pushed, held = jax.jvp(of_moving, *of, has_aux=True)
+            moving = tuple(i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero))
+            held = self._called(*jax.lax.stop_gradient(values))
+            pushed = apply(HostedChanges(self, tree, moving), (flat, held), [changes[i] for i in moving])
             return held, pushed
 
         run.defjvp(push, symbolic_zeros=True)
@@ -154,7 +148,7 @@ class HostedSolve:
         """Return how a run on the host went."""
         runner = self._hosted.runner
         if self._native is not None and self.given != runner.given:
-            at_start = self._parameters_at(t, t[:1], p, given)[0][0]
+            at_start = self.parameters_at(t, t[:1], p, given)[0][0]
             initial = jnp.concatenate(self._expanded(t[0], initial, at_start))
         width = len(runner.columns)
         shapes = (len(t), width), (width,), (3,), (len(runner.labels), 3), (len(runner.reductions),)
@@ -169,7 +163,7 @@ class HostedSolve:
         arrays = [array for record in records.values() for array in (record.t, record.values)]
         return HostRun(*on_host(run, shapes, t, initial, p, *arrays))
 
-    def _parameters_at(self, t: Any, marks: Any, p: Any, given: Given) -> tuple[Any, Any]:
+    def parameters_at(self, t: Any, marks: Any, p: Any, given: Given) -> tuple[Any, Any]:
         """Return parameters (n, n_p) at `marks` (n,) of a run along times t, and whether these are knots (n,)."""
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         return parameters_at(self._hosted.layout, self._hosted.inputs, given, p, marks, forward)
@@ -180,81 +174,6 @@ class HostedSolve:
         layout = self._hosted.layout
         q, qdot = StateFunctions(self._native.program).expand(t, y, p)
         return q, qdot, y[len(y) - len(layout.states) :]
-
-    # -- its derivatives ------------------------------------------------------------------
-
-    def _differentiable(self, t: Any, initial: Any, p: Any, given: Given) -> tuple[HostRun, HostRun]:
-        """Return what `_called` does from a traced run to the times of events, for its derivatives, and as it is."""
-        native = self._native
-        assert native is not None
-        held = self._called(*(jax.lax.stop_gradient(value) for value in (t, initial, p, given)))
-        forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(self._hosted.runner.labels)
-        marks = jnp.concatenate([held.happened[:, 1], held.happened[:, 2]])
-        occurred = jnp.isfinite(marks)
-        # First to the times as they are, from which those follow at which events occur nearby.
-        begin = jax.lax.stop_gradient(t[0])
-        y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p, given)[0]
-        rows, at_knots = self._parameters_at(t, marks, p, given)
-        found = [
-            self._occurs(number % count, (marks[number], y[len(t) + number], rows[number]), at_knots[number])
-            for number in range(2 * count)
-        ]
-        moved = jnp.where(occurred, jnp.stack(found) if found else jnp.zeros(0), marks)
-        end = t[-1]
-        for i, terminal in enumerate(self._hosted.terminal):
-            here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
-            end = jnp.where(here & terminal, moved[count + i], end)
-        whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
-        end = jnp.where(whole, end, held.numbers[0])
-        reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
-        wanted = jnp.append(jnp.where(reached, t, end), end)
-        rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p, given), axis=1)
-        known = jnp.isfinite(held.rows)
-        found_there = held._replace(
-            rows=jnp.where(known, rows[:-1], jnp.nan),
-            end=_of_whole(rows[-1], whole, (t, initial, p, given)),
-            numbers=held.numbers.at[0].set(_of_whole(end, whole, (t, initial, p, given))),
-            happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
-        )
-        return found_there, held
-
-    def _occurs(self, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
-        """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
-
-        At the knot of a record it has no derivative, as the expression may jump or have a kink there.
-        """
-        assert self._hosted.watched is not None
-        values, begins = (stacked(compile_kernel(kernel, JAX)) for kernel in self._hosted.watched)
-
-        @jax.custom_jvp
-        def zero(t: Any, y: Any, p: Any) -> Any:
-            return t
-
-        @zero.defjvp
-        def _(at: Any, changes: Any) -> Any:
-            t, y, p = (refusing(_NO_SECOND, value) for value in at)
-            change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
-            rate = begins(t, y, p)[3 * event + 1]
-            slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
-            return at[0], apply(Sloped(), slope, change)
-
-        return zero(jax.lax.stop_gradient(point[0]), *point[1:])
-
-
-def _at(
-    native: Solve, forward: Any, t: Any, marks: Any, initial: Any, p: Any, given: Given
-) -> tuple[Any, Any, Any, Any]:
-    """Return states, coordinates, rates and outputs of a traced run at times and at `marks`, in any order."""
-    every = jnp.concatenate([t, marks])
-    order = jnp.argsort(forward * jax.lax.stop_gradient(every), stable=True)
-    solved = native.motion(every[order], initial, p, given)
-    back = jnp.argsort(order)
-    return solved.y[back], solved.q[back], solved.qdot[back], solved.outputs[back]
-
-
-def _of_whole(values: Any, whole: Any, sources: Any) -> Any:
-    """Return where a run ended, with derivatives NaN by `sources` where it failed, that is, where it is not `whole`."""
-    return jnp.where(whole, values, without_derivative(jax.lax.stop_gradient(values), whole, sources))
 
 
 def _refuse_functions(given: Given) -> None:

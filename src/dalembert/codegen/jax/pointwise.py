@@ -13,7 +13,7 @@ from ...integrators.feedback import Feedback
 from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
 from ...once import once
-from ...scene.model import InputSymbol
+from ...scene.symbol_table import InputSymbol
 from .arguments import parameters_of, vector
 from .modules import kernels_of
 from .run_inputs import inputs_of, parameters_at
@@ -28,6 +28,18 @@ def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
     if array.shape != (len(names),):
         raise OptionError(f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def _require_one(kind: str, value: Any) -> None:
+    """Refuse arrays where one number is required: a function is one of a single state.
+
+    Raises
+    ------
+    OptionError
+    """
+    if jnp.shape(value) != ():
+        shape = jnp.shape(value)
+        raise OptionError(f"{kind} must be one number, not of shape {shape}: for several, vectorise by jax.vmap")
 
 
 def _rows(name: str, values: Any, size: int) -> Any:
@@ -100,9 +112,10 @@ class VectorField(_OfProgram):
         Raises
         ------
         OptionError
-            For a state or parameters of another length.
+            For a state or parameters of another length, and several times.
         """
         layout = self._program.layout
+        _require_one("t", t)
         y, p = _checked("the state", y, layout.state), _checked("parameters", args, layout.parameters)
         return self._kernels["rhs"](t, y, self._constants(t, p))
 
@@ -195,9 +208,12 @@ class StateFunctions(_OfProgram):
         Raises
         ------
         OptionError, UnknownNameError
-            For methods, numbers of substeps, controls and parameters that do not exist or have another length.
+            For methods, numbers of substeps, controls and parameters that do not exist or have another length, and for
+            several times.
         """
         program, layout = self._program, self._program.layout
+        _require_one("t", t)
+        _require_one("dt", dt)
         if substeps != int(substeps) or substeps < 1:
             raise OptionError(f"substeps must be a whole number from 1 on, not {substeps!r}")
         y = _checked("the state", y, layout.state)
@@ -227,7 +243,7 @@ class StateFunctions(_OfProgram):
         numbers, given = inputs_of(layout, symbols, inputs, t)
         functions = [name for name, value in given.items() if isinstance(value, Feedback)]
         if functions:
-            raise OptionError(f"input {functions[0]!r} is a function, and a value is wanted here: give what it gives")
+            raise OptionError(f"input {functions[0]!r} is a function, and a value is required here: give its value")
         p = parameters_of(layout, p, numbers, given)
         if given:
             p = parameters_at(layout, symbols, given, p, t.reshape(-1), 1.0)[0].reshape(*t.shape, -1)
@@ -248,5 +264,6 @@ class StateFunctions(_OfProgram):
     def _point(self, t: Any, y: Any, p: Any) -> tuple[Any, Any, Any]:
         """Return coordinates, rates and first-order states side by side, the state, and constants."""
         layout = self._program.layout
+        _require_one("t", t)
         y, c = _checked("the state", y, layout.state), self._constants(t, parameters_of(layout, p, {}))
         return self._kernels["expand"](t, y, c), y, c

@@ -12,8 +12,9 @@ import numpy as np
 from ...arrays import FloatArray
 from ...integrators.jax.compiling import compiled
 from ...integrators.jax.lanes import Batch
-from ...integrators.jax.motion import Pieces, ended
 from ...integrators.jax.precision import double_precision
+from ...integrators.jax.run_data import Pieces
+from ...integrators.jax.runs import ended
 from ...integrators.problem import IntegrationProblem
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE

@@ -14,9 +14,10 @@ from ...integrators.jax.derivatives import Steps
 from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
 from ...integrators.jax.mesh_axes import has_explicit_axes, laid_on_mesh, mesh_of, varies, varying_alike
-from ...integrators.jax.motion import Limits, Motion, Path, Pieces, Reached, middles
+from ...integrators.jax.motion import Motion
 from ...integrators.jax.precision import process_precision
 from ...integrators.jax.run_constants import RunConstants
+from ...integrators.jax.run_data import Limits, Path, Pieces, Reached, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
 from ...ir.program import Program, representative
@@ -42,7 +43,7 @@ from .solved import Dense, Solved, States, raise_failure
 
 if TYPE_CHECKING:
     from ...reduction.starting import Start
-    from ...scene.model import InputSymbol
+    from ...scene.symbol_table import InputSymbol
 
 __all__ = ["Solve", "Solved", "refusing", "register_static"]
 

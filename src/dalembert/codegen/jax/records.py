@@ -17,7 +17,7 @@ from ...integrators.jax.precision import precision_of
 from ...integrators.samples import Samples
 from ...ir.input_parameters import WIDTH
 from ...once import once
-from ...scene.model import InputSymbol
+from ...scene.symbol_table import InputSymbol
 
 __all__ = ["COLUMNS", "knots_of", "out_of_reach", "polynomials", "register_samples", "with_knots"]
 

@@ -22,7 +22,7 @@ from ...ir.input_parameters import coefficient_places
 from ...ir.program import Layout, Program
 from ...methods.status import Status
 from ...options import SolveOptions
-from ...scene.model import InputSymbol
+from ...scene.symbol_table import InputSymbol
 from ..printers import JAX
 from .elapsed import expansion_in_elapsed_time
 from .feedback_functions import checked_feedback, function_of_weights, weights_of

@@ -13,8 +13,8 @@ import numpy as np
 from ...arrays import FloatArray
 from ...errors import RunFailedError, ValueInputError
 from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from ...integrators.jax.motion import Path
 from ...integrators.jax.run_constants import RunConstants
+from ...integrators.jax.run_data import Path
 from ...methods.status import Status
 from .host_calls import on_host
 

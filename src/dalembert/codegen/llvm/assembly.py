@@ -53,7 +53,7 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, exact: bool =
 
 
 def kernel_variables(name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> dict[str, Any]:
-    """Return what the template ``llvm/kernel.ll.j2`` gets."""
+    """Return the variables of the template ``llvm/kernel.ll.j2``."""
     printer = LanePrinter(lanes, exact=exact)
     for load in kernel.loads:
         printer.load(load.target, load.array, load.index or 0)
@@ -98,7 +98,7 @@ def compile_object(source: str, shape: Shape = "straight") -> bytes:
 
 
 def instructions(source: str) -> str:
-    """Return what `compile_object` makes of straight code, as this machine's assembler has it: for those who look."""
+    """Return the assembly of this machine that `compile_object` makes of straight-line code, for inspection."""
     with _ENTERED:
         machine, module = _compiled(source, "straight")
         return str(machine.emit_assembly(module))
@@ -116,7 +116,7 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
         options.loop_vectorization = options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
-    if straight:  # the code is in the shape that it should have: nothing but inlining is worth its time
+    if straight:  # the code needs no optimisation but inlining
         passes.add_always_inliner_pass()
     passes.run(module, builder)
     return machine, module

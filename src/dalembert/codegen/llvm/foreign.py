@@ -16,7 +16,7 @@ from ..rendering import render
 from .assembly import compile_object, load_object
 from .loops import loop_named
 
-__all__ = ["ForeignCode", "foreign_arguments", "foreign_code", "handler_assembly"]
+__all__ = ["ForeignCode", "buffer", "foreign_arguments", "foreign_code", "handler_assembly"]
 
 _WORD = 8
 
@@ -34,7 +34,7 @@ class ForeignCode:
     address : int
         The handler.
     memory : int
-        Length of the last result.
+        Length of the last result, of batches for each thread.
     held : tuple
         What keeps the code at that address, and what it calls.
     """
@@ -88,13 +88,13 @@ def handler_assembly(arguments: ForeignArguments, version: tuple[int, int], entr
     used += len(arguments.run.progress.words)
     times, rows = _place("times"), _place("rows")
     buffers = [
-        _buffer("times", "given", 0, [times], [times + 1]),
-        _buffer("start", "given", 1, [_place("start")], []),
-        _buffer("constants", "given", 2, [_place("run.constants")], []),
-        _buffer("end", "results", 0, [_place("end")], []),
-        _buffer("numbers", "results", 1, [_place("numbers")], []),
-        _buffer("rows", "results", 2, [rows], [rows + 1, rows + 2]),
-        {**_buffer("memory", "results", 3, [], []), "parts": parts},
+        buffer("times", "given", 0, [times], [times + 1]),
+        buffer("start", "given", 1, [_place("start")], []),
+        buffer("constants", "given", 2, [_place("run.constants")], []),
+        buffer("end", "results", 0, [_place("end")], []),
+        buffer("numbers", "results", 1, [_place("numbers")], []),
+        buffer("rows", "results", 2, [rows], [rows + 1, rows + 2]),
+        {**buffer("memory", "results", 3, [], []), "parts": parts},
     ]
     words = pack(arguments).tolist()
     variables = {
@@ -114,7 +114,7 @@ def _place(field: str) -> int:
     return place_of(ForeignArguments, field)
 
 
-def _buffer(name: str, side: str, number: int, words: Sequence[int], lengths: Sequence[int]) -> dict[str, Any]:
+def buffer(name: str, side: str, number: int, words: Sequence[int], lengths: Sequence[int]) -> dict[str, Any]:
     """Return what the template gets of a buffer: where its address goes, and where its lengths."""
     return {
         "name": name,

@@ -25,7 +25,7 @@ def bits(lanes: int) -> str:
 
 
 def suffix(lanes: int) -> str:
-    """Return how the names of intrinsics on doubles in every lane end."""
+    """Return the suffix of the names of intrinsics on doubles in every lane."""
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 

@@ -36,7 +36,7 @@ DEBUG_VARIABLE = "DALEMBERT_DEBUG"
 
 @once
 def debugging() -> bool:
-    """Return whether loops run as plain Python; it is asked once in a process.
+    """Return whether loops run as plain Python; the answer is kept for the process.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def toolchain() -> str:
 
 
 def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> Compiled:
-    """Return code that belongs to no scene, made of a module of assembly once per installation."""
+    """Return code that is independent of scenes, compiled from a module of assembly once per installation."""
     folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
     return load_object(object_code(folder, name, text, shape))
 
@@ -104,7 +104,7 @@ class Loop:
         arguments = arguments_of(self._function)
         address = pointer if isinstance(pointer, int) else pointer.value
         packed_args = (ctypes.c_int64 * len(kind_of(arguments).words)).from_address(address)
-        with np.errstate(all="ignore"):  # IEEE 754 says what comes of a division by zero
+        with np.errstate(all="ignore"):  # divisions by zero follow IEEE 754
             return int(self._function(unpack(arguments, np.array(packed_args), CheckedArray)) or 0)
 
     def __call__(self, arguments: tuple[Any, ...]) -> int:

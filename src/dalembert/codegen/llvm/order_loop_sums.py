@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from ...transforms.expansion import Ahead, Series, Sum
+from ...transforms.expansion import Series, Sum
+from ...transforms.order_pass import Ahead
 from ...transforms.recurrences import Integrated
 
 __all__ = ["Pack", "Row", "planned_sums"]

@@ -1,7 +1,7 @@
 """Taylor step as a loop over the orders, shorter than unrolled code.
 
 The first orders are written out. From then on, one pass of a loop computes a coefficient of every value
-(`dalembert.transforms.expansion.Ahead`). The products of coefficients that were known before the pass are summed
+(`dalembert.transforms.order_pass.Ahead`). The products of coefficients that were known before the pass are summed
 first, many sums at a time. Their factors lie in memory in rows, one an order; on one lane, a row holds the factors
 of as many sums as a vector register has room for, and those are summed together.
 
@@ -15,7 +15,8 @@ from fractions import Fraction
 from typing import Any, final
 
 from ...ir.kernel import Operand
-from ...transforms.expansion import Ahead, Expansion, Series
+from ...transforms.expansion import Expansion, Series
+from ...transforms.order_pass import Ahead
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import LOW_TERMS, closing, closing_loads
 from ..rendering import render
@@ -59,7 +60,7 @@ def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: 
 
 
 def _tables(order: int) -> dict[str, Any]:
-    """Return tables of 1 / k as rounded and of what rounding took from it."""
+    """Return tables of 1 / k as rounded and of its rounding error."""
     shares = [Fraction(1, max(k, 1)) for k in range(order + 2)]
     return {
         "table_size": len(shares),
@@ -148,7 +149,7 @@ class _Step:
             f"store {self.v} {self.printer.operand(value)}, ptr {self._at(base, offset)}, align 8"
         )
 
-    # -- what the template gets -----------------------------------------------------------
+    # -- variables of the template --------------------------------------------------------
 
     def variables(self) -> dict[str, Any]:
         """Return names, numbers and lines of the step."""
@@ -184,7 +185,7 @@ class _Step:
         return (self.order + 1) * (len(self.rows) * self.stride + len(self.rates) * self.one)
 
     def _open(self) -> None:
-        """Write the first orders: their coefficients, and what later orders need of them."""
+        """Write the first orders: their coefficients, and the values that later orders need."""
         for i, state in enumerate(self.recurrences.states):
             self.printer.load(state, "y", i)
         for load in self.recurrences.kernel.loads:
@@ -210,7 +211,7 @@ class _Step:
         return (len(self.recurrences.states) + 2 + i * (self.order + 1)) * self.one
 
     def _carried(self) -> list[dict[str, str]]:
-        """Return what goes from one pass to the next."""
+        """Return the values carried from one pass to the next."""
         return [
             {
                 "name": carried.name,

@@ -30,7 +30,7 @@ _PATIENCE_AT = place_of(PreparedArguments, "limits.patience")
 
 _Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
 """Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
-run that goes on, and what they point to."""
+run that continues, and the owner of the memory."""
 
 
 def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) -> int:
@@ -45,6 +45,37 @@ def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) 
         if perf_counter() - begin < _QUICK:
             patience = min(2 * patience, _MOST_PATIENCE)
     return status
+
+
+def _memory(
+    codes: tuple[int, int, int, int, int],
+    sizes: tuple[int, int, int],
+    memory: int,
+    settings: Sequence[float],
+    problem: IntegrationProblem,
+) -> _Memory:
+    """Return the memory of a thread; for the arguments see `prepared_run`."""
+    n, n_p, n_c = sizes
+    states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
+    span = float(problem.t0), float(problem.t1), float(problem.max_step)
+    arguments = PreparedArguments(
+        kernels=PreparedKernels(*codes),
+        limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False),
+        n=n,
+        memory=memory,
+        parameters=p,
+        constants=np.zeros((n_c, 1)),
+        settings=np.array([[0.0, 1.0 if problem.t1 >= problem.t0 else -1.0, *settings]]),
+        clock=np.zeros((1, 1)),
+        states=states,
+        delta=np.zeros((n, 1)),
+        mark=np.zeros(1, np.int64),
+        progress=PreparedProgress(),
+        inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1, n + 2 + memory),
+    )
+    begun = pack(arguments)
+    going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))
+    return states[0, :n], p[0], ctypes.c_void_p(address_of(begun)), [0], going, (begun, arguments)
 
 
 def prepared_run(
@@ -66,45 +97,24 @@ def prepared_run(
     memory : int
         How many numbers a step remembers; 0 for one that cannot be rejected.
     settings : sequence of float
-        What the step reads behind the largest step and the direction of time.
+        Settings of the step after the largest step and the direction of time.
     problem : IntegrationProblem
         Span, largest step, number of steps, and records of inputs.
     steps : object
-        What keeps the code at these addresses.
+        Owner of the code at these addresses, kept alive by the run.
     """
-    n, n_p, n_c = sizes
-    direction = 1.0 if problem.t1 >= problem.t0 else -1.0
 
-    def memory_of_one() -> _Memory:
-        states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
-        span = float(problem.t0), float(problem.t1), float(problem.max_step)
-        arguments = PreparedArguments(
-            kernels=PreparedKernels(*codes),
-            limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False),
-            n=n,
-            memory=memory,
-            parameters=p,
-            constants=np.zeros((n_c, 1)),
-            settings=np.array([[0.0, direction, *settings]]),
-            clock=np.zeros((1, 1)),
-            states=states,
-            delta=np.zeros((n, 1)),
-            mark=np.zeros(1, np.int64),
-            progress=PreparedProgress(),
-            inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1, n + 2 + memory),
-        )
-        begun = pack(arguments)
-        going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))
-        return states[0, :n], p[0], ctypes.c_void_p(address_of(begun)), [0], going, (begun, arguments)
+    def own_memory() -> _Memory:
+        return _memory(codes, sizes, memory, settings, problem)
 
     code, statuses = loop_named("prepared_loop").call, tuple(Status)
-    own = {get_ident(): memory_of_one()}
+    own = {get_ident(): own_memory()}
 
     def run(state: FloatArray, parameters: FloatArray) -> FloatArray:
         try:
             held = own[get_ident()]
         except KeyError:
-            held = own[get_ident()] = memory_of_one()
+            held = own[get_ident()] = own_memory()
         start, given, pointer, ended, going, _ = held
         start[...] = state
         given[...] = parameters

@@ -28,7 +28,7 @@ def start_code(prepare: int, start: int, sizes: tuple[int, int, int, int], libra
     sizes : (int, int, int, int)
         Number of parameters, constants, given values and outputs.
     library : object
-        What keeps the code at these addresses.
+        Owner of the code at these addresses, kept alive.
     """
     constants_of, state_of = _KERNEL(prepare), _KERNEL(start)
 

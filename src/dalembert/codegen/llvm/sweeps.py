@@ -17,10 +17,11 @@ from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.input_steps import no_inputs
 from ...integrators.sample_projection import SampleArguments
 from ...integrators.step_records import FIRST_AT
-from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels
+from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
 from ...integrators.workspace import (
     OCCURRENCE,
     EventKernels,
+    EventWorkspace,
     LaneState,
     aligned,
     event_workspace,
@@ -40,9 +41,22 @@ _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
 @final
 @dataclass(frozen=True)
 class SweepShape:
-    """Lanes, components of the state, constants, degree and memory of a step, and how many cases are taken at a time.
+    """Sizes of a step in lanes.
 
-    ``dense`` says whether the step writes its polynomials; it writes the series of so many ``events_with_series`` too.
+    Attributes
+    ----------
+    lanes : int
+        Cases that run side by side.
+    n, n_c : int
+        Number of components of the state, and of constants.
+    degree, memory : int
+        Degree of the polynomials of a step, and how many numbers it remembers.
+    share : int
+        How many cases a thread takes at a time.
+    dense : bool
+        Whether the step writes its polynomials.
+    events_with_series : int
+        Number of events whose series the step writes too.
     """
 
     lanes: int
@@ -70,64 +84,24 @@ def case_run(
     Parameters
     ----------
     codes : addresses
-        As the loop takes them.
+        Fields of `SweepKernels`.
     settings : sequence of float
-        What the step reads behind the largest step and the direction of time.
+        Settings of the step after the largest step and the direction of time.
     constants : (k, n_c) or (0, 0)
         Gets the constants.
     watched : bool
         Whether there are events or reductions, or steps are recorded.
     """
-    k, n, wanted = cases.count, shape.n, len(cases.t_eval)
-    kernels, (columns, held) = SweepKernels(*codes), _columns(cases)
-    given, checks = len(cases.given), 2 * len(cases.start.labels)
-    samples = result.samples.reshape(k, wanted * n) if wanted else np.empty((1, 1))
-    projected = bool(kernels.position or kernels.velocity)
-    inside = np.zeros((k, wanted) if wanted and projected else (0, 0), np.bool_)
-    turn, t_eval = np.zeros(1, np.int64), np.ascontiguousarray(cases.t_eval)
-    more = n + shape.events_with_series
-    size = more + 2 + shape.memory
-    rows = size + (more * (shape.degree + 1) if shape.dense else 0)
-    loop = loop_named("event_lane_loop" if watched else "projected_lane_loop" if projected else "lane_loop")
-    if cases.inputs is not None:
-        loop = loop_named("input_event_lane_loop" if watched else "input_lane_loop")
-
-    def arguments(turn: NDArray[np.int64]) -> SweepArguments:
-        n_s, parameters = 2 + len(settings), len(cases.parameters)
-        sizes = n, shape.degree, shape.n_c, n_s, shape.lanes
-        workspace = event_workspace(events, *sizes) if watched else no_event_workspace()
-        if cases.recorded:
-            workspace = workspace._replace(occurrences=np.zeros((1 + cases.recorded, OCCURRENCE)))
-        if cases.carried is not None:
-            workspace = workspace._replace(carried=cases.carried)
-        return SweepArguments(
-            kernels=kernels,
-            shape=CaseShape(n, more - n, shape.degree, shape.memory, parameters, given, checks, k, shape.share),
-            limits=np.array([[cases.max_step, float(cases.max_steps), *settings]]),
-            columns=columns,
-            turn=turn,
-            t_eval=t_eval,
-            out=result.y,
-            ends=result.ends,
-            samples=samples,
-            inside=inside,
-            kept_constants=constants,
-            state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
-            events=events,
-            workspace=workspace,
-            happened=result.happened,
-            totals=result.totals,
-            inputs=no_inputs() if cases.inputs is None else cases.inputs.table(shape.lanes, n + 2 + shape.memory),
-            steps=np.zeros((cases.recorded, FIRST_AT + (shape.degree + 3) * n)) if cases.recorded else np.empty((0, 0)),
-        )
+    run = _Run(SweepKernels(*codes), shape, settings, cases, result, constants, events, watched)
+    loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
-        made = arguments(turn)
+        made = run.arguments(turn)
         about = made.state.progress, made.steps, made.workspace.occurrences
-        return LoopCall(loop.address, pack(made), *about, (held, made))
+        return LoopCall(loop.address, pack(made), *about, (run, made))
 
     def work() -> None:
-        made, code = arguments(turn), loop.call
+        made, code = run.arguments(turn), loop.call
         packed_args, progress = pack(made), made.state.progress
         pointer = ctypes.c_void_p(address_of(packed_args))
         progress.returns, going = 1, True
@@ -139,11 +113,96 @@ def case_run(
             if going and perf_counter() - begin < _QUICK:
                 progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
 
-    def finish() -> None:
-        if np.any(inside):
-            _project(kernels, constants, t_eval, inside, samples, shape)
+    return CaseRun(work, turn, run.project_samples, call)
 
-    return CaseRun(work, turn, finish, call)
+
+@final
+class _Run:
+    """Arrays that the threads of one run share, and the arguments of the loop in each thread."""
+
+    def __init__(
+        self,
+        kernels: SweepKernels,
+        shape: SweepShape,
+        settings: Sequence[float],
+        cases: CaseColumns,
+        result: BlockResult,
+        constants: FloatArray,
+        events: EventKernels,
+        watched: bool,
+    ) -> None:
+        self.kernels, self.shape, self.settings, self.cases = kernels, shape, settings, cases
+        self.result, self.constants, self.events, self.watched = result, constants, events, watched
+        k, wanted = cases.count, len(cases.t_eval)
+        self.projected = bool(kernels.position or kernels.velocity)
+        self.columns, self.held = _columns(cases)
+        self.samples = result.samples.reshape(k, wanted * shape.n) if wanted else np.empty((1, 1))
+        self.inside = np.zeros((k, wanted) if wanted and self.projected else (0, 0), np.bool_)
+        self.t_eval = np.ascontiguousarray(cases.t_eval)
+
+    @property
+    def loop_name(self) -> str:
+        """Name of the loop that serves these cases."""
+        if self.cases.inputs is not None:
+            return "input_event_lane_loop" if self.watched else "input_lane_loop"
+        if self.watched:
+            return "event_lane_loop"
+        return "projected_lane_loop" if self.projected else "lane_loop"
+
+    def arguments(self, turn: NDArray[np.int64]) -> SweepArguments:
+        """Return the arguments of the loop in one thread; `turn` counts the cases that all threads have taken."""
+        shape, cases, n = self.shape, self.cases, self.shape.n
+        given, checks, parameters = len(cases.given), 2 * len(cases.start.labels), len(cases.parameters)
+        more, n_s = n + shape.events_with_series, 2 + len(self.settings)
+        size = more + 2 + shape.memory
+        rows = size + (more * (shape.degree + 1) if shape.dense else 0)
+        inputs = no_inputs() if cases.inputs is None else cases.inputs.table(shape.lanes, n + 2 + shape.memory)
+        steps = np.zeros((cases.recorded, FIRST_AT + (shape.degree + 3) * n)) if cases.recorded else np.empty((0, 0))
+        return SweepArguments(
+            kernels=self.kernels,
+            shape=CaseShape(
+                n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, shape.share
+            ),
+            limits=np.array([[cases.max_step, float(cases.max_steps), *self.settings]]),
+            columns=self.columns,
+            turn=turn,
+            t_eval=self.t_eval,
+            out=self.result.y,
+            ends=self.result.ends,
+            samples=self.samples,
+            inside=self.inside,
+            kept_constants=self.constants,
+            state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
+            events=self.events,
+            workspace=self._workspace(n_s),
+            happened=self.result.happened,
+            totals=self.result.totals,
+            inputs=inputs,
+            steps=steps,
+            rows=no_rows(),
+        )
+
+    def _workspace(self, n_s: int) -> EventWorkspace:
+        """Return the workspace of events; `n_s` is the number of settings of the step."""
+        if not self.watched:
+            workspace = no_event_workspace()
+        else:
+            shape = self.shape
+            workspace = event_workspace(self.events, shape.n, shape.degree, shape.n_c, n_s, shape.lanes)
+        if self.cases.recorded:
+            workspace = workspace._replace(occurrences=np.zeros((1 + self.cases.recorded, OCCURRENCE)))
+        return workspace if self.cases.carried is None else workspace._replace(carried=self.cases.carried)
+
+    def project_samples(self) -> None:
+        """Project the samples that lie within steps onto the constraints."""
+        if not np.any(self.inside):
+            return
+        shape, lanes, n = self.shape, self.shape.lanes, self.shape.n
+        overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
+        numbers = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
+        codes = self.kernels.position, self.kernels.velocity
+        loop = loop_named("sample_projection")
+        loop(SampleArguments(*codes, self.constants, self.t_eval, self.inside, self.samples, *overwritten, *numbers))
 
 
 def _state(made: LaneState) -> LaneState:
@@ -157,18 +216,3 @@ def _columns(cases: CaseColumns) -> tuple[Columns, tuple[FloatArray, ...]]:
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
     strides = [int(len(column) > 1) for column in columns]
     return Columns(np.array([address_of(column) for column in columns]), np.array(strides)), columns
-
-
-def _project(
-    kernels: SweepKernels,
-    constants: FloatArray,
-    t_eval: FloatArray,
-    inside: NDArray[np.bool_],
-    samples: FloatArray,
-    shape: SweepShape,
-) -> None:
-    lanes, n = shape.lanes, shape.n
-    overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
-    numbers = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
-    codes = kernels.position, kernels.velocity
-    loop_named("sample_projection")(SampleArguments(*codes, constants, t_eval, inside, samples, *overwritten, *numbers))

@@ -41,7 +41,7 @@ class Target:
     cpu, features : str
         As LLVM has them.
     lanes : int
-        How many doubles a vector register holds.
+        Number of doubles in a vector register.
     fused : bool
         Whether there are instructions that round a product and a sum once.
     """
@@ -77,7 +77,7 @@ def available_targets() -> dict[str, Target]:
 
 
 def target() -> Target:
-    """Return what code of this process is compiled for: ``$DALEMBERT_TARGET``, or all that the processor has.
+    """Return the target of this process: ``$DALEMBERT_TARGET``, or the processor's own.
 
     Raises
     ------

@@ -46,7 +46,7 @@ _EXP2 = (0.99992807, 0.69326099, 0.24261114, 0.05517167)
 
 @once
 def prelude_variables(lanes: int) -> dict[str, Any]:
-    """Return what the template ``llvm/prelude.ll.j2`` gets: what every module of kernels declares and defines.
+    """Return the variables of ``llvm/prelude.ll.j2``: the declarations and definitions of every module of kernels.
 
     On one lane, sines and cosines are those of a vector of two or four angles (see `LanePrinter`).
     """
@@ -64,7 +64,7 @@ def _types(lanes: int) -> dict[str, str]:
 
 
 def _sincos_variables(lanes: int) -> dict[str, Any]:
-    """Return what the template ``llvm/sincos.ll.j2`` gets; `lanes` is 2 or more."""
+    """Return the variables of the template ``llvm/sincos.ll.j2``; `lanes` is 2 or more."""
 
     def numbers(*values: float) -> list[str]:
         return [constant(value, lanes) for value in values]
@@ -97,7 +97,7 @@ def _sincos_variables(lanes: int) -> dict[str, Any]:
 
 
 def _rough_variables(lanes: int) -> dict[str, Any]:
-    """Return what the template ``llvm/rough_functions.ll.j2`` gets."""
+    """Return the variables of the template ``llvm/rough_functions.ll.j2``."""
     return {
         "vector": vector(lanes),
         "fma": fma_name(lanes),

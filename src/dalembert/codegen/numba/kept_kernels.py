@@ -1,7 +1,7 @@
 """Kernels compiled by numba, in the checked cache instead of numba's own, which reads files without a check.
 
 A kernel that is evaluated by name is an ordinary function of numba. Its own cache keeps an index beside the code,
-believes both, and puts them where ``NUMBA_CACHE_DIR`` says. What is kept here has one file a kernel and signature, in
+believes both, and puts them where ``NUMBA_CACHE_DIR`` says. Here each kernel and signature has one file, in
 the folder of the module, under its checksum. The file is a pickle, as numba makes it.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["keep_compiled"]
 
 
 def keep_compiled(kernel: Any, folder: Path) -> None:
-    """Have what numba compiles of a kernel of a generated module kept in the folder of the module."""
+    """Keep the code that numba compiles of a kernel in the folder of its module."""
     kernel._cache = _Kept(kernel.py_func.__name__, folder)
 
 
@@ -41,7 +41,7 @@ class _Kept(NullCache):
         return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what was compiled for a signature, None where it is to be compiled."""
+        """Return the code for a signature, None where there is none."""
         target_context.refresh()
         path = self._path(sig, target_context.codegen())
         data = read_kept(path)
@@ -49,13 +49,13 @@ class _Kept(NullCache):
             return None
         try:
             return CompileResult._rebuild(target_context, *pickle.loads(data))
-        except Exception as failure:  # of another numba than it says, perhaps
+        except Exception as failure:  # perhaps made by another version of numba
             text = f"the cached code {path} could not be used ({failure}) and is rebuilt"
             warnings.warn(text, CacheWarning, stacklevel=2)
             return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:
-        """Keep what was compiled for a signature."""
+        """Keep the code for a signature."""
         if not cres.library.has_dynamic_globals and all(lifted.can_cache for lifted in cres.lifted):
             write_kept(self._path(sig, cres.codegen), dumps(cres._reduce()))
 

@@ -82,7 +82,7 @@ def _unpacked(data: bytes) -> list[bytes]:
 
 @once
 def _prelude() -> dict[str, Any]:
-    """Return what the prelude of modules defines, once a process, so that numba compiles its functions once."""
+    """Return the definitions of the prelude, made once a process, so that numba compiles its functions once."""
     from .target import configure_numba
 
     configure_numba()
@@ -90,7 +90,7 @@ def _prelude() -> dict[str, Any]:
 
 
 def _executed(text: str, names: dict[str, Any]) -> dict[str, Any]:
-    """Return what a text defines, beside what is defined; errors of numba show its lines."""
+    """Return the definitions of a text, added to given ones; errors of numba show its lines."""
     filename = f"<dalembert numba {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[filename] = (len(text), None, text.splitlines(keepends=True), filename)
     names = dict(names)
@@ -118,7 +118,7 @@ def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
 
 
 def _refuse_other_symbols(function: str, assembly: str) -> None:
-    """Refuse code that calls what another process may not have: LLVM would end that process."""
+    """Refuse code with symbols that another process may lack: LLVM would end that process."""
     called = set(re.findall(r'^declare[^@]*@"?([^"(]+)', assembly, re.MULTILINE))
     unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith("llvm."))
     if unknown:

@@ -13,12 +13,12 @@ __all__ = ["configure_numba", "serves_target"]
 
 @once
 def configure_numba() -> None:
-    """Set the processor of ``DALEMBERT_TARGET`` for numba, unless it is told another one or has compiled already.
+    """Set the processor of ``DALEMBERT_TARGET`` for numba, unless numba has another setting or has compiled already.
 
     Raises
     ------
     OptionError
-        Where numba is told to compile nothing.
+        Where numba's compilation is disabled.
     """
     chosen = target()
     if numba.config.DISABLE_JIT:
@@ -31,6 +31,6 @@ def configure_numba() -> None:
 
 
 def serves_target() -> bool:
-    """Return whether numba compiles for the processor of `target`, which names of cached files stand for."""
+    """Return whether numba compiles for the processor of `target`, which is in the names of cached files."""
     _, processor, _ = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
     return bool(processor == target().cpu)

@@ -21,7 +21,7 @@ _PIECE = 100
 
 
 def taylor_loop(name: str, recurrences: Recurrences, order: int, *, dense: bool) -> dict[str, Any]:
-    """Return what the template of a step, called like `dalembert.transforms.taylor.step_kernel`, is given."""
+    """Return the variables of the template of a step, called like `dalembert.transforms.taylor.step_kernel`."""
     return _Step(recurrences, order).variables(name, dense)
 
 
@@ -51,7 +51,7 @@ class _Step:
         self.size = (len(series) + len(slopes)) * terms + len(fixed)
 
     def variables(self, name: str, dense: bool) -> dict[str, Any]:
-        """Return what the template is given."""
+        """Return the variables of the template."""
         states, items = self.recurrences.states, self.recurrences.items
         lines, outputs = self._end()
         return {

@@ -34,12 +34,12 @@ _ENTRY = ("t", "y", "c", "s", "out")
 
 
 def joined(*texts: str) -> str:
-    """Return functions as they stand in one module."""
+    """Return the text of functions in one module."""
     return "\n\n".join(text.rstrip("\n") + "\n" for text in texts)
 
 
 def prelude(program: Program | None) -> str:
-    """Return the beginning of a module: what it is, imports, and what kernels use beside arithmetic."""
+    """Return the beginning of a module: banner, imports, and the functions that kernels use."""
     banner = [] if program is None else banner_lines(program)
     return render("numba/prelude.py.j2", {"banner": banner, "fused": target().fused})
 
@@ -114,7 +114,7 @@ def entries(functions: Sequence[tuple[str, str]]) -> str:
 
 
 def _chain(pieces: Pieces, n: int) -> dict[str, Any]:
-    """Return what the function that calls the pieces in turn is made of."""
+    """Return the variables of the function that calls the pieces in turn."""
     return {
         "name": pieces.name,
         "doc": f"{len(pieces.finish.outputs)} values, {len(pieces.stages)} evaluations of the right-hand side.",

@@ -80,7 +80,7 @@ class NumpyEngine(Engine):
         return Kernels(named["rhs"], *projections, jacobian, named.get("knots"), tables)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: decided before the run, for little beside it."""
+        """See `Engine.integrate_automatic`: decided before the run, at little cost."""
         method, why = self.fit(problem, method)
         return self.integrate(problem, method), method, why
 
@@ -112,7 +112,7 @@ class NumpyEngine(Engine):
         return integrate(rhs, lambda t, y: jacobian(t, y).reshape(n, n), problem, start)
 
     def _derivative(self, name: str) -> ArrayKernel:
-        """Return the Jacobian of a kernel by its state, made when first asked for."""
+        """Return the Jacobian of a kernel by its state, made on first use."""
         kernel = self._program.kernel(name)
 
         def make() -> ArrayKernel:
@@ -124,7 +124,7 @@ class NumpyEngine(Engine):
 
 @final
 class NumpyBackend(Backend):
-    """Reference backend: slow, simple, and what every other backend is tested against."""
+    """Reference backend: slow and simple; every other backend is tested against it."""
 
     name = "numpy"
     for_stages = ("radau",)
@@ -142,6 +142,6 @@ class NumpyBackend(Backend):
         return RenderedModule(self.name, program, lambda: source, digest_of(self.name, __version__, source))
 
     def load(self, rendered: RenderedModule, *, cache: bool) -> Engine:
-        """See `Backend.load`; there is nothing worth keeping on disk."""
+        """See `Backend.load`; nothing is kept on disk."""
         module = load_in_memory(rendered.digest, rendered.source)
         return NumpyEngine(rendered.program, module.__dict__)

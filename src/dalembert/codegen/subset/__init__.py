@@ -53,7 +53,7 @@ def loop_assembly(loop: Any, *, fused: bool = True) -> str:
     Raises
     ------
     TypeError
-        For what has no translation; the message names the line.
+        For statements that have no translation; the message names the line.
     """
     module, kind = _Module(fused), kind_of(arguments_of(loop))
     name, result = module.function(loop, (kind,))

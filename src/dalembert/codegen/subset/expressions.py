@@ -55,7 +55,7 @@ class Expressions(Lines):
         self._outside = {**vars(builtins), **function.__globals__, **outside.nonlocals}
 
     def known(self, node: ast.expr) -> Any:
-        """Return what an expression is before the loop runs, or `UNKNOWN`."""
+        """Return the value of a constant expression, or `UNKNOWN`."""
         match node:
             case ast.Constant(value=value):
                 return value
@@ -131,7 +131,7 @@ class Expressions(Lines):
         return [self.value(part) for part in (node.elts if isinstance(node, ast.Tuple) else [node])]
 
     def combined(self, op: ast.operator, a: Value, b: Value) -> Value:
-        """Return a sum, product or another combination of two numbers, as Python has it."""
+        """Return a sum, product or another combination of two numbers, with Python's meaning."""
         if isinstance(op, ast.Pow):
             raise TypeError("there are no powers, and `square` for squares: Python rounds x ** 2 in another way")
         kind = NUMBER if isinstance(op, ast.Div) else unified(unified(a.kind, b.kind), INTEGER)
@@ -173,7 +173,7 @@ class Expressions(Lines):
         return Value(kind, tuple(self.set(f"load {word}, ptr {slot}") for word, slot in pairs))
 
     def _chosen(self, test: ast.expr, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
-        """Return one of two values, of which only that is computed which a test asks for."""
+        """Return one of two values; only the one that the test selects is computed."""
         held = self.known(test)
         if held is not UNKNOWN:
             return yes() if held else no()
@@ -268,7 +268,7 @@ class Expressions(Lines):
         return result
 
     def called(self, function: Any, given: list[Value]) -> tuple[str, Kind, list[Value]]:
-        """Return the name of a function, the kind of its result, and its arguments as those that it asks for."""
+        """Return the name of a function, the kind of its result, and its arguments converted to its kinds."""
         wanted = [function.__annotations__.get(name, "") for name in inspect.signature(function).parameters]
         scalars = {"float": NUMBER, "int": INTEGER, "bool": FLAG}
         given = [

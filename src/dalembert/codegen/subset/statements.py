@@ -22,7 +22,7 @@ def translated(module: Functions, function: Any, name: str, kinds: tuple[Kind, .
     Raises
     ------
     TypeError
-        For what has no translation; the message names the line.
+        For statements that have no translation; the message names the line.
     """
     tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     assert isinstance(tree, ast.FunctionDef)
@@ -69,7 +69,7 @@ class _Statements(Expressions):
         return [head, *self.room, *self.lines, "}"], self._result
 
     def _body(self, statements: list[ast.stmt]) -> None:
-        """Translate statements, up to one behind which nothing goes on."""
+        """Translate statements, up to one that ends the block."""
         for statement in statements:
             if not self.open:
                 return
@@ -166,7 +166,7 @@ class _Statements(Expressions):
         self._block(end)
 
     def _block(self, name: str) -> None:
-        """Begin a block that is only jumped to."""
+        """Begin a block that is reached by jumps alone."""
         self.lines.append(f"{name}:")
         self.open = True
 
@@ -232,7 +232,7 @@ class _Statements(Expressions):
 
 
 def _result(annotation: ast.expr | None) -> Kind:
-    """Return the kind that a function says that it returns."""
+    """Return the annotated kind of the result of a function."""
     match annotation:
         case ast.Name(id=name) if name in _SCALARS:
             return _SCALARS[name]

@@ -78,7 +78,7 @@ class Lines:
         self._count = 0
 
     def fresh(self) -> str:
-        """Return a name that nothing has yet."""
+        """Return an unused name."""
         self._count += 1
         return f"v{self._count}"
 
@@ -95,7 +95,7 @@ class Lines:
         return name
 
     def begin(self, block: str) -> None:
-        """Go on in a block, into which what came before falls."""
+        """Continue in a block; the lines before fall through into it."""
         self.jump(block)
         self.lines.append(f"{block}:")
         self.open = True
@@ -198,14 +198,14 @@ class Lines:
         return Value(Array(record.kind.items[number], 0), (address,))
 
     def load(self, place: Value) -> Value:
-        """Return what `place` gave the address of."""
+        """Load the value at an address that `place` returned."""
         assert isinstance(place.kind, Array)
         item = place.kind.item
         word = self.set(f"load {item.stored}, ptr {place.words[0]}")
         return Value(item, (self.set(f"icmp ne i8 {word}, 0") if item == FLAG else word,))
 
     def store(self, value: Value, place: Value) -> None:
-        """Write a value to what `place` gave the address of."""
+        """Store a value at an address that `place` returned."""
         assert isinstance(place.kind, Array)
         item = place.kind.item
         (word,) = self.converted(value, item).words

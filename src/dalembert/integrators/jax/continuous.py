@@ -1,7 +1,8 @@
 """Continuous adjoints: variational equations forward, and adjoint equations backward beside the motion itself.
 
-Nothing is kept of the run but its states at wanted times. From one of them to the next the motion is integrated once
-more, with its changes or, backward, with the cotangents of its states and constants: to the tolerances of the run.
+Nothing is kept of the run but its states at marks: wanted times, and breaks at which constants change, such as knots of
+inputs. From one mark to the next the motion is integrated once more, with its changes or, backward, with the cotangents
+of its states and constants: to the tolerances of the run.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from .first_order import FirstOrder
 from .lanes import RUNNING, Batch, Rows, advanced, begun
 from .mesh_axes import varying_like
 from .pairs import PairAttempts
+from .run_constants import RunConstants
 
 __all__ = ["Continuous", "Field", "Passed"]
 
@@ -37,26 +39,44 @@ class Field:
     tableau
         The pair by which they are integrated.
     rates
-        (t, y, c) -> rates (n_y,).
+        (t, y, c) -> rates (n_y,), c as `RunConstants.of_one` has it.
     pull
-        (t, y, c, cotangents of rates) -> cotangents of y (n_y,) and of c (n_c,).
+        (t, y, c, cotangents of rates) -> cotangents of y (n_y,) and of c.
     knots
         As for `PairAttempts`, of one row; None where there are none.
+    constants
+        What the constants of a run are.
     """
 
     tableau: Tableau
-    rates: Callable[[Any, Any, Any], Any]
-    pull: Callable[[Any, Any, Any, Any], tuple[Any, Any]]
+    rates: Callable[[Any, Any, Rows], Any]
+    pull: Callable[[Any, Any, Rows, Any], tuple[Any, Rows]]
     knots: Callable[..., Rows] | None
+    constants: RunConstants
 
 
 @final
 class Passed(NamedTuple):
-    """Times (n_t,) that a run reached, none before the one ahead of it, the states there (n_t, n_y), and constants."""
+    """The marks that a run reached, and its constants, in floating point numbers.
+
+    Attributes
+    ----------
+    t, y : Array (n,), (n, n_y)
+        Times of the marks in the order of the run, and the states there; what lies behind `count` is no mark.
+    count : Array ()
+    at : Array (n_t,)
+        Numbers of the marks that are the wanted times; the last one where a time was not reached.
+    c : Array (n_c,)
+    wanted : Array (n_t,)
+        The wanted times, for derivatives of second order by them to be noticed.
+    """
 
     t: Any
     y: Any
+    count: Any
+    at: Any
     c: Any
+    wanted: Any
 
 
 @final
@@ -64,7 +84,7 @@ class Passed(NamedTuple):
 class Continuous(FirstOrder):
     """Changes of states at times (n_t, n_y), from `Passed` and changes of the first state and of the constants.
 
-    `settings` are rtol, atol, the largest step, and how many steps may be attempted from one time to the next.
+    `settings` are rtol, atol, the largest step, and how many steps may be attempted from one mark to the next.
     """
 
     field: Field
@@ -73,46 +93,55 @@ class Continuous(FirstOrder):
     def __call__(self, held: Passed, moving: Any) -> Any:
         """See `LinearMap`."""
         dy, dc = moving
-        n = len(dy)
+        n, at = len(dy), held.at.astype(int)
+        of_one = self.field.constants.of_one
 
-        def rates(t: Any, z: Any, c: Any) -> Any:
-            return jnp.concatenate(jax.jvp(lambda y, c: self.field.rates(t, y, c), (z[:n], c), (z[n:], dc)))
+        def segment(number: Any, carry: Any) -> Any:
+            change, rows = carry
+            t0, t1, middle = _segment(held, number)
+            c, changes = jax.jvp(lambda c: of_one(c, middle), (held.c,), (dc,))
 
-        def segment(change: Any, ends: Any) -> tuple[Any, Any]:
-            t0, t1, y = ends
-            after = self._integrated(rates, n, t0, t1, jnp.concatenate([y, change]), held.c)[n:]
-            return after, after
+            def rates(t: Any, z: Any, c: Rows) -> Any:
+                return jnp.concatenate(jax.jvp(lambda y, c: self.field.rates(t, y, c), (z[:n], c), (z[n:], changes)))
 
-        _, rows = lax.scan(segment, varying_like(dy, held), (held.t[:-1], held.t[1:], held.y[:-1]))
-        return jnp.concatenate([dy[None], rows])
+            change = self._integrated(rates, n, t0, t1, jnp.concatenate([held.y[number], change]), c)[n:]
+            return change, lax.dynamic_update_index_in_dim(rows, change, number + 1, 0)
+
+        begin = varying_like((dy, jnp.zeros_like(held.y).at[0].set(dy)), (held, dc))
+        return lax.fori_loop(0, _segments(held), segment, begin)[1][at]
 
     def pulled(self, held: Passed, given: Any) -> tuple[Any, Any]:
         """Return the cotangents of the first state and of the constants, from those of the states at times."""
-        n = held.y.shape[1]
+        n, constants = held.y.shape[1], self.field.constants
         size = jnp.max(jnp.abs(given))
         size = jnp.where(size > 0.0, size, 1.0)  # so that the absolute tolerance is one of cotangents of size 1
+        cotangents = jnp.zeros_like(held.y).at[held.at.astype(int)].add(given / size)
 
-        def rates(t: Any, z: Any, c: Any) -> Any:
+        def rates(t: Any, z: Any, c: Rows) -> Any:
             back, share = self.field.pull(t, z[:n], c, z[n : 2 * n])
-            return jnp.concatenate([self.field.rates(t, z[:n], c), -back, -share])
+            return jnp.concatenate([self.field.rates(t, z[:n], c), -back, *(-part for part in share)])
 
-        def segment(carry: Any, ends: Any) -> tuple[Any, None]:
-            t0, t1, begin, y, cotangent = ends
-            ahead = carry.at[:n].add(cotangent / size)
-            z = self._integrated(rates, n, t1, t0, jnp.concatenate([y, ahead]), held.c)
-            return jnp.where(self._returned(z[:n], begin), z[n:], jnp.nan), None
+        def segment(turn: Any, carry: Any) -> Any:
+            ahead, total = carry
+            number = _segments(held) - 1 - turn
+            t0, t1, middle = _segment(held, number)
+            c = constants.of_one(held.c, middle)
+            z = jnp.concatenate([held.y[number + 1], ahead + cotangents[number + 1], *map(jnp.zeros_like, c)])
+            z = self._integrated(rates, n, t1, t0, z, c)
+            z = jnp.where(self._returned(z[:n], held.y[number]), z, jnp.nan)
+            share = jnp.split(z[2 * n :], [len(c[0])])[: len(c)]
+            return z[n : 2 * n], constants.added(total, tuple(share), held.c, middle)
 
-        begin = varying_like(jnp.zeros(n + len(held.c)), (held, given))
-        ends = held.t[:-1], held.t[1:], held.y[:-1], held.y[1:], given[1:]
-        total, _ = lax.scan(segment, begin, ends, reverse=True)
-        return given[0] + size * total[:n], size * total[n:]
+        begin = varying_like((jnp.zeros(n), jnp.zeros_like(held.c)), (held, given))
+        first, total = lax.fori_loop(0, _segments(held), segment, begin)
+        return size * (first + cotangents[0]), size * total
 
     def _returned(self, y: Any, begin: Any) -> Any:
         """Return whether a motion that was integrated backward came to where it began: what is damped may not."""
         rtol, atol, *_ = self.settings
         return jnp.all(jnp.abs(y - begin) <= _RETURN * (atol + rtol * jnp.max(jnp.abs(begin), initial=0.0)))
 
-    def _integrated(self, rates: Any, n: int, t0: Any, t1: Any, z: Any, c: Any) -> Any:
+    def _integrated(self, rates: Any, n: int, t0: Any, t1: Any, z: Any, c: Rows) -> Any:
         """Return what follows of z at t1, the first `n` of which are the state; NaN where the integration fails."""
         knots, limits = self.field.knots, None
         if knots is not None:
@@ -120,12 +149,23 @@ class Continuous(FirstOrder):
             def limits(t: Any, z: Rows, c: Rows) -> Rows:
                 return knots(t, (z[0][:n],), c)
 
-        attempts = PairAttempts(lambda t, z, c: (rates(t, z[0], c[0]),), self.field.tableau, moved=False, knots=limits)
+        attempts = PairAttempts(lambda t, z, c: (rates(t, z[0], c),), self.field.tableau, moved=False, knots=limits)
         rtol, atol, max_step, max_steps = self.settings
-        batch = Batch((z,), (c,), t0, t1, (), 0.0, rtol, atol, max_step, max_steps)
+        batch = Batch((z,), c, t0, t1, (), 0.0, rtol, atol, max_step, max_steps)
         end = lax.while_loop(
             lambda state: state.status == RUNNING,
             lambda state: advanced(attempts, (), batch, t1, state)[0],
             varying_like(begun(attempts, batch), batch),
         )
         return jnp.where(end.status == int(Status.SUCCESS), end.y[0], jnp.nan)
+
+
+def _segments(held: Passed) -> Any:
+    """Return how many segments lie between marks: a number where that is known while tracing, for a plain loop."""
+    return len(held.t) - 1 if len(held.t) == len(held.at) else held.count.astype(int) - 1
+
+
+def _segment(held: Passed, number: Any) -> tuple[Any, Any, Any]:
+    """Return begin, end and middle of a segment."""
+    t0, t1 = held.t[number], held.t[number + 1]
+    return t0, t1, t0 + 0.5 * (t1 - t0)

@@ -10,13 +10,19 @@ from .linear_maps import LinearMap
 
 __all__ = ["FirstOrder"]
 
-_NO_SECOND = (
-    'second derivatives are those of recorded runs: take solve_fn(adjoint="recorded"), or differences of gradients'
-)
-
 
 class FirstOrder:
-    """A `LinearMap` that does not change with what it hangs on; its transpose is `pulled`."""
+    """A `LinearMap` that does not change with what it hangs on; its transpose is `pulled`.
+
+    Attributes
+    ----------
+    no_second : str
+        Why it has no derivatives of its own.
+    """
+
+    no_second = (
+        'second derivatives are those of recorded runs: take solve_fn(adjoint="recorded"), or differences of gradients'
+    )
 
     def __call__(self, held: Any, moving: Any) -> Any:
         """See `LinearMap`."""
@@ -44,7 +50,7 @@ class FirstOrder:
         OptionError
             Always.
         """
-        raise OptionError(_NO_SECOND)
+        raise OptionError(self.no_second)
 
 
 @final
@@ -53,6 +59,11 @@ class _Transposed(FirstOrder):
     """The transpose of a map."""
 
     forward: FirstOrder
+
+    @property
+    def no_second(self) -> str:  # type: ignore[override]
+        """See `FirstOrder`."""
+        return self.forward.no_second
 
     def __call__(self, held: Any, moving: Any) -> Any:
         return self.forward.pulled(held, moving)

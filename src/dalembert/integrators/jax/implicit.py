@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...methods.status import Status
 from ...options import SolveOptions
 from .derivatives import instantiate
-from .motion import Reached, in_order
+from .run_data import Reached, in_order
 from .solvers import Settings, equation, solver_for
 
 if TYPE_CHECKING:

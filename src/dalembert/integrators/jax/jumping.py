@@ -55,21 +55,20 @@ def sure_until(decided: OnRows, rates: OnRows, constants: RunConstants, record: 
 
 
 def moved_until(
-    rates: OnRows, constants: RunConstants, record: Record, c: Any, direction: Any, course: tuple[Any, Any, Any]
+    rates: OnRows, constants: RunConstants, states: Any, c: Any, direction: Any, course: tuple[Any, Any, Any, Any]
 ) -> Any:
     """Return up to which time a run came to no break that moves and at which rates jump, else as `sure_until`.
 
-    `course` is its end, its breaks (n,), and which of them move.
+    `states` (n, n_y) are those at the breaks; `course` is the end of the run, the time that it reached, its breaks
+    (n,), and which of them move.
     """
-    end, breaks, moved = course
-    starts = jnp.where(jnp.arange(len(record.taken)) < record.count, direction * record.t, jnp.inf)
-    at = jnp.minimum(jnp.searchsorted(starts, direction * breaks), len(starts) - 1)
-    inside = moved & (direction * breaks < direction * record.reached)
+    end, reached, breaks, moved = course
+    inside = moved & (direction * breaks < direction * reached)
     t, behind = jnp.where(inside, breaks, 0.0), jnp.append(0.0, breaks[:-1])
     ahead = jnp.append(breaks[1:], end)
     ahead = jnp.where(jnp.isfinite(ahead), ahead, end)
     middles = (jnp.where(inside, 0.5 * (a + b), 0.0) for a, b in ((behind, breaks), (breaks, ahead)))
-    one, other = (_table(rates, t, record.y[at], constants.rows(c, middle)) for middle in middles)
+    one, other = (_table(rates, t, states, constants.rows(c, middle)) for middle in middles)
     return direction * jnp.min(jnp.where(inside & _apart(one, other), direction * breaks, jnp.inf))
 
 

@@ -19,6 +19,7 @@ from .derivatives import CHUNK, Record, pushed
 from .first_order import FirstOrder
 from .lanes import RUNNING, Attempts, Batch, Projections, State, advanced, begun
 from .mesh_axes import varying_like
+from .run_constants import RunConstants
 
 __all__ = ["Blocks", "Kept", "Recomputed", "attempts_of_a_block", "with_blocks"]
 
@@ -37,8 +38,10 @@ class Kept(NamedTuple):
         The last state.
     at, begins, sizes, states_there : Array (n_t,), (n_t, n_y)
         The attempts that pass over wanted times, by number; when these began, how far they go, and the states there.
-    t0, t1, c : Array
-        Start, end, and constants (n_c,).
+    t0, t1, c, breaks : Array
+        Start, end, constants (n_c,), and breaks (n,).
+    wanted : Array (n_t,)
+        The wanted times, for derivatives of second order by them to be noticed.
     """
 
     states: Any
@@ -51,6 +54,8 @@ class Kept(NamedTuple):
     t0: Any
     t1: Any
     c: Any
+    breaks: Any
+    wanted: Any
 
 
 def attempts_of_a_block(max_steps: int) -> int:
@@ -69,20 +74,26 @@ class Blocks:
         The method.
     settings
         Floor, rtol, atol, the largest step, and how many steps may be attempted.
+    constants
+        What the constants of the run are.
     """
 
     attempts: Attempts
     projections: Projections
     settings: tuple[float, float, float, float, int]
+    constants: RunConstants
 
     @property
     def length(self) -> int:
         """Attempts of a block."""
         return attempts_of_a_block(self.settings[-1])
 
-    def batch(self, t0: Any, t1: Any, y: Any, c: Any) -> Batch:
+    def batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
         """Return the case."""
-        return Batch((y,), (c,), t0, t1, (), *self.settings)
+        batch = Batch((y,), self.constants.split(c), t0, t1, (), *self.settings)
+        if not len(breaks):
+            return batch
+        return batch._replace(breaks=breaks, between=self.constants.reading(c, breaks, t0, t1))
 
     def block(self, batch: Batch, state: State) -> tuple[Any, Any, State]:
         """Return the number of attempts of a block, what they were (length, 2 + n_y), and the state behind it."""
@@ -102,12 +113,21 @@ class Blocks:
 
 def _packed(state: State) -> State:
     """Return a state in floating point numbers."""
-    return state._replace(status=state.status.astype(float))
+    return jax.tree.map(lambda value: value.astype(float), state)
 
 
-def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any) -> tuple[State, Kept]:
-    """Return how a run along times t (n_t,) from the state y ended, and what is kept of it."""
-    batch, wanted = blocks.batch(t[0], t[-1], y, c), t if len(t) > 2 else t[:0]
+def _unpacked(state: State) -> State:
+    """Return a state from floating point numbers."""
+    passed = jax.tree.map(lambda value: value.astype(int), state.passed)
+    return state._replace(status=state.status.astype(int), passed=passed)
+
+
+def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any, breaks: Any) -> tuple[State, Kept]:
+    """Return how a run from the state y at t[0] to t[-1] ended, and what is kept of it.
+
+    That is at all of the times t (n_t,), in any order between the first and the last, if there are more than two.
+    """
+    batch, wanted = blocks.batch(t[0], t[-1], y, c, breaks), t if len(t) > 2 else t[:0]
     direction, length = jnp.where(t[-1] >= t[0], 1.0, -1.0), blocks.length
     start = begun(blocks.attempts, batch)
     room = -(-blocks.settings[-1] // length)
@@ -134,7 +154,7 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any) -> tuple[State, Kept]:
     reached = direction * (wanted - end.t) <= 0.0
     sizes = jnp.where(reached, wanted - rows[:, 0], 0.0)
     count = jnp.asarray(number).astype(float)
-    kept = Kept(states, count, end.y[0], at.astype(float), rows[:, 0], sizes, rows[:, 2:], t[0], t[-1], c)
+    kept = Kept(states, count, end.y[0], at.astype(float), rows[:, 0], sizes, rows[:, 2:], t[0], t[-1], c, breaks, t)
     return end, kept
 
 
@@ -152,9 +172,8 @@ class Recomputed(FirstOrder):
     def record(self, held: Kept, number: Any) -> tuple[Record, Any]:
         """Return the record of a block, and the number of its first attempt."""
         state = jax.tree.map(lambda rows: lax.dynamic_index_in_dim(rows, number, keepdims=False), held.states)
-        state = state._replace(status=state.status.astype(int))
-        batch = self.blocks.batch(held.t0, held.t1, state.y[0], held.c)
-        count, taken, end = self.blocks.block(batch, state)
+        batch = self.blocks.batch(held.t0, held.t1, state.y[0], held.c, held.breaks)
+        count, taken, end = self.blocks.block(batch, _unpacked(state))
         return Record(count, taken, end.y[0], end.t, jnp.nan), number * self.blocks.length
 
     def over(self, held: Kept) -> Any:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...methods.status import Status
-from ..problem import IntegrationProblem, PiecewisePolynomial, Solution
+from ..dense_output import PiecewisePolynomial
+from ..problem import IntegrationProblem, Solution
 
 __all__ = ["Record"]
 

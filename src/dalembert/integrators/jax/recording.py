@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import jax
@@ -17,6 +18,12 @@ _BLOCK = 32
 """Attempts that a run without derivatives takes down before it looks which of them pass over wanted times."""
 
 
+def _rows(part: Any, shape: tuple[int, ...]) -> Any:
+    """Return an array whose last axes have a shape, which may hold no cases, with one axis before them."""
+    leading = jnp.shape(part)[: jnp.ndim(part) - len(shape)]
+    return jnp.reshape(part, (math.prod(leading), *shape))
+
+
 def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
     """Return the number of attempts, what they were (room, 2 + n_y, ...), and how the run ended.
 
@@ -26,7 +33,7 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
     start = begun(attempts, batch)
 
     def row(t: Any, size: Any, y: Rows) -> Any:
-        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (t, size, *y)])
+        return jnp.concatenate([_rows(part, shape) for part in (t, size, *y)])
 
     def body(carry: Any) -> Any:
         i, state, taken = carry
@@ -53,7 +60,7 @@ def _passing(attempts: Attempts, projections: Projections, room: int, batch: Bat
     direction = direction_of(batch)
 
     def row(state: State) -> Any:
-        return jnp.concatenate([jnp.reshape(part, (-1, *shape)) for part in (state.t, *state.y)])
+        return jnp.concatenate([_rows(part, shape) for part in (state.t, *state.y)])
 
     def attempt(carry: Any) -> Any:
         i, state, block = carry

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.integrators.problem import DenseOutput
+from dalembert.integrators.dense_output import DenseOutput
 
 from ...arrays import FloatArray
 
@@ -22,7 +22,7 @@ class StepInterpolants(DenseOutput):
     interpolants
         One function of times (k,) per step, giving (n_y, k).
     corrections
-        What was added to the end of each step (n_steps, n_y); it enters as ``3*theta**2 - 2*theta**3`` times
+        Corrections of the end of each step (n_steps, n_y); each enters as ``3*theta**2 - 2*theta**3`` times
         it.
     """
 

@@ -126,7 +126,7 @@ class _Run:
         self.knots.append(float(self.problem.t0))
 
     def taken(self, status: Status, y0: FloatArray) -> Solution:
-        """Collect what was recorded, and keep only the end of it to go on from."""
+        """Return the recorded solution, and keep only its end, from which the run continues."""
         solution = self._collected(status, y0)
         self.t, self.y, self.knots = self.t[-1:], self.y[-1:], self.knots[-1:]
         self.interpolants, self.corrections = [], []

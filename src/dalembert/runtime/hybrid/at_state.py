@@ -11,8 +11,6 @@ import numpy as np
 from ...arrays import FloatArray
 from ...errors import InitialStateError
 from ...hybrid import OPEN, Mode
-from ...integrators.contact_cases import NOISE
-from ...integrators.contact_table import GAP
 from ...ir.conditions import CONDITION_TIME
 from ...options import TrimOptions
 from ...results.linearization import Linearization
@@ -68,8 +66,8 @@ def assemble_open(
     given, slipping = model.parameter_values(parameters), plain_mode(model.modes, "")
     mode, found = plain_mode(model.modes, OPEN), guess
     for _ in range(len(mode) + 1):
-        gaps = _gaps(model, t, found, given)
-        deep = np.ones(len(mode), np.bool_) if gaps is None else gaps < -NOISE * (np.abs(gaps) + 1.0)
+        found_gaps = _gaps(model, t, found, given)
+        deep = np.ones(len(mode), np.bool_) if found_gaps is None else found_gaps[0] < -found_gaps[1]
         mode = tuple(s if closes else m for m, s, closes in zip(mode, slipping, deep, strict=True))
         found = model.modes.model(mode)._assemble(t, guess, given | _no_slip(model, mode), fixed)
         if not _penetrates(model, t, found, given):
@@ -132,28 +130,29 @@ def _on_contacts(
     """
     modes, slipping, opened = model.modes, plain_mode(model.modes, ""), plain_mode(model.modes, OPEN)
     gaps = _gaps(model, t, values, given)
-    apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps > NOISE * (np.abs(gaps) + 1.0)
+    apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps[0] > gaps[1]
     touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
     values = values | modes.model(touching).assemble(values, given | _no_slip(model, touching), t=t)
     mode, _, own = _decided_mode(model, t, start_state(modes, model.layout, t, values, given), given)
     return values, mode, own
 
 
-def _gaps(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> FloatArray | None:
-    """Return the gaps (n_contacts,) at a guess, None where it lacks coordinates."""
+def _gaps(
+    model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the gaps (n_contacts,) at a guess, and what counts as zero; None where it lacks coordinates."""
     layout, decisions = model.layout, model.modes.decisions
     if any(name not in values for name in layout.coordinates):
         return None
     x = np.array([[values.get(name, 0.0) for name in layout.variables]])
     c = np.array([[given[name] for name in layout.parameters]])
-    return decisions.numbers(decisions.values(np.array([t]), x, c), GAP)[0]
+    return decisions.gaps(decisions.values(np.array([t]), x, c)[0], x[0])
 
 
 def _penetrates(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> bool:
     """Whether a contact that can open has a gap below zero."""
     gaps = _gaps(model, t, values, given)
-    opening = [contact.constraint is not None for contact in model.modes.equations.contacts]
-    return gaps is not None and bool(np.any(gaps[opening] < -NOISE * (np.abs(gaps[opening]) + 1.0)))
+    return gaps is not None and bool(np.any(gaps[0] < -gaps[1]))
 
 
 def _decided_mode(

@@ -15,7 +15,8 @@ from ...hybrid.modes import side_name
 from ...integrators import contact_cases as rules
 from ...integrators.contact_cases import ContactCases
 from ...integrators.contact_decisions import DecisionArguments
-from ...integrators.contact_table import ContactTable, contact_space, number, opening_power
+from ...integrators.contact_sizes import gap_noise
+from ...integrators.contact_table import GAP, ContactTable, contact_space, number, opening_power
 from ...integrators.mode_candidates import candidates_space
 from ...ir.kernel import Kernel
 from ...mechanics.equations import Guard
@@ -31,7 +32,7 @@ Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 
 def contact_table(automaton: HybridAutomaton) -> ContactTable:
     """Return the contacts of a scene as compiled code reads them."""
-    contacts, data = automaton.contacts, automaton.contact_data
+    contacts, data, equations = automaton.contacts, automaton.contact_data, automaton.equations
     ends = np.cumsum([0, *(len(contact.slips) for contact in contacts)])
 
     def column(values: list[int]) -> NDArray[np.int64]:
@@ -50,6 +51,7 @@ def contact_table(automaton: HybridAutomaton) -> ContactTable:
         smooth=column([int(c.regularization is not None) for c in contacts]),
         sided=column([int(side_name(c) is not None) for c in contacts]),
         tangential=column([unknown for c in contacts for unknown in c.tangential]),
+        angle=column([int(name in equations.angles) for name in equations.symbols.coordinates]),
     )
 
 
@@ -99,7 +101,7 @@ class Decisions:
         return self._rows(self.automaton.contact_data.kernel, t, x, c)
 
     def decide(self, state: HybridState, wanted: NDArray[np.intp], rtol: float = 0.0) -> None:
-        """Decide how the wanted cases go on: their states, modes and `status` are written.
+        """Select the next modes of the `wanted` cases: their states, modes and `status` are written.
 
         `rtol` is the relative tolerance of the integration.
         """
@@ -118,6 +120,19 @@ class Decisions:
             space.values[:] = own
             row[:] = [number(self.table, space, i, which) for i in range(len(row))]
         return found
+
+    def gaps(self, values: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gaps (n_contacts,), and the sizes below which they count as zero, at one state.
+
+        From the numbers of the contacts (n,) and coordinates, rates and first-order states x (2 n_q + n_z,); of
+        contacts that never open both are zero.
+        """
+        table, space = self.table, contact_space(self.table)
+        space.values[:] = values
+        found = np.zeros((2, len(table.constraint)))
+        for i in np.flatnonzero(table.constraint >= 0).tolist():
+            found[:, i] = number(table, space, i, GAP), gap_noise(table, space, x[np.newaxis], 0, i)
+        return found[0], found[1]
 
     def pushes_open(self, values: FloatArray, contact: int) -> bool:
         """Return whether the normal reaction of a contact pushes its gap open, as it must, from its numbers (n,)."""

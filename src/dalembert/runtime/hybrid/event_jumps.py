@@ -35,7 +35,7 @@ class EventJumps:
     model : CompiledModel
         Of the mode in which all that can open is open.
     violation : Violation
-        Tells how that model's motions violate the constraints of the scene.
+        Violation of the scene's constraints along motions of that model.
     events : sequence of Event
     names : sequence of str
         Parameters of the scene.

@@ -8,8 +8,8 @@ from typing import final
 import numpy as np
 
 from ...arrays import FloatArray
-from ...integrators.phase_stops import BEHIND, no_stops
-from ...integrators.phase_tables import JUMPS, NOBODY, NOT_BEGUN
+from ...integrators.phase_stops import no_stops
+from ...integrators.phase_tables import JUMPS, NOT_BEGUN
 from ...integrators.workspace import RUNNING
 from ...ir.program import Layout
 from ...methods.status import Status
@@ -44,6 +44,8 @@ class LoneCase:
         Lines of the log of phases; 0: there is none, and no step is recorded.
     fits : bool
         Whether "auto" looks at each motion to find a method that fits.
+    first_step : float or None
+        Size of the first step of a motion that is recorded; None where it is to be chosen.
     """
 
     def __init__(
@@ -55,7 +57,9 @@ class LoneCase:
         *,
         lines: int = 0,
         fits: bool = False,
+        first_step: float | None = None,
     ) -> None:
+        self.first_step = first_step
         self.modes, self.layout = modes, layout
         contacts, n, zero = len(modes.equations.contacts), len(layout.variables), np.zeros(1)
         x, c = np.zeros((1, n)), np.zeros((1, len(layout.parameters)))
@@ -64,7 +68,6 @@ class LoneCase:
         nothing = States.nothing_yet(0, n, contacts)
         self.table = table = case_table(self.state, zero.copy(), watched, None, nothing, self.log)
         known = modes, layout, options, 0, watched, self.state, table
-        self.stops: Stops | None = None
         self.executor = PhaseExecutor(*known, fits=fits, recorded=lines > 0)
         changing = (*self.state.cases, *table.numbers, table.occurred)
         self._begins = [(values, values.copy()) for values in changing]
@@ -79,48 +82,25 @@ class LoneCase:
         state.x[0], state.c[0] = x, p
         numbers.state[0], numbers.runner[0] = RUNNING, NOT_BEGUN
         self.executor.forget_methods()
-        self.executor.compile_seconds = 0.0
+        self.executor.compile_seconds, self.executor.first_step = 0.0, self.first_step
 
     def stop_at(self, stops: Stops | None) -> None:
         """Let the motion that begins next stop at the stops of one case."""
-        self.stops = stops
         if stops is not None or len(self.executor.table.stops.first):
             self.executor.stop_at(no_stops() if stops is None else stops.table)
 
-    def begin_from(self, state: HybridState, t1: float) -> None:
-        """Begin in the middle of a motion, in a mode that is known."""
-        self.begin(0.0, t1, state.x[0], state.c[0])
-        self.state.copied_from(state)
-        self.table.begun[0] = state.t[0]
-        if self.stops is not None:
-            self.stops.table.next[0] = BEHIND
-            self.executor.table.carried[:] = np.nan
-        self.table.numbers.runner[0] = NOBODY
-
     @property
-    def begins_in_mode(self) -> bool:
-        """Whether the motion begins in a mode that is known."""
-        return int(self.table.numbers.runner[0]) == NOBODY
-
-    def line(self) -> FloatArray:
-        """Return the line that the log would have of the present phase."""
-        state, cases = self.state, self.state.cases
-        about = cases.modes[0], cases.directions[0], cases.sides[0], cases.rest[0], cases.x[0]
-        return np.concatenate([[state.t[0], self.table.numbers.soon[0]], *about])
-
-    @property
-    def status(self) -> Status | None:
-        """The status with which the motion ended, None while it continues."""
-        status = int(self.table.numbers.state[0])
-        return None if status == RUNNING else Status(status)
+    def status(self) -> Status:
+        """The status with which the motion ended."""
+        return Status(int(self.table.numbers.state[0]))
 
     def run(
         self,
         jumps: EventJumps | None = None,
         paused: Callable[[], None] | None = None,
         jumped: Callable[[], None] | None = None,
-    ) -> bool:
-        """Run the motion to its end; return whether it came there: compiled code may not serve a mode.
+    ) -> None:
+        """Run the motion to its end.
 
         Parameters
         ----------
@@ -133,11 +113,9 @@ class LoneCase:
         """
         numbers, executor = self.table.numbers, self.executor
         while numbers.state[0] == RUNNING:
-            served = executor.run_alone(paused)
+            executor.run_alone(paused)
             if paused is not None:
                 paused()
-            if not served:
-                return False
             if numbers.runner[0] == JUMPS and numbers.state[0] == RUNNING:
                 assert jumps is not None
                 numbers.state[:] = jumps.apply(self.state, self.table.occurred, np.zeros(1, np.intp))
@@ -146,7 +124,6 @@ class LoneCase:
                     jumped()
         if numbers.state[0] in BROKEN:
             self._tell_paradox()
-        return True
 
     def _tell_paradox(self) -> None:
         """Tell a failure near Painleve's paradox from others."""

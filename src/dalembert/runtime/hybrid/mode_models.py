@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -24,6 +24,7 @@ from ...reduction.event_functions import coordinates_kernel
 from ...reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ...reduction.time_conditions import decided
 from ...results.trajectory import Trajectory
+from ..impulses import Impulses, impulses_of
 from ..sampling import Sampling
 from .decisions import Decisions
 
@@ -108,16 +109,6 @@ class ModeModels:
         outputs = [guard.output for guard in self.guards(mode)]
         return [armed(Event(output, terminal=True, direction=-1, name=output)) for output in outputs]
 
-    def expand(self, mode: Mode, t: FloatArray, y: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
-        """Return coordinates, rates and first-order states (k, 2 n_q + n_z) of states (k, n_y) of a mode at times (k,).
-
-        `columns` are the parameters of the mode's model in their order, (k,) or (1,) each.
-        """
-        p = np.empty((len(t), len(columns)))
-        for i, column in enumerate(columns.values()):
-            p[:, i] = column
-        return self.model(mode).engine.rows(self.expansion(mode), t, y, p)
-
     def states(self, mode: Mode, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the states (k, n_y) of a mode at variables (k, 2 n_q + n_z), for its constants (k, n_c)."""
         model = self.model(mode)
@@ -149,6 +140,11 @@ class ModeModels:
     def named(self, mode: Mode) -> dict[str, str]:
         """Return what each contact does in a mode."""
         return {contact.name: state for contact, state in zip(self.equations.contacts, mode, strict=True)}
+
+    def impulses(self, mode: Mode) -> Impulses | None:
+        """Return the jumps of rates of a mode; None where no prescribed velocity can jump."""
+        stages = self.model(mode).stages
+        return impulses_of(stages.equations, stages.program)
 
     def violation(self, mode: Mode) -> Violation:
         """Return what tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode."""

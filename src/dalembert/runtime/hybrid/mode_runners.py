@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,14 @@ from ...integrators.workspace import aligned
 from ...ir.program import Layout
 from ...mechanics.equations import ContactRow
 from ...options import StepOptions
-from ..case_blocks import fitted
-from ..cases import Cases, Settings
 from ..reductions import Reduction
-from ..sweep import runs_unchecked
 from .decisions import Decisions
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
+    from .host_runners import HostRunner
 
-__all__ = ["GatheredRows", "ModeRunner", "fitting_method", "thread_workspace"]
+__all__ = ["GatheredRows", "ModeRunner", "PhaseMemory", "thread_workspace"]
 
 
 _FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
@@ -62,7 +60,11 @@ class GatheredRows:
 @final
 @dataclass(frozen=True, eq=False)
 class ModeRunner:
-    """A mode, events and reductions along it, and a method that fits it."""
+    """A mode, what is watched in it, and a method: the loop over lanes, compiled.
+
+    The events are those of users, then the guards of the mode. The states that it writes are those of the formulation
+    (`expands`); the method is the one that it has.
+    """
 
     mode: Mode
     model: CompiledModel
@@ -70,6 +72,11 @@ class ModeRunner:
     along: Mapping[str, Reduction]
     method: str
     options: StepOptions
+    expands: ClassVar[bool] = True
+    taken: ClassVar[str] = ""
+
+    def forget(self) -> None:
+        """Do nothing: earlier motions leave nothing behind."""
 
     @property
     def size(self) -> int:
@@ -77,13 +84,14 @@ class ModeRunner:
         return len(self.model.layout.state)
 
     def call(
-        self, rows: GatheredRows, memory: _Memory, turn: NDArray[np.int64], recorded: bool, stops: bool
-    ) -> LoopCall | None:
-        """Return the call that runs the cases that are gathered in a memory, None where the engine has none.
+        self, rows: GatheredRows, memory: PhaseMemory, table: CaseTable, turn: NDArray[np.int64], recorded: bool
+    ) -> LoopCall:
+        """Return the call that runs the cases that are gathered in a memory.
 
-        Its next case is `turn` (1,). If `recorded`, it records the steps of a case that is alone. With `stops`, cases
-        go on where their last run has stopped.
+        Its next case is `turn` (1,). If `recorded`, it records the motion of a case that is alone. Where the table has
+        stops, cases go on where their last run has stopped.
         """
+        stops = len(table.stops.first) > 0
         model, names, gathered, k = self.model, tuple(rows.states), memory.gathered, memory.gathered.shape[1]
         start = model.derived.start(names)
         columns = CaseColumns(
@@ -106,33 +114,15 @@ class ModeRunner:
         y = memory.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, memory.ends, np.empty((k, 0, self.size)), happened, memory.totals)
         engine = model.engine.uncut
-        run = None if engine is None else engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
-        return None if run is None or run.call is None else run.call(turn)
-
-
-def fitting_method(model: CompiledModel, cases: Cases, options: StepOptions, *, fits: bool) -> str | None:
-    """Return the method for cases of a mode, None where they take more than runs of the engine.
-
-    With ``fits`` the method that is chosen automatically is the one that fits some of the cases.
-    """
-    if (
-        model.engine.uncut is None
-        or not runs_unchecked(model)
-        or any(name not in cases.parameters for name in model.layout.parameters)
-    ):
-        return None
-    chosen = model.choose_method(options.method, options.rtol, options.atol, many=True)
-    if fits:
-        limits = options.rtol, options.atol, options.max_step, options.max_steps
-        common = Settings(None, chosen, *limits, threads=1, progress=False)
-        chosen = fitted(model.engine, cases, common).method
-    return chosen
+        run = engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
+        assert run is not None and run.call is not None
+        return run.call(turn)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Memory:
-    """Memory in which cases are gathered and their results are written."""
+class PhaseMemory:
+    """Memory in which cases are gathered, by number, and their results are written."""
 
     gathered: FloatArray
     y: FloatArray
@@ -140,10 +130,11 @@ class _Memory:
     happened: FloatArray
     totals: FloatArray
     carried: FloatArray
+    chosen: NDArray[np.int64]
 
 
 def thread_workspace(
-    runners: Sequence[ModeRunner],
+    runners: Sequence[ModeRunner | HostRunner],
     rows: GatheredRows,
     together: int,
     lanes: int,
@@ -152,14 +143,12 @@ def thread_workspace(
     rtol: float,
     patience: int,
     recorded: bool,
-) -> tuple[ThreadWorkspace, Sequence[LoopCall], object] | None:
+) -> tuple[ThreadWorkspace, Sequence[LoopCall], object]:
     """Return memory for one thread, the calls of the runners, and what else must stay alive.
-
-    None where a runner has no call.
 
     Parameters
     ----------
-    runners : sequence of ModeRunner
+    runners : sequence of ModeRunner or HostRunner
     rows : GatheredRows
     together : int
         Cases at a time.
@@ -177,19 +166,18 @@ def thread_workspace(
     """
     size = max((runner.size for runner in runners), default=0)
     events = max((len(runner.events) for runner in runners), default=0)
-    memory = _Memory(
+    memory = PhaseMemory(
         aligned(rows.count, together),
         np.zeros(together * size),
         np.zeros((together, 3)),
         np.zeros(together * 3 * events),
         np.zeros((together, table.totals.shape[1])),
         np.full(together * events, np.nan),
+        np.zeros(together, np.int64),
     )
     turns, calls = np.zeros(len(runners), np.int64), []
     for i, runner in enumerate(runners):
-        call = runner.call(rows, memory, turns[i : i + 1], recorded, len(table.stops.first) > 0)
-        if call is None:
-            return None
+        call = runner.call(rows, memory, table, turns[i : i + 1], recorded)
         if patience:
             call.progress.returns, call.progress.patience = 1, patience
         calls.append(call)
@@ -208,7 +196,7 @@ def thread_workspace(
         carried=memory.carried,
         reaching=np.full((2, lanes), -1, np.int64),
         acted=aligned(int(max(np.diff(table.stops.columns), default=1)), lanes),
-        chosen=np.zeros(together, np.int64),
+        chosen=memory.chosen,
         clock=aligned(1, lanes),
         states=aligned(max(size, 1), lanes),
         constants=np.ones((max(rows.count, 1), lanes)),

@@ -41,12 +41,13 @@ from ..inputs import span_of
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from ..prepared import PreparedRun
+from ..simulate import simulate
 from .at_state import assemble_open, linearize_mode, trim_mode
 from .decisions import Decisions
 from .evaluate import evaluate
-from .given_values import plain_mode, start_state
+from .given_values import plain_mode, run_motion, start_state
 from .mode_models import ModeModels
-from .spans import prepare, simulate, sweep
+from .spans import moving_events, prepare, sweep
 
 __all__ = ["HybridModel"]
 
@@ -221,6 +222,23 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self._refuse(options.project_invariants)
         return simulate(self, t_span, initial, parameters, options)
 
+    def _simulate_in_own_time(
+        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
+    ) -> HybridTrajectory:
+        p, values = self.parameter_vector(parameters), run_input.given_values(self.layout, initial)
+        events = moving_events(self, options.events)
+        return run_motion(self.modes, self.layout, t_span, values, p, options, events)
+
+    def _with_parameters(self, symbols: tuple[Any, ...]) -> HybridModel:
+        return self._variant(("parameters", symbols), lambda: self.several.scene.with_parameters(symbols))
+
+    def _in_elapsed_time(self, watched: tuple[Any, ...]) -> HybridModel:
+        return self._variant(("elapsed", watched), lambda: self.several.scene.in_elapsed_time(watched))
+
+    def _check_watched(self, events: Any, reduce: Any) -> None:
+        moving_events(self, events)
+        self._model(plain_mode(self.modes, OPEN)).derived.events(events, reduce)
+
     def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> HybridSweep:
         self._refuse(options.project_invariants)
         return sweep(self, t_span, initial, parameters, options)
@@ -254,7 +272,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     ) -> DiscreteLinearization:
         names = list_names(item.name for item in self._controllers)
         raise CapabilityError(
-            f"linearize does not know of sampled controllers ({names}) in scenes whose contacts change: {WITHOUT}"
+            f"linearize does not support sampled controllers ({names}) in scenes whose contacts change: {WITHOUT}"
         )
 
     def _sensitivity(
@@ -287,22 +305,10 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         """Return the parameters by name, checked."""
         return dict(zip(self.layout.parameters, self.parameter_vector(parameters).tolist(), strict=True))
 
-    def with_parameters(self, symbols: tuple[Any, ...]) -> HybridModel:
-        """Return the model of the scene with further parameters, compiled when it is first needed."""
-        return self._variant(("parameters", symbols), lambda: self.several.scene.with_parameters(symbols))
-
-    def in_elapsed_time(self, watched: tuple[Any, ...]) -> HybridModel:
-        """Return the model of the scene in the time since a start, with expressions of time that events contain."""
-        return self._variant(("elapsed", watched), lambda: self.several.scene.in_elapsed_time(watched))
-
     def on_backend(self, name: str) -> HybridModel:
         """Return the model of the scene on another backend."""
         options = replace(self.several.options, backend=name)
         return derived_once(self._variants, ("backend", name), lambda: compile_hybrid(self.several.scene, options))
-
-    def check_watched(self, events: Any, reduce: Any) -> None:
-        """Refuse events and reductions that cannot be watched, as a run does."""
-        self._model(plain_mode(self.modes, OPEN)).derived.events(events, reduce)
 
     @property
     def traced_engine(self) -> Engine:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, final
 
@@ -13,9 +13,9 @@ import numpy as np
 from ...arrays import FloatArray
 from ...hybrid import Mode
 from ...hybrid.modes import STATES
+from ...integrators.dense_output import PiecewisePolynomial
 from ...integrators.event_code import Event
 from ...integrators.events import Occurrence
-from ...integrators.problem import PiecewisePolynomial
 from ...integrators.projected_states import projected
 from ...integrators.segments import Constants, Segments, constants_at
 from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
@@ -24,12 +24,13 @@ from ...interrupts import check
 from ...ir.conditions import CONDITION_TIME
 from ...ir.program import Layout
 from ...methods.status import Status
-from ...options import StepOptions
+from ...options import SimulateOptions
 from ...results.motion import RunStatistics
-from ...results.trajectory import Trajectory
+from ...results.trajectory import Trajectory, joined_runs
 from .. import inputs
 from ..symbol_assumptions import warn_of_motion
 from .event_jumps import EventJumps
+from .host_runners import HostRunner
 from .lone_case import LoneCase
 from .mode_models import ModeModels
 from .mode_runners import ModeRunner
@@ -62,10 +63,12 @@ class RecordedPhase:
         Coordinates, rates and first-order states where it begins.
     directions, sides, rest : ndarray (n_contacts, 2), (n_contacts,), (n_contacts,)
         Directions of slip, signs of normal reactions and rest speeds.
-    runner : ModeRunner or None
+    runner : ModeRunner, HostRunner or None
         What ran it; None where it took no time.
     rows : list of ndarray (k, ...)
         Records of its steps (`dalembert.integrators.step_records`).
+    runs : list of Trajectory
+        Its motion from stop to stop, where Python ran it.
     occurrences : ndarray (m, 3)
         Event, time and sign of what occurred in it.
     after : ndarray (2 n_q + n_z,) or None
@@ -79,8 +82,9 @@ class RecordedPhase:
     directions: FloatArray
     sides: FloatArray
     rest: FloatArray
-    runner: ModeRunner | None = None
+    runner: ModeRunner | HostRunner | None = None
     rows: list[FloatArray] = field(default_factory=list)
+    runs: list[Trajectory] = field(default_factory=list)
     occurrences: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     after: FloatArray | None = None
 
@@ -91,16 +95,18 @@ class RecordedPhase:
 
     def parameters(self, modes: ModeModels, given: Mapping[str, float]) -> list[float]:
         """Return the parameters of the model of its mode."""
-        values = {**given, **modes.added(self.mode, self.directions, self.sides, self.rest)}
-        return [float(values[name]) for name in modes.model(self.mode).layout.parameters]
+        layout = modes.model(self.mode).layout
+        values = {**layout.defaults, **given, **modes.added(self.mode, self.directions, self.sides, self.rest)}
+        return [float(values[name]) for name in layout.parameters]
 
 
 @contextmanager
 def recorder_of(
-    modes: ModeModels, layout: Layout, options: StepOptions, events: Sequence[Event], stops: Stops | None
+    modes: ModeModels, layout: Layout, options: SimulateOptions, events: Sequence[Event], stops: Stops | None
 ) -> Iterator[MotionRecorder]:
     """Context with a recorder for these options and events, which is kept for the next run that is given the same."""
-    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps
+    dense = options.dense or options.t_eval is not None
+    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, options.first_step, dense
     key = repr((*steps, tuple(events), stops is not None))
     if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
         modes.recorders.clear()
@@ -108,7 +114,8 @@ def recorder_of(
     try:
         recorder = kept.pop()
     except IndexError:
-        recorder = MotionRecorder(modes, layout, options, PhaseReductions({}, tuple(events)))
+        own = replace(options, dense=dense, t_eval=None, events=(), inputs=None, progress=False, error_estimate=False)
+        recorder = MotionRecorder(modes, layout, own, PhaseReductions({}, tuple(events)))
     recorder.case.stop_at(stops)
     yield recorder
     kept.append(recorder)
@@ -123,26 +130,28 @@ class MotionRecorder:
     modes : ModeModels
     layout : Layout
         Of the scene.
-    options : StepOptions
-        Method, tolerances, largest step and number of steps.
+    options : SimulateOptions
+        Method, tolerances, first and largest step, number of steps, and whether the motion is to be evaluated later.
     watched : PhaseReductions
         The events that users watch.
     """
 
-    def __init__(self, modes: ModeModels, layout: Layout, options: StepOptions, watched: PhaseReductions) -> None:
-        self.case, self._modes = LoneCase(modes, layout, options, watched, lines=_LINES, fits=True), modes
+    def __init__(self, modes: ModeModels, layout: Layout, options: SimulateOptions, watched: PhaseReductions) -> None:
+        known = modes, layout, options, watched
+        self.case = LoneCase(*known, lines=_LINES, fits=True, first_step=options.first_step)
+        self._modes, self.note = modes, ""
         self._phases: list[RecordedPhase] = []
         self._rows: list[tuple[ModeRunner, FloatArray]] = []
+        self._runs: list[tuple[HostRunner, Trajectory]] = []
         self._occurrences: list[FloatArray] = []
 
     def run(self, jumps: EventJumps) -> list[RecordedPhase]:
-        """Run the motion that `case` has begun as far as compiled code serves its modes; return its phases."""
-        self._phases, self._rows, self._occurrences = [], [], []
-        if self.case.begins_in_mode:
-            self._take_lines(self.case.line()[np.newaxis])
+        """Run the motion that `case` has begun; return its phases. What Python notes of its end is in `note`."""
+        self._phases, self._rows, self._runs, self._occurrences = [], [], [], []
         self.case.run(jumps, self._take, self._jumped)
         self._take()
         self._sort()
+        self.note = self._runs[-1][1].stats.note if self._runs else ""
         return self._phases
 
     def _take(self) -> None:
@@ -152,6 +161,10 @@ class MotionRecorder:
             self._take_lines(self.case.log[: int(numbers.logged[0])].copy())
             numbers.logged[0] = 0
         for runner, call in zip(executor.runners, executor.calls, strict=False):
+            if isinstance(runner, HostRunner):
+                self._runs += [(runner, run) for run in runner.runs]
+                runner.runs.clear()
+                continue
             count, occurred = call.progress.recorded, int(call.occurrences[0, 0])
             if count:
                 self._rows.append((runner, call.steps[:count].copy()))
@@ -189,6 +202,11 @@ class MotionRecorder:
                 phase = self._phases[place]
                 phase.runner = runner
                 phase.rows.append(rows[places == place])
+        for k, (host, run) in enumerate(self._runs, 1):
+            place = int(np.searchsorted(begins, forward * run.t[0], side="right")) - 1
+            if run.t[-1] != run.t[0] or (k == len(self._runs) and self._phases[place].mode == host.mode):
+                self._phases[place].runner = host
+                self._phases[place].runs.append(run)
         if self._occurrences:
             found = np.concatenate(self._occurrences)
             found = found[np.argsort(forward * found[:, 1], kind="stable")]
@@ -224,14 +242,15 @@ def trajectories(
     dense : bool
         Whether they can be evaluated between their steps.
     """
-    found: list[Trajectory | None] = [None] * len(phases)
-    for mode in dict.fromkeys(phase.mode for phase in phases):
-        some, model = [i for i, phase in enumerate(phases) if phase.mode == mode], modes.model(mode)
+    acts = stops is not None and stops.acts
+    found = [joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]
+    for mode in dict.fromkeys(phase.mode for phase in phases if not phase.runs):
+        some = [i for i, phase in enumerate(phases) if phase.mode == mode and not phase.runs]
+        model = modes.model(mode)
         p = np.array([phases[i].parameters(modes, given) for i in some]).reshape(len(some), -1)
         c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
         if stops is not None:
             c = [_course(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
-        acts = stops is not None and stops.acts
         for row, i in zip(c, some, strict=True):
             ended = status if i == len(phases) - 1 else Status.SUCCESS
             found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense, acts)

@@ -1,9 +1,10 @@
-"""Execution of phases by compiled code: cases run from mode to mode as long as the modes have been compiled."""
+"""Execution of phases: the loop over phases carries cases from mode to mode, each run by compiled code or by Python."""
 
 from __future__ import annotations
 
 import ctypes
 import itertools
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...codegen.host_code import raise_failure
 from ...codegen.llvm.loops import loop_named
 from ...codegen.runs import CaseRun, LoopCall
 from ...errors import ValueInputError
@@ -20,30 +22,26 @@ from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_stops import StopTable
 from ...integrators.phase_tables import NOBODY, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
-from ...interrupts import STOPPED, check
+from ...interrupts import STOPPED, check, stopped_by
 from ...ir.program import Layout
 from ...options import StepOptions
-from ..case_blocks import begin_whole
-from ..cases import Cases
+from ..case_blocks import begin_whole, fitted
+from ..cases import Cases, Settings
+from ..sweep import runs_unchecked
 from .decisions import LOOP, flag
+from .host_runners import HostRunner
 from .mode_models import ModeModels
-from .mode_runners import GatheredRows, ModeRunner, fitting_method, thread_workspace
+from .mode_runners import GatheredRows, ModeRunner, thread_workspace
 from .reductions import PhaseReductions
 from .state import HybridState
 
-__all__ = ["PhaseExecutor", "compiled_phases"]
+__all__ = ["PhaseExecutor"]
 
 _MOST_TOGETHER = 256
 """Cases that a thread runs together: enough to fill lanes, and few enough for the nearest cache."""
 _BATCHES_PER_THREAD = 4
 _PATIENCE = 4096
 """Rounds of a loop over lanes after which a case alone returns to Python, where Ctrl-C is raised."""
-
-
-def compiled_phases(modes: ModeModels) -> bool:
-    """Whether the engine of a scene has the loop over phases, which calls no Python functions."""
-    functions = [item for item in modes.equations.controllers if item.function is not None]
-    return modes.engine().phases is not None and not functions
 
 
 @final
@@ -70,7 +68,6 @@ class PhaseExecutor:
     Parameters
     ----------
     modes : ModeModels
-        Of an engine that has the loop (`compiled_phases`).
     layout : Layout
         Of the scene.
     options : StepOptions
@@ -85,10 +82,17 @@ class PhaseExecutor:
         The same arrays, and what is recorded, with nothing in ``order``.
     fits : bool
         Whether "auto" looks at the motions to find a method that fits.
-    chosen : callable
+    chosen : callable, optional
         Returns the method for the number of a mode, given the one that would be taken.
     recorded : bool
-        Whether the steps of the case, which is alone, are recorded.
+        Whether the motion of the case, which is alone, is recorded.
+
+    Attributes
+    ----------
+    runners : list of ModeRunner or HostRunner
+    first_step : float or None
+        Size of the first step of the case that is recorded and is to begin.
+    compile_seconds : float
     """
 
     def __init__(
@@ -102,19 +106,22 @@ class PhaseExecutor:
         table: CaseTable,
         *,
         fits: bool = True,
-        chosen: Callable[[int, str], str] = lambda mode, method: method,
+        chosen: Callable[[int, str], str] | None = None,
         recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.threads, self.state, self.table = modes, options, threads, state, table
         self.parameters, self.rows = layout.parameters, GatheredRows.of(layout, modes.equations.contacts)
         self.reductions = reductions
-        self.asked = [
+        self.requested = [
             replace(event, name=event.label, terminal=1 if event.apply else int(event.terminal), apply=None)
             for event in reductions.events
         ]
-        self.methods: dict[Mode, str | None] = {}
-        self.numbers: dict[tuple[Mode, str], int] = {}
-        self.runners: list[ModeRunner] = []
+        self.runners: list[ModeRunner | HostRunner] = []
+        self.first_step: float | None = None
+        self._numbers: dict[tuple[Mode, str, bool], int] = {}
+        self._serving: dict[Mode, int] = {}
+        self._left: dict[int, tuple[float, dict[str, float]]] = {}
+        self._parallel = modes.engine().parallel
         self._fits, self._chosen, self._recorded = fits and options.automatic, chosen, recorded
         self._made: tuple[tuple[int, int, int], _Threads] | None = None
         self._packed: list[NDArray[np.int64]] = []
@@ -123,14 +130,30 @@ class PhaseExecutor:
 
     # -- runners ---------------------------------------------------------------------------
 
+    @property
+    def methods(self) -> dict[Mode, str]:
+        """Method of each mode that has been run."""
+        found = {runner.mode: runner.taken or runner.method for runner in self.runners}
+        return found | {mode: self.runners[i].taken or self.runners[i].method for mode, i in self._serving.items()}
+
     def forget_methods(self) -> None:
         """Find out anew which methods fit, because other motions follow."""
+        for runner in self.runners:
+            runner.forget()
         if self._fits:
-            self.methods.clear()
+            self._serving.clear()
             self._activate()
 
+    def _take_first_step(self) -> float | None:
+        """Return the size of the first step; what comes after its phase is run as if it had not been given."""
+        step, self.first_step = self.first_step, None
+        if step is not None:
+            self._serving.clear()
+            self._activate()
+        return step
+
     def _place(self, some: NDArray[np.intp]) -> None:
-        """Give running cases without a runner the one of their mode, where there is any."""
+        """Give running cases without a runner the one of their mode."""
         numbers = self.table.numbers
         alike = self.state.mode_numbers(some)
         for number in np.unique(alike):
@@ -138,109 +161,128 @@ class PhaseExecutor:
             mode, begin = self.modes.automaton.mode(int(number)), time.perf_counter()
             self.modes.model(mode)
             self.compile_seconds += time.perf_counter() - begin
-            if mode not in self.methods:
-                self.methods[mode] = self._method(mode, here)
-            numbers.runner[here] = self._runner(mode)
-
-    def _runner(self, mode: Mode) -> int:
-        """Return the number of the runner of a mode; `NOBODY` where compiled code does not serve it."""
-        method = self.methods.get(mode)
-        if method is None or method == "radau":
-            return NOBODY
-        key = mode, method
-        if key not in self.numbers:
-            self.numbers[key] = len(self.runners)
-            events, along = (*self.asked, *self.modes.events(mode)), self.reductions.along
-            self.runners.append(ModeRunner(mode, self.modes.model(mode), events, along, method, self.options))
+            if mode not in self._serving:
+                self._serving[mode] = self._runner(mode, here)
+            numbers.runner[here] = self._serving[mode]
         self._activate()
-        return self.numbers[key]
+
+    def _runner(self, mode: Mode, some: NDArray[np.intp]) -> int:
+        """Return the number of the runner of a mode, some cases of which are to be run."""
+        model = self.modes.model(mode)
+        compiled = self._parallel and self.first_step is None and self.modes.impulses(mode) is None
+        compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= {*self.rows.parameters}
+        cases = self._first_cases(mode, some)
+        method = self._method(mode, cases, compiled=compiled and cases is not None)
+        compiled = compiled and method not in ("auto", "radau")
+        key = mode, method, compiled
+        if key not in self._numbers:
+            self._numbers[key] = len(self.runners)
+            events = (*self.requested, *self.modes.events(mode))
+            if compiled:
+                self.runners.append(ModeRunner(mode, model, events, self.reductions.along, method, self.options))
+            else:
+                about = events, self.reductions, method, self.options, self._take_first_step, self._left
+                self.runners.append(HostRunner(self.modes, mode, *about))
+        return self._numbers[key]
+
+    def _method(self, mode: Mode, cases: Cases | None, *, compiled: bool) -> str:
+        """Return the method of a mode: "auto" where each run by Python is to find one that fits."""
+        own, model = self.options, self.modes.model(mode)
+        if self._recorded and not compiled:
+            return own.method
+        method = model.choose_method(own.method, own.rtol, own.atol, many=True)
+        if self._chosen is not None:
+            return self._chosen(self.modes.automaton.number(mode), method)
+        if not self._fits or cases is None:
+            return method if compiled else own.method
+        limits = own.rtol, own.atol, own.max_step, own.max_steps
+        return fitted(model.engine, cases, Settings(None, method, *limits, threads=1, progress=False)).method
 
     def _activate(self) -> None:
-        """Let modes be served by the runners of their methods, and by no others."""
+        """Let modes be served by the runners that were chosen for them, and by no others."""
         if self._made is None:
             return
         served = self._made[1].plan.runners.mode
         for i, runner in enumerate(self.runners[: len(served)]):
-            active = self.methods.get(runner.mode) == runner.method
+            active = self._serving.get(runner.mode) == i
             served[i] = self.modes.automaton.number(runner.mode) if active else NOBODY
 
-    def _method(self, mode: Mode, some: NDArray[np.intp]) -> str | None:
-        """Return the method that fits the first, the middle and the last of some cases."""
+    def _first_cases(self, mode: Mode, some: NDArray[np.intp]) -> Cases | None:
+        """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""
         some = some[sorted({0, len(some) // 2, len(some) - 1})]
         model, state, cases = self.modes.model(mode), self.state, self.state.cases
         columns = {name: state.c[some, i] for i, name in enumerate(self.parameters)}
         columns |= self.modes.added(mode, state.directions(some), cases.sides[some], cases.rest[some])
-        if any(name not in columns for name in model.layout.parameters):
-            return None
-        given = {name: columns[name] for name in model.layout.parameters}
+        given = {name: columns[name] for name in model.layout.parameters if name in columns}
         initial = {name: state.x[some, i] for i, name in enumerate(self.rows.states)}
         try:
-            spans = state.t[some], self.table.t1[some]
-            ready = Cases(model.stages.program, model.derived.start, spans, initial, given)
-        except ValueInputError:  # a value that its symbol excludes; the run of the phase says so
+            return Cases(
+                model.stages.program, model.derived.start, (state.t[some], self.table.t1[some]), initial, given
+            )
+        except ValueInputError:  # the run of the phase says so
             return None
-        found = fitting_method(model, ready, self.options, fits=self._fits)
-        return found and self._chosen(self.modes.automaton.number(mode), found)
 
     # -- running ---------------------------------------------------------------------------
 
-    def run(self, some: NDArray[np.intp]) -> bool:
-        """Run those of some cases whose modes have runners as far as they go; return whether there are any.
+    def run(self, some: NDArray[np.intp]) -> None:
+        """Run cases as far as they go: to their ends, to a jump, or to a mode that has no runner yet.
 
         Raises KeyboardInterrupt where Ctrl-C stopped it.
         """
-        numbers = self.table.numbers
-        self._place(some[numbers.runner[some] == NOBODY])
-        return self._run(np.ascontiguousarray(some[numbers.runner[some] != NOBODY], np.int64))
+        self._place(some[self.table.numbers.runner[some] == NOBODY])
+        self._run(np.ascontiguousarray(some, np.int64))
 
-    def run_alone(self, paused: Callable[[], None] | None = None) -> bool:
-        """Run the only case as far as it goes; return whether its mode has a runner.
-
-        `paused` is called whenever the loop returns before that.
-        """
+    def run_alone(self, paused: Callable[[], None] | None = None) -> None:
+        """Run the only case as far as it goes; `paused` is called whenever the loop returns before that."""
         if self.table.numbers.runner[0] == NOBODY:
             self._place(self._alone)
-        return self.table.numbers.runner[0] != NOBODY and self._run(self._alone, paused)
+        self._run(self._alone, paused)
 
     @property
     def calls(self) -> Sequence[LoopCall]:
         """The calls of the runners of the only case, as its last run made them."""
         return () if self._made is None else self._made[1].calls
 
-    def _run(self, order: NDArray[np.int64], paused: Callable[[], None] | None = None) -> bool:
+    def _run(self, order: NDArray[np.int64], paused: Callable[[], None] | None = None) -> None:
         """Run cases that have runners, or are to begin."""
-        if not len(order):
-            return False
         threads = self._thread_memory(len(order))
-        if threads is None:
-            self.methods = dict.fromkeys(self.methods)
-            self.table.numbers.runner[order] = NOBODY
-            return False
+        threads.turn[0] = 0
         try:
-            self._work(threads, order, paused)
-        except KeyboardInterrupt:
+            if self.threads and self._parallel:
+                self._work(threads, order)
+            else:
+                self._work_here(threads, order, paused)
+        except BaseException:
             self._made = None  # its loops are in the middle of something
             raise
-        return True
 
-    def _work(self, threads: _Threads, order: NDArray[np.int64], paused: Callable[[], None] | None) -> None:
-        """Call the loop, in threads unless a case is alone."""
-        loop, threads.turn[0] = loop_named("phase_loop").call, 0
-        if not self.threads:
-            if not self._packed:
-                self._packed = threads.packed(self.table, self._alone)
-            pointer = ctypes.c_void_p(address_of(self._packed[0]))
-            while loop(pointer):
+    def _work_here(self, threads: _Threads, order: NDArray[np.int64], paused: Callable[[], None] | None) -> None:
+        """Call the loop in this thread."""
+        loop, packed = loop_named("phase_loop").call, self._packed
+        if not packed:
+            packed = threads.packed(self.table, order)
+            self._packed = [] if self.threads else packed
+        pointer, going = ctypes.c_void_p(address_of(packed[0])), True
+        while going:
+            going = bool(loop(pointer))
+            raise_failure()
+            if going:
                 check()
                 if paused is not None:
                     paused()
-            return
-        packed, begun = threads.packed(self.table, order), itertools.count()
+
+    def _work(self, threads: _Threads, order: NDArray[np.int64]) -> None:
+        """Call the loop in threads."""
+        loop, packed, begun = loop_named("phase_loop").call, threads.packed(self.table, order), itertools.count()
+        stopping = threading.Event()
 
         def work() -> None:
-            loop(ctypes.c_void_p(address_of(packed[next(begun)])))
+            with stopped_by(stopping):
+                loop(ctypes.c_void_p(address_of(packed[next(begun)])))
+                raise_failure()
 
         def stop() -> None:
+            stopping.set()
             for space in threads.spaces:
                 space.turns[:] = STOPPED
 
@@ -248,16 +290,15 @@ class PhaseExecutor:
         if not begin_whole(run, len(order), len(threads.spaces), False)(False):
             raise KeyboardInterrupt
 
-    def _thread_memory(self, count: int) -> _Threads | None:
-        """Return the memory of threads for a number of cases, that of the last time where it fits.
-
-        None where a runner has no call.
-        """
+    def _thread_memory(self, count: int) -> _Threads:
+        """Return the memory of threads for a number of cases, that of the last time where it fits."""
         if not self.threads and self._made is not None and self._made[0][0] == len(self.runners):
             return self._made[1]
-        lanes = self.modes.engine().code(self.modes.automaton.contact_data.kernel)[1]
-        threads = max(self.threads, 1)
+        engine = self.modes.engine()
+        lanes = engine.code(self.modes.automaton.contact_data.kernel)[1]
+        threads = max(self.threads, 1) if self._parallel else 1
         together = min(_MOST_TOGETHER, max(lanes, count // (threads * _BATCHES_PER_THREAD)))
+        together = max(count, lanes) if engine.whole_blocks else together
         key = len(self.runners), together, min(threads, -(-count // together))
         if self._made is not None and self._made[0] == key:
             return self._made[1]
@@ -265,11 +306,8 @@ class PhaseExecutor:
         patience = 0 if self.threads else _PATIENCE
         about = lanes, self.modes.decisions, self.table, self.options.rtol, patience, self._recorded
         made = [thread_workspace(self.runners, self.rows, together, *about) for _ in range(key[2])]
-        spaces = [each[0] for each in made if each is not None]
-        calls = [each[1] for each in made if each is not None]
-        if len(spaces) < len(made):
-            return None
-        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), calls[0], made)), []
+        spaces, calls = [each[0] for each in made], made[0][1]
+        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), calls, made)), []
         self._activate()
         return self._made[1]
 
@@ -297,9 +335,9 @@ class PhaseExecutor:
         columns = np.zeros((len(self.runners), max(width, 1)), np.int64)
         lines, guards = np.zeros((len(self.runners), len(RunnerTable._fields)), np.int64), list[tuple[int, int]]()
         for line, row, runner in zip(lines, columns, self.runners, strict=True):
-            names = runner.model.layout.parameters
+            names = runner.model.layout.parameters if runner.expands else ()
             row[: len(names)] = [self.rows.parameters[name] for name in names]
-            expand, _ = runner.model.engine.code(self.modes.expansion(runner.mode))
+            expand = runner.model.engine.code(self.modes.expansion(runner.mode))[0] if runner.expands else 0
             number = automaton.number(runner.mode)
             line[:] = number, runner.size, len(names), len(runner.events), len(guards), expand
             guards += [(guard.contact, flag(guard)) for guard in self.modes.guards(runner.mode)]

@@ -24,23 +24,23 @@ __all__ = ["PhaseReductions"]
 @final
 @dataclass(frozen=True, eq=False)
 class PhaseReductions:
-    """Reductions that were asked for, and what every phase watches for them.
+    """Requested reductions, and the events and expressions that every phase needs for them.
 
     Attributes
     ----------
     table : mapping of str to Reduction
-    asked : tuple of Event
+    requested : tuple of Event
         The events that users watch.
     """
 
     table: Mapping[str, Reduction]
-    asked: tuple[Event, ...]
+    requested: tuple[Event, ...]
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """The events that users watch, then those whose first times are reductions."""
         crossings = [each.event(name) for name, each in self.table.items() if each.kind == "first crossing"]
-        return (*self.asked, *crossings)
+        return (*self.requested, *crossings)
 
     @cached_property
     def along(self) -> dict[str, Reduction]:
@@ -95,7 +95,7 @@ class PhaseReductions:
         found = np.full((len(last.t), len(self.table)), np.nan)
         names = list(self.table)
         crossings = [name for name in names if name not in self.along]
-        for i, name in enumerate(crossings, len(self.asked)):
+        for i, name in enumerate(crossings, len(self.requested)):
             found[:, names.index(name)] = happened[:, 3 * i + 1]
         columns = np.array([names.index(name) for name in self.along], np.intp)
         for number in np.unique(last.mode[last.mode >= 0]) if len(columns) else ():

@@ -40,7 +40,7 @@ class MotionRequest:
     jumps : EventJumps
         Of the events that map the state.
     layout : Layout
-        Of the scene, with the outputs that were asked for.
+        Of the scene, with the requested outputs.
     """
 
     t0: float

@@ -13,7 +13,7 @@ from ...hybrid.modes import STATES
 from ...integrators.contact_cases import ContactCases, contact_cases
 from ...results.hybrid_sweep import States
 
-__all__ = ["HybridState", "placed"]
+__all__ = ["HybridState"]
 
 
 @final
@@ -51,15 +51,6 @@ class HybridState:
         """Coordinates, rates and first-order states (k, 2 n_q + n_z)."""
         return self.cases.x
 
-    def copied_from(self, other: HybridState) -> None:
-        """Take over what another state says, of as many cases."""
-        for mine, given in zip((self.t, self.c, *self.cases), (other.t, other.c, *other.cases), strict=True):
-            mine[...] = given
-
-    def copy(self) -> HybridState:
-        """Return the same with arrays of its own."""
-        return HybridState(self.t.copy(), self.c.copy(), ContactCases._make(values.copy() for values in self.cases))
-
     def directions(self, some: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
         """Return directions of slip (k, n_contacts, 2) of some cases."""
         found = self.cases.directions[some]
@@ -76,10 +67,3 @@ class HybridState:
         modes = self.cases.modes[some]
         numbers = modes @ (len(STATES) ** np.arange(modes.shape[1]))
         return np.where(np.any(modes < 0, axis=1), -1, numbers)
-
-
-def placed(some: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """Return numbers that rise, as a slice where none is left out."""
-    if len(some) and int(some[-1]) - int(some[0]) + 1 == len(some):
-        return slice(int(some[0]), int(some[-1]) + 1)
-    return some

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...codegen.host_code import HostCode, columns_at
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.input_steps import no_inputs
 from ...integrators.phase_stops import BEFORE_START, StopTable
 from ...ir.program import Layout
+from ...reduction.sampling_kernels import Action
 from ..input_values import GivenInputs
-from ..sampling import Sampling
+from ..sampling import NoInstants, Sampling
 from .mode_models import ModeModels
 
 __all__ = ["Stops", "stops_of"]
@@ -25,12 +27,14 @@ __all__ = ["Stops", "stops_of"]
 class Stops:
     """Stops of some cases, as the loop over phases has them, and what must stay alive with them.
 
-    `breaks` are the changes of conditions on time, `inputs` values with knots; None without any.
+    `breaks` are the changes of conditions on time, `inputs` values with knots; None without any. In cases that are
+    `senseless` (k,) the periods or offsets of controllers make no sense, and nothing acts.
     """
 
     table: StopTable
     breaks: CaseBreaks | None
     inputs: GivenInputs | None
+    senseless: NDArray[np.bool_]
     held: object
 
     @property
@@ -46,7 +50,8 @@ def stops_of(
     p: FloatArray,
     spans: tuple[FloatArray, FloatArray],
     wanted: FloatArray | None = None,
-    left_out: NDArray[np.bool_] | None = None,
+    *,
+    many: bool = False,
 ) -> Stops | None:
     """Return the stops of cases with parameters (k, n_p) of the scene; None where there are none.
 
@@ -63,22 +68,27 @@ def stops_of(
         Starts and ends (k,) [s].
     wanted : ndarray (n_t,) or None
         Times to record [s].
-    left_out : ndarray (k,) or None
-        Cases in which no controller acts.
+    many : bool
+        Whether cases with invalid periods are marked.
 
     Raises
     ------
-    BreakTimesError, NoInstants, OptionError
-        For stops without end, periods that make no sense, and controllers in runs backwards in time.
+    BreakTimesError, OptionError
+        For stops without end, and controllers in runs backwards in time.
+    NoInstants
+        For periods that make no sense, unless there are `many` cases.
     """
     breaks, sampling = modes.breaks(p, *spans), modes.sampling(layout)
     records = None if given is None else given.records(layout)
     if breaks is None and sampling is None and records is None:
         return None
-    lists = _stop_lists(breaks, sampling, p, spans, wanted, left_out)
+    k = len(p)
+    senseless = np.zeros(k, np.bool_)
+    lists = _stop_lists(breaks, sampling, p, spans, wanted, senseless if many else None)
     sizes = [len(times) for times, _, _ in lists]
     actions = () if sampling is None else sampling.kernels.actions
-    k = len(p)
+    codes = [] if sampling is None else [_action_code(modes, sampling, action) for action in actions]
+    places = [] if sampling is None else [_places(sampling, action) for action in actions]
     table = StopTable(
         first=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         times=np.concatenate([np.zeros(0), *(own for own, _, _ in lists)]),
@@ -87,13 +97,47 @@ def stops_of(
         next=np.full(k, BEFORE_START, np.int64),
         edges=np.zeros(k),
         place=0 if breaks is None or breaks.place is None else breaks.place,
-        kernels=np.array([modes.engine().code(a.kernel)[0] for a in actions if a.kernel is not None], np.int64),
-        columns=np.cumsum([0, *(len(action.places) for action in actions)]).astype(np.int64),
-        places=np.array([place for action in actions for place in action.places], np.int64),
+        kernels=np.array([code.address for code in codes], np.int64),
+        columns=np.cumsum([0, *(len(own) for own in places)]).astype(np.int64),
+        places=np.array([place for own in places for place in own], np.int64),
         inputs=no_inputs() if records is None else records.table(k),
         coefficients=np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k)),
     )
-    return Stops(table, breaks, None if records is None else given, records)
+    return Stops(table, breaks, None if records is None else given, senseless, (records, codes))
+
+
+@final
+@dataclass(frozen=True)
+class _Code:
+    """Code of an engine."""
+
+    address: int
+
+
+def _places(sampling: Sampling, action: Action) -> tuple[int, ...]:
+    """Return which variables a controller sets."""
+    names = sampling.layout.state
+    return action.places or tuple(names.index(name) for name in (*action.inputs, *action.states))
+
+
+def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> HostCode | _Code:
+    """Return code of what a controller sets; that of a Python function is for a case that is alone."""
+    engine = modes.engine()
+    if action.kernel is not None:
+        return _Code(engine.code(action.kernel)[0])
+    lanes, layout = engine.code(modes.automaton.contact_data.kernel)[1], sampling.layout
+    places = list(_places(sampling, action))
+
+    def act(t: int, y: int, c: int, s: int, out: int) -> int:
+        now, x, p = (
+            columns_at(address, rows, lanes)[:, 0]
+            for address, rows in ((t, 1), (y, len(layout.state)), (c, len(layout.parameters)))
+        )
+        columns_at(out, len(places), lanes)[:] = np.nan  # a case whose law fails goes no further
+        columns_at(out, len(places), lanes)[:, 0] = sampling.called(action, float(now[0]), x.copy(), p.copy())[places]
+        return 0
+
+    return HostCode(act)
 
 
 _Lists = list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]
@@ -105,15 +149,19 @@ def _stop_lists(
     p: FloatArray,
     spans: tuple[FloatArray, FloatArray],
     wanted: FloatArray | None,
-    left_out: NDArray[np.bool_] | None,
+    senseless: NDArray[np.bool_] | None,
 ) -> _Lists:
-    """Return for each case times, times at which conditions are decided from there on, and which controllers act."""
+    """Return for each case times, times at which conditions are decided from there on, and which controllers act.
+
+    Cases whose periods make no sense are marked in `senseless`, where it is given.
+    """
     schedules = None if sampling is None else sampling.schedules(p)
     known: dict[bytes, tuple[FloatArray, FloatArray, NDArray[np.int64]]] = {}
     found: _Lists = []
+    refused: set[bytes] = set()
     for i, (t0, t1) in enumerate(zip(*(span.tolist() for span in spans), strict=True)):
         own = np.zeros(0) if breaks is None else breaks.times[breaks.starts[i] : breaks.starts[i + 1]]
-        acting = sampling is not None and np.isfinite(t0 + t1) and (left_out is None or not left_out[i])
+        acting = sampling is not None and np.isfinite(t0 + t1)
         schedule = np.zeros(0) if schedules is None or not acting else schedules[i]
         key = np.array([t0, t1]).tobytes() + own.tobytes() + schedule.tobytes()
         if key not in known:
@@ -123,8 +171,15 @@ def _stop_lists(
             middles = edges[:-1] + 0.5 * np.diff(edges) if decides else np.full(len(own), np.nan)
             instants, acts = np.zeros(0), np.zeros(0, np.int64)
             if sampling is not None and acting:
-                instants, acts = sampling.instants(schedule, t0, t1, None, wanted)
+                try:
+                    instants, acts = sampling.instants(schedule, t0, t1, None, wanted)
+                except NoInstants:
+                    if senseless is None:
+                        raise
+                    refused.add(key)
             known[key] = _together(times, middles, instants, acts, backward=t1 < t0)
+        if senseless is not None:
+            senseless[i] = key in refused
         found.append(known[key])
     return found
 

@@ -1,4 +1,4 @@
-"""Sweeps of motions with contacts, by the loop over phases, or in rounds of all cases that are in one mode."""
+"""Sweeps of motions with contacts."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.phase_tables import JUMPS, NOT_BEGUN
+from ...integrators.workspace import RUNNING
 from ...methods.status import Status
 from ...progress import meter
-from ...results.hybrid_sweep import HybridSweep
-from ...results.sweep import SweepStatistics
+from ...results.case_results import SweepStatistics
+from ...results.hybrid_sweep import HybridSweep, States
 from ..symbol_assumptions import warn_of_motion
+from .case_table import case_table
 from .mode_models import ModeModels
 from .output_values import BROKEN, OutputValues
-from .phases import PhaseExecutor, compiled_phases
+from .phases import PhaseExecutor
 from .request import SweepRequest
-from .rounds import RUNNING, CaseRounds
+from .state import HybridState
+from .stops import stops_of
 
 __all__ = ["sweep"]
 
@@ -37,84 +41,90 @@ class _Sweep:
     def __init__(self, modes: ModeModels, request: SweepRequest) -> None:
         self.modes, self.request, self.reductions = modes, request, request.reductions
         self.begin = time.perf_counter()
-        self.cases = cases = CaseRounds(modes, request)
-        changing = None if cases.inputs is None else (cases.inputs, request.t1, cases.forward > 0.0)
-        self.value = OutputValues(modes, request.layout, request.p, cases.breaks, changing)
-        known = modes, request.layout, request.options, request.threads, self.reductions, cases.now, cases.table
-        compiled = compiled_phases(modes)
-        fits, chosen = request.options.fits, request.options.method_chosen
-        self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen) if compiled else None
+        t0, t1, p, layout, options = request.t, request.t1, request.p, request.layout, request.options
+        count, k = len(t0), len(modes.equations.contacts)
+        given = options.inputs if options.inputs is not None and options.inputs.sampled else None
+        stops = stops_of(modes, layout, given, p, (t0, t1), request.t_eval, many=True)
+        wanted = 0 if request.t_eval is None else len(request.t_eval)
+        self.now = HybridState.starting(t0, request.x, p, t1 - t0, k, len(layout.states))
+        self.samples = States.nothing_yet(count * wanted, len(layout.variables), k)
+        table = case_table(self.now, t1, self.reductions, request.t_eval, self.samples, np.empty((0, 0)))
+        table.numbers.state[:], table.numbers.runner[:] = request.status, NOT_BEGUN
+        if stops is not None:
+            table = table._replace(stops=stops.table)
+            table.numbers.state[stops.senseless & (table.numbers.state == RUNNING)] = int(Status.NON_FINITE)
+        self.table, self.stops = table, stops
+        self.status, self.phases = table.numbers.state, table.numbers.phases
+        changing = None if given is None else (given, t1, t1 >= t0)
+        self.value = OutputValues(modes, layout, p, None if stops is None else stops.breaks, changing)
+        known = modes, layout, options, request.threads, self.reductions, self.now, table
+        chosen = None if options.chosen is None else options.method_chosen
+        self.executor = PhaseExecutor(*known, fits=options.fits, chosen=chosen)
 
     def results(self) -> HybridSweep:
         """Run all cases to their ends."""
-        if self.executor is None:
-            self.cases.begin(self.cases.going())
-        with meter(len(self.cases.status), self.request.options.progress) as advance:
-            advance(len(self.cases.status) - len(self.cases.going()))
+        with meter(len(self.status), self.request.options.progress) as advance:
+            advance(len(self.status) - len(self._going()))
             try:
-                while len(going := self.cases.going()):
-                    if not self._executed(going):
-                        self._round(going)
-                    self.cases.jump(self.cases.going(), deciding=self.executor is None)
-                    advance(len(going) - len(self.cases.going()))
+                while len(going := self._going()):
+                    self._run(going)
+                    self._jump()
+                    advance(len(going) - len(self._going()))
             except KeyboardInterrupt:
                 pass
-        self.cases.status[self.cases.status == RUNNING] = int(Status.INTERRUPTED)
+        self.status[self.status == RUNNING] = int(Status.INTERRUPTED)
         return self._finished()
 
-    def _round(self, going: NDArray[np.intp]) -> None:
-        """Run cases that compiled code does not serve, for a round."""
-        if self.executor is None:
-            self.cases.run(going)
-            return
-        self.cases.leave_loop(going)
-        self.cases.run(going)
-        self.cases.enter_loop(going)
-        if len(self.executor.table.carried):
-            self.executor.table.carried[going] = np.nan
+    def _going(self) -> NDArray[np.intp]:
+        """Return the cases that continue."""
+        return np.flatnonzero(self.status == RUNNING)
 
-    # -- compiled code ---------------------------------------------------------------------
-
-    def _executed(self, going: NDArray[np.intp]) -> bool:
-        """Let compiled code run cases as far as it can; return whether it could do anything."""
+    def _run(self, going: NDArray[np.intp]) -> None:
+        """Run cases as far as they go."""
         if self.request.options.progress:
             going = going[:_BETWEEN_LOOKS]
-        if self.executor is None or not self.executor.run(going):
-            return False
-        self.cases.methods |= dict.fromkeys(method for method in self.executor.methods.values() if method)
-        broken = going[np.isin(self.cases.status[going], BROKEN)]
-        self.cases.status[broken[self.value.jammed(self.cases.states(broken))]] = int(Status.CONTACT_IMPOSSIBLE)
-        return True
+        self.executor.run(going)
+        broken = going[np.isin(self.status[going], BROKEN)]
+        jammed = self.value.jammed(self._states(broken))
+        self.status[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
+
+    def _jump(self) -> None:
+        """Map the states of cases in which events have occurred that do so, and let them begin anew."""
+        some = self._going()
+        some = some[self.table.numbers.runner[some] == JUMPS]
+        if not len(some):
+            return
+        assert self.request.jumps is not None
+        self.status[some] = self.request.jumps.apply(self.now, self.table.occurred, some)
+        over = some[self.status[some] != RUNNING]
+        self.phases[over] -= self.now.cases.passed[over] != 0.0
+        self.table.numbers.runner[some] = NOT_BEGUN
+
+    def _states(self, some: NDArray[np.intp]) -> States:
+        """Return the present states of some cases."""
+        return self.now.states(some, self.table.numbers.history[some])
 
     # -- results ---------------------------------------------------------------------------
 
-    def _methods(self) -> dict[tuple[int, float], str]:
-        """Return the method of each mode by its number and the tolerance."""
-        compiled = {} if self.executor is None else self.executor.methods
-        found = {mode: method for mode, (_, method) in self.cases.fits.items()}
-        found |= {mode: method for mode, method in compiled.items() if method}
-        number, rtol = self.modes.automaton.number, self.request.options.rtol
-        return {(number(mode), rtol): method for mode, method in found.items()}
-
     def _finished(self) -> HybridSweep:
-        request, cases = self.request, self.cases
-        started = cases.now.mode_numbers() >= 0
-        ends = np.column_stack([cases.now.t, cases.status.astype(float), cases.steps.astype(float)])
+        request, numbers, methods = self.request, self.table.numbers, self.executor.methods
+        started, mode_number = self.now.mode_numbers() >= 0, self.modes.automaton.number
+        ends = np.column_stack([self.now.t, numbers.state.astype(float), numbers.steps.astype(float)])
         stats = SweepStatistics(
-            method=", ".join(cases.methods),
+            method=", ".join(dict.fromkeys(methods.values())),
             threads=request.threads,
-            steps=int(cases.steps.sum()),
-            compile_seconds=cases.compile_seconds,
-            run_seconds=time.perf_counter() - self.begin - cases.compile_seconds,
+            steps=int(numbers.steps.sum()),
+            compile_seconds=self.executor.compile_seconds,
+            run_seconds=time.perf_counter() - self.begin - self.executor.compile_seconds,
             rtol=request.options.rtol,
             atol=request.options.atol,
-            methods=self._methods(),
+            methods={(mode_number(mode), request.options.rtol): method for mode, method in methods.items()},
         )
-        count = len(cases.status)
-        last = cases.states(np.arange(count))
+        count = len(self.status)
+        last = self._states(np.arange(count))
         if request.t_eval is not None:
-            cases.samples.case[:] = np.repeat(np.arange(count), len(request.t_eval))
-        met, automaton = np.concatenate([last.mode, cases.samples.mode]), self.modes.automaton
+            self.samples.case[:] = np.repeat(np.arange(count), len(request.t_eval))
+        met, automaton = np.concatenate([last.mode, self.samples.mode]), self.modes.automaton
         modes = {int(n): self.modes.named(automaton.mode(int(n))) for n in np.unique(met[met >= 0])}
         run = HybridSweep(
             self.modes.equations.name,
@@ -124,14 +134,14 @@ class _Sweep:
             request.t_eval,
             request.axes,
             stats,
-            (last, None if request.t_eval is None else cases.samples),
-            cases.phases + started,
+            (last, None if request.t_eval is None else self.samples),
+            self.phases + started,
             [contact.name for contact in self.modes.equations.contacts],
             modes,
             self.value,
         )
         warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
-        about = cases.occurred, cases.totals
-        reduced = self.reductions.results(self.value, last, request.t, cases.status, about)
-        labels = [event.label for event in self.reductions.asked]
-        return run.with_events(labels, cases.occurred[:, : 3 * len(labels)], list(self.reductions.table), reduced)
+        about = self.table.occurred, self.table.totals
+        reduced = self.reductions.results(self.value, last, request.t, self.status, about)
+        labels = [event.label for event in self.reductions.requested]
+        return run.with_events(labels, self.table.occurred[:, : 3 * len(labels)], list(self.reductions.table), reduced)

@@ -37,7 +37,7 @@ def sensitivity(
     atol: float = 1e-10,
     max_steps: int = 1_000_000,
 ) -> Sensitivity:
-    """Simulate one trajectory with the derivatives of what happens along it.
+    """Simulate one trajectory with its derivatives.
 
     Generated variational equations are integrated beside the equations of motion, under the same control of
     error. The consistent start and the projection onto constraints are differentiated along.
@@ -47,7 +47,7 @@ def sensitivity(
     t_span, initial, parameters, inputs, t_eval, method, rtol, atol, max_steps
         As for `simulate`.
     wrt : iterable of symbols or names
-        Parameters, and values given in `initial`. What the constraints fix varies with them where it is left out.
+        Parameters, and values given in `initial`. Values that the constraints fix, if left out, vary with them.
         An input is the number that it is given, or the values of its samples, which are called "u[0]", "u[1]", ...;
         one of them alone may be named too.
     of : iterable of symbols or names, optional
@@ -124,7 +124,7 @@ def linearize(
     Raises
     ------
     UnknownNameError, ValueInputError, InitialStateError, OptionError
-        For input that is wrong, for states that contacts forbid or do not let go on, and for controllers without a
+        For wrong input, for states that contacts forbid or leave without a motion, and for controllers without a
         common period.
     CapabilityError
         For controllers that are Python functions.
@@ -178,11 +178,11 @@ def trim(
     steady : iterable of symbols or names, optional
         Coordinates, rates and states that must not change in time: ``x.diff()`` stands for a vanishing
         acceleration, ``x`` for a vanishing rate. By default all rates and states, and in scenes with velocity
-        constraints those rates that `guess` gives: in a steady turn the others go on changing.
+        constraints those rates that `guess` gives: in a steady turn the others keep changing.
     t : float
         Time [s], where the scene depends on it. The conditions hold at this time.
     tolerance : float
-        What may be left of a condition, as a share of the size of its terms.
+        Largest residual of a condition, as a share of the size of its terms.
     max_iterations : int
         Most Newton steps.
 

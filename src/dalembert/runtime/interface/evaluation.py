@@ -140,7 +140,7 @@ def _evaluate(
 
 
 def _traced(*given: Any) -> bool:
-    """Whether JAX traces something of what is given, mappings and records among it; for models in JAX."""
+    """Return whether JAX traces a value in the arguments, mappings and records included; for models in JAX."""
     from ...integrators.jax.traced import is_traced
 
     values = [each for value in given for each in (value.values() if isinstance(value, Mapping) else (value,))]

@@ -83,7 +83,7 @@ def simulate(
         Whether to run a twin at a hundredth of the tolerances beside it, from which
         ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
     events : sequence of Event, SymPy expressions or names
-        What to watch for: sign changes, all of them, located to rounding; see `Event`. They are in
+        Expressions whose sign changes are located to rounding, all of them; see `Event`. They are in
         ``trajectory.events``, by name. A sign change at the very start is none.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values by a correction after every step, together with the
@@ -178,10 +178,10 @@ def sweep(
         ``sweep.error_estimate["x"]`` estimates the global errors; NaN where contacts of the two runs do not do the
         same.
     events : sequence of Event, SymPy expressions or names
-        What to watch for in every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
+        Events of every case, as for `simulate`. ``sweep.events["name"]`` has how often each occurred,
         and when first and last.
     reduce : mapping of str to reductions, or sequence of expressions or names
-        What to keep of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
+        Reductions of every motion: `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing` of
         expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
         for cases that failed.
     project_invariants : bool, str or sequence of str
@@ -194,7 +194,7 @@ def sweep(
     client : distributed.Client, optional
         A cluster that computes the chunks; by default this process does.
     resume : bool
-        Whether to go on with a store of the same sweep; otherwise an existing store is an error.
+        Whether to continue a store of the same sweep; otherwise an existing store is an error.
     units : mapping of symbols or names to str, optional
         Units of what the store holds, and of parameters, as ``to_xarray(units=...)`` of a sweep takes them.
 

@@ -125,7 +125,7 @@ def assemble(
     inputs : mapping of symbols or names to numbers or samples, optional
         Every input of the scene.
     fixed : iterable of symbols or names
-        What keeps exactly the value of the guess, such as the angle of a crank.
+        Names that keep exactly the value of the guess, such as the angle of a crank.
 
     Returns
     -------

@@ -91,7 +91,7 @@ def solve_fn(
     if watching:
         from ..hosted import hosted_runs, with_symbols  # for these runs alone
 
-        self = with_symbols(self, self.layout, events, reduce, self.variants.with_parameters)
+        self = with_symbols(self, self.layout, events, reduce, self._with_parameters)
     refuse_sampling(self._controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
     start = None
     if given is not None:
@@ -161,7 +161,7 @@ def hybrid_solve_fn(
         raise CapabilityError(Capability.SOLVE_FUNCTION.value)
     from ..hosted import METHODS, hybrid_runs, with_symbols
 
-    self = with_symbols(self, self.layout, events, reduce, self.with_parameters)
+    self = with_symbols(self, self.layout, events, reduce, self._with_parameters)
     if given is not None:
         names = [self.layout.aliases.get(str(name), str(name)) for name in given]
         given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))

@@ -57,7 +57,7 @@ def results_of(model: SweptModel, part: Part, options: SweepOptions) -> xarray.D
 
 
 def columns_of(results: xarray.Dataset, request: Request) -> Columns:
-    """Return the arrays over the cases: results, and what was varied. Values of axes are stored once, elsewhere."""
+    """Return the arrays over the cases: results and varied values. Values of axes are stored once, elsewhere."""
     columns = {str(name): np.asarray(v) for name, v in results.variables.items() if v.dims[:1] == ("case",)}
     for axis in () if request.cases is None else request.cases.axes:
         given = columns.pop(f"{axis}_given", None)

@@ -1,4 +1,4 @@
-"""Digests of what is kept in a store."""
+"""Digests of the arrays and texts of a store."""
 
 from __future__ import annotations
 

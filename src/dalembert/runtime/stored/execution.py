@@ -8,8 +8,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from ...errors import StoredSweepError
 from ...options import StoreOptions
+from ...processors import available_threads
 from ...progress import meter
-from ..cases import available_threads
 from .chunks import ChunkJob
 from .outcomes import LostCluster, Outcomes
 
@@ -61,7 +61,7 @@ def compute_missing(
         raise StoredSweepError(
             f"{job.store.count - len(missing) + finished} of {job.store.count} chunks are in {str(where.to)!r};"
             f" {len(missing) - finished} are missing. Chunk {chunk} could not be computed: {reason}. Nothing is lost:"
-            " the same call goes on with what is missing"
+            " the same call continues with the missing ones"
         )
 
 

@@ -17,12 +17,12 @@ _OF_BACKENDS = {"numba": ("numba",), "jax": ("jax", "jaxlib", "diffrax"), "numpy
 
 
 def names_of(backend: str) -> tuple[str, ...]:
-    """Return the names of what results of a backend depend on."""
+    """Return the names of the properties of a machine on which results of a backend depend."""
     return (_INSTRUCTIONS, "dalembert", *_PACKAGES, *_OF_BACKENDS.get(backend, ()))
 
 
 def machine(names: Iterable[str]) -> dict[str, str]:
-    """Return, by name, what this process has."""
+    """Return these properties of the present process, by name."""
     own = {_INSTRUCTIONS: lambda: target().key, "dalembert": lambda: __version__}
     return {name: own[name]() if name in own else _version(name) for name in names}
 
@@ -36,7 +36,7 @@ def _version(package: str) -> str:
 
 
 def difference(wanted: Mapping[str, str], has: Mapping[str, str]) -> str:
-    """Return what is different on a machine, with the remedy; nothing where all is the same."""
+    """Return the differences of a machine, with the remedy; empty where there are none."""
     for name, value in wanted.items():
         if has.get(name) == value:
             continue

@@ -107,7 +107,7 @@ class Request:
         return replace(part, initial={**part.initial, **started}, parameters={**part.parameters, **others})
 
     def without_arrays(self) -> Request:
-        """Return the request without what `given` returns."""
+        """Return the request without the arrays that `given` returns."""
         return replace(self, span={}, initial={}, parameters={}, inputs=None)
 
     def digest(self) -> str:
@@ -171,7 +171,7 @@ def _ranges(first: int, last: int, leaders: Sequence[int]) -> tuple[tuple[int, i
 
 
 def _length(value: Any) -> int | None:
-    """Return for how many cases there are values; None for what serves all."""
+    """Return the number of cases that values are given for; None for one value of all cases."""
     if isinstance(value, Samples):
         return value.cases
     try:

@@ -240,7 +240,7 @@ class Store:
                 group.attrs["parameter_units"] = found.attrs["parameter_units"]
 
     def dataset(self) -> Any:
-        """Return the results as an ``xarray.Dataset`` that reads the store when it is asked.
+        """Return the results as an ``xarray.Dataset`` that reads the store on demand.
 
         Units are texts: those of times do not make dates.
         """

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...errors import MissingExtraError, OptionError, StoredSweepError
 from ...options import StoreOptions, SweepOptions
+from ...processors import available_threads
 from ...results.labels import with_units
 from ...version import __version__
-from ..cases import available_threads
 from .chunks import ChunkJob, columns_of, results_of
 from .execution import compute_missing
 from .machines import difference, machine, names_of
@@ -57,7 +57,7 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
     OptionError
         Where the store belongs to something else, or exists and `resume` is off.
     StoredSweepError
-        Where chunks could not be computed; it says how many, and a later call goes on.
+        Where chunks could not be computed; the message says how many; a later call continues.
     """
     packages()
     _require_distributed(where)
@@ -81,7 +81,7 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
             store.label(with_units(store.dataset(), where.units, *names))
     except OSError as error:
         raise StoredSweepError(
-            f"the store {str(where.to)!r} could not be laid out: {error}. The same call goes on where this one ended"
+            f"the store {str(where.to)!r} could not be laid out: {error}. The same call continues where this one ended"
         ) from error
     missing = store.missing(request)
     if missing:
@@ -121,7 +121,7 @@ def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, An
 
 
 def _refuse_other_machine(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
-    """Refuse to go on with a store that was begun with another instruction set, or with other versions."""
+    """Refuse to continue a store that was begun with another instruction set, or with other versions."""
     different = difference(store.group.attrs.get(_MACHINE, {}), attributes[_MACHINE])
     if different:
         raise OptionError(
@@ -160,7 +160,7 @@ def _coordinates(request: Request, pilot: xarray.Dataset) -> Columns:
 
 
 def _most_cases(options: SweepOptions, where: StoreOptions, seconds: float) -> Callable[[Columns], int]:
-    """Return a function that tells how many cases a chunk has, for seconds of a case, from results of some cases."""
+    """Return a function from seconds a case to the number of cases of a chunk, from results of some cases."""
     threads = 1 if where.client is not None else options.threads or available_threads()
     most = max(_FEWEST_BYTES, _BYTES // threads)
 
@@ -172,7 +172,7 @@ def _most_cases(options: SweepOptions, where: StoreOptions, seconds: float) -> C
 
 
 def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilot: xarray.Dataset) -> dict[str, Any]:
-    """Return what the store says of itself."""
+    """Return the attributes of the store."""
     chosen = ((field.name, getattr(options, field.name)) for field in fields(options))
     parts = {
         "scene": blake2b(model.text.encode(), digest_size=16).hexdigest(),
@@ -192,7 +192,7 @@ def _plain(value: Any) -> str:
 
 
 def _difference(held: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return what differs between a store and a request."""
+    """Return the differences between a store and a request."""
     names = {"scene": "its scene", "cases": "its cases", "options": "its options"}
     old, new = held.get("dalembert_parts", {}), wanted["dalembert_parts"]
     different = [text for key, text in names.items() if old.get(key) != new[key]]

@@ -14,7 +14,7 @@ from ...hybrid import OPEN
 from ...methods.status import Status
 from ...options import SweepOptions
 from ..cases import Cases, spans_of
-from ..event_parameters import event_parameters
+from ..event_parameters import with_event_parameters
 from ..hybrid.given_values import plain_mode
 from ..input_values import GivenInputs, read_inputs
 from .request import Part, Request
@@ -33,7 +33,7 @@ _SCANNED = 4096
 
 @dataclass(frozen=True, eq=False)
 class SweptModel(ABC):
-    """Base class of what a stored sweep runs; a subclass knows what a sweep decides once for all its cases."""
+    """Base class of models in stored sweeps; a subclass has the decisions that a sweep makes once for all its cases."""
 
     model: Any
 
@@ -44,7 +44,7 @@ class SweptModel(ABC):
 
     @abstractmethod
     def leading_cases(self, request: Request, options: SweepOptions) -> list[int]:
-        """Return the cases by which a sweep decides what all cases have in common; at least one."""
+        """Return the cases, at least one, from which a sweep makes its decisions for all cases."""
 
     @abstractmethod
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> Self:
@@ -95,8 +95,7 @@ class SmoothModel(SweptModel):
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> SmoothModel:
         """Return the model with the parameters that only events and reductions contain."""
         about = parameters, options.events, options.reduce, options.grid
-        make = self.model.variants.with_parameters
-        return SmoothModel(event_parameters(self.model, self.model.layout, *about, make=make))
+        return SmoothModel(with_event_parameters(self.model, *about))
 
     def leading_cases(self, request: Request, options: SweepOptions) -> list[int]:
         """Return the cases by which a sweep decides what all cases have in common.
@@ -148,7 +147,7 @@ class ContactModel(SweptModel):
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> ContactModel:
         """Return the model with the parameters that only events and reductions contain."""
         about = parameters, options.events, options.reduce, options.grid
-        return ContactModel(event_parameters(self.model, self.model.layout, *about, make=self.model.with_parameters))
+        return ContactModel(with_event_parameters(self.model, *about))
 
     def leading_cases(self, request: Request, options: SweepOptions) -> list[int]:
         """Return the first case, so that no part has one case alone."""

@@ -1,0 +1,77 @@
+"""Python functions as code that compiled loops call."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
+
+__all__ = ["HOST_LANES", "HostCode", "columns_at", "interpreted_code", "raise_failure"]
+
+HOST_LANES = 8
+"""Lanes of interpreted kernels: eight rows take about as long as one."""
+
+_SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * 5)
+_THREAD = threading.local()
+
+
+@final
+class HostCode:
+    """A Python function of five addresses as code that loops call, while this object lives.
+
+    What it raises waits for `raise_failure`, because no exception passes through machine code. Until then all such code
+    of the thread does nothing, and returns 1.
+
+    Attributes
+    ----------
+    address : int
+    """
+
+    def __init__(self, function: Callable[[int, int, int, int, int], int]) -> None:
+        def run(*addresses: int) -> int:
+            if getattr(_THREAD, "failure", None) is not None:
+                return 1
+            try:
+                return function(*addresses)
+            except BaseException as failure:  # also KeyboardInterrupt
+                _THREAD.failure = failure
+                return 1
+
+        self._held = _SIGNATURE(run)
+        self.address = int(ctypes.cast(self._held, ctypes.c_void_p).value or 0)
+
+
+def raise_failure() -> None:
+    """Raise what code of this thread has raised since the last call, if anything."""
+    failure: BaseException | None = getattr(_THREAD, "failure", None)
+    if failure is not None:
+        _THREAD.failure = None
+        raise failure
+
+
+def columns_at(address: int, rows: int, lanes: int) -> FloatArray:
+    """Return the matrix of doubles (rows, lanes) at an address, a view."""
+    if not rows:
+        return np.empty((0, lanes))
+    return np.ctypeslib.as_array((ctypes.c_double * (rows * lanes)).from_address(address)).reshape(rows, lanes)
+
+
+def interpreted_code(kernel: Kernel) -> HostCode:
+    """Return a kernel of (t, y, c) as code of `HOST_LANES` lanes, which interprets it."""
+    places = [(load.array, load.index) for load in kernel.loads if load.index is not None]
+    sizes = {name: 1 + max((index for array, index in places if array == name), default=-1) for name in "yc"}
+
+    def interpret(t: int, y: int, c: int, s: int, out: int) -> int:
+        found = columns_at(out, len(kernel.outputs), HOST_LANES)
+        states, constants = columns_at(y, sizes["y"], HOST_LANES), columns_at(c, sizes["c"], HOST_LANES)
+        found[:] = interpret_rows(kernel, columns_at(t, 1, HOST_LANES)[0], states.T, constants.T).T
+        return 0
+
+    return HostCode(interpret)

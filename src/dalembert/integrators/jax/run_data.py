@@ -1,0 +1,154 @@
+"""Data of traced runs: the pieces of a method, limits of steps, results, and times along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, Protocol, final
+
+import jax
+import jax.numpy as jnp
+
+from .along import Differentiable
+from .continuous import Field
+from .derivatives import Record, Steps
+from .lanes import Attempts, Function, Projections, Rows
+from .mesh_axes import vectorised
+
+__all__ = ["Foreign", "Limits", "Path", "Pieces", "Reached", "Stepping", "in_order", "middles", "places"]
+
+
+class Stepping(Differentiable, Protocol):
+    """Steps of given sizes, and their derivatives."""
+
+    def __call__(self, steps: Steps) -> Rows:
+        """Return the states at the ends of steps, n_y rows (k,)."""
+
+    def rates(self, steps: Steps) -> Rows:
+        """Return the rates of the states at the starts of steps, n_y rows (k,)."""
+
+
+class Foreign(Protocol):
+    """Runs of one case, and batches of them, as calls of machine code."""
+
+    @property
+    def serves(self) -> bool:
+        """Whether the present trace may have such calls."""
+        ...
+
+    def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
+        """Return how a run went, which `traced`, a function of (t, y, c), does in a traced loop."""
+        ...
+
+    @property
+    def serves_batches(self) -> bool:
+        """Whether the present trace may have such calls for batches."""
+        ...
+
+    def batch(
+        self,
+        limits: Limits,
+        room: int,
+        traced: Callable[..., Record],
+        size: int,
+        given: Sequence[Any],
+        batched: Sequence[bool],
+    ) -> Record:
+        """Return how `size` runs went, with times, first states and constants of their own (`batched`) or common.
+
+        `traced` is a function of rows (t, y, c) that does so in a traced loop.
+        """
+        ...
+
+
+@final
+@dataclass(frozen=True)
+class Pieces:
+    """A method, in the forms that a traced run needs.
+
+    Attributes
+    ----------
+    one, one_projections
+        Attempts and corrections of one case, on one row that holds all components.
+    many, many_projections
+        Attempts and corrections of many cases, on a row for each component.
+    steps
+        Steps of given sizes, and their derivatives.
+    decided
+        (t, y, c) -> the values in the rates that jump with the state, on rows; None where nothing does.
+    moved_by
+        Numbers of the constants on which the times of breaks depend.
+    field
+        What makes the rates and their cotangents for continuous adjoints.
+    foreign
+        Runs of one case as calls of machine code; None where there are none.
+    """
+
+    one: Attempts
+    one_projections: Projections
+    many: Attempts
+    many_projections: Projections
+    steps: Stepping
+    decided: Function | None = None
+    moved_by: tuple[int, ...] = ()
+    field: Callable[[], Field] | None = None
+    foreign: Foreign | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Limits:
+    """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted."""
+
+    rtol: float
+    atol: float
+    floor: float
+    max_step: float
+    max_steps: int
+
+
+@final
+class Reached(NamedTuple):
+    """States (n_t, n_y) of a run, NaN where it did not come, its status, its accepted steps, and its attempts."""
+
+    y: Any
+    status: Any
+    steps: Any
+    attempts: Any
+
+
+@final
+class Path(NamedTuple):
+    """The attempts of a run, of which `count` were made, as in `Record`: what it takes to go along it again.
+
+    ``taken`` (room, 2 + n_y), ``end`` (n_y,), and the time ``reached``, in the direction of the run.
+    """
+
+    count: Any
+    taken: Any
+    end: Any
+    reached: Any
+    direction: Any
+
+
+def in_order(t: Any) -> tuple[Any, Any]:
+    """Return times (n_t,) by which to run, and whether they are those given: finite, and going one way."""
+    ordered = jnp.all(jnp.isfinite(t)) & (jnp.all(t[1:] >= t[:-1]) | jnp.all(t[1:] <= t[:-1]))
+    return jnp.where(ordered, t, 0.0), ordered
+
+
+def middles(t: Any, breaks: Any) -> Any:
+    """Return the middles (n_t,) between the breaks (n,) around times, of which the first is 0 and the last the end."""
+    direction, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(breaks)
+    passed = places(direction * breaks, direction * t)
+    behind = jnp.where(passed > 0, breaks[jnp.maximum(passed - 1, 0)], t[0])
+    ahead = breaks[jnp.minimum(passed, count - 1)]
+    ahead = jnp.where((passed < count) & jnp.isfinite(ahead), ahead, t[-1])
+    return behind + 0.5 * (ahead - behind)
+
+
+def places(rows: Any, values: Any) -> Any:
+    """Return how many of the rising `rows` (n,) are at most each of the values (k,)."""
+    still = jax.lax.stop_gradient
+    return vectorised(partial(jnp.searchsorted, side="right"), True, still(rows), still(values))

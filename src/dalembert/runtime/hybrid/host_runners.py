@@ -1,0 +1,284 @@
+"""Modes that Python runs, by the integrators of their models, where the loop over lanes does not serve them.
+
+These are modes of engines without such loops, radau, modes whose prescribed velocities jump at a break, and those of
+which results are checked. The loop over phases calls such a runner as it calls compiled ones.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...codegen.host_code import HostCode
+from ...codegen.runs import LoopCall
+from ...hybrid import Mode
+from ...integrators.arguments import kind_of, place_of
+from ...integrators.event_code import Event
+from ...integrators.phase_tables import CaseTable
+from ...integrators.sweep_arguments import SweepArguments
+from ...integrators.workspace import OCCURRENCE, LoopProgress
+from ...methods.status import Status
+from ...options import SimulateOptions, StepOptions, SweepOptions
+from ...results.sweep import Sweep
+from ...results.trajectory import Trajectory
+from .. import inputs
+from ..simulate import simulate_in_own_time
+from ..sweep import begin_sweep
+from .mode_models import ModeModels
+from .mode_runners import GatheredRows, PhaseMemory
+from .reductions import PhaseReductions
+
+__all__ = ["HostRunner"]
+
+_WORDS, _COUNT = len(kind_of(SweepArguments).words), place_of(SweepArguments, "shape.cases")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Cases that begin a part of a phase: numbers, spans, parameters and variables by name, and signs of events."""
+
+    cases: NDArray[np.int64]
+    t0: FloatArray
+    t1: FloatArray
+    p: Mapping[str, FloatArray]
+    x: dict[str, FloatArray]
+    carried: FloatArray | None
+
+
+@final
+class HostRunner:
+    """A mode, what is watched in it, and a method.
+
+    Parameters
+    ----------
+    modes : ModeModels
+    mode : Mode
+    events : tuple of Event
+        Those of users, which map nothing, then the guards of the mode.
+    reductions : PhaseReductions
+    method : str
+        A method of the backend, or "auto".
+    options : StepOptions
+        Tolerances, largest step and number of steps.
+    first_step : callable
+        Returns the size of the first step of a case that is recorded, None where it is to be chosen.
+    left : dict of int to (float, dict of str to float)
+        Times and parameters of cases at the ends of their last runs, which all runners share.
+
+    Attributes
+    ----------
+    runs : list of Trajectory
+        Motions of a case that is recorded.
+    taken : str
+        Method of the last run.
+    """
+
+    expands: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        modes: ModeModels,
+        mode: Mode,
+        events: tuple[Event, ...],
+        reductions: PhaseReductions,
+        method: str,
+        options: StepOptions,
+        first_step: Callable[[], float | None],
+        left: dict[int, tuple[float, dict[str, float]]],
+    ) -> None:
+        self.mode, self.model, self.events, self.method = mode, modes.model(mode).uncut, events, method
+        self.runs: list[Trajectory] = []
+        self.taken = ""
+        self._impulses, self._expansion = modes.impulses(mode), modes.expansion(mode)
+        self._reductions, self._options, self._first_step = reductions, options, first_step
+        self._requested = len(reductions.events)
+        self._numbered = np.array([int(event.terminal) > 1 for event in events[: self._requested]], np.bool_)
+        self._left, self._scene = left, {*modes.equations.symbols.parameters}
+        self._counted: dict[bytes, tuple[Event, ...]] = {}
+
+    @property
+    def size(self) -> int:
+        """Components of the states that it writes, which are variables."""
+        return len(self.model.layout.variables)
+
+    def forget(self) -> None:
+        """Forget earlier motions."""
+        self._left.clear()
+        self.runs.clear()
+
+    def call(
+        self, rows: GatheredRows, memory: PhaseMemory, table: CaseTable, turn: NDArray[np.int64], recorded: bool
+    ) -> LoopCall:
+        """Return the call that runs the cases that are gathered in a memory; see `ModeRunner.call`."""
+
+        def run(packed: int, *others: int) -> int:
+            count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
+            group = self._group(rows, memory, count, len(table.stops.first) > 0)
+            if self._impulses is not None:
+                self._pass_jumps(group)
+            if recorded:
+                self._simulate(group, memory)
+            else:
+                self._sweep(group, memory)
+            if group.carried is not None:
+                n = len(self.events)
+                memory.carried[: count * n] = group.carried[:, :n].ravel()
+            return 0
+
+        code, nothing = HostCode(run), np.empty((0, 0))
+        return LoopCall(
+            code.address, np.zeros(_WORDS, np.int64), LoopProgress(), nothing, np.zeros((1, OCCURRENCE)), code
+        )
+
+    def _group(self, rows: GatheredRows, memory: PhaseMemory, count: int, stops: bool) -> _Group:
+        """Return the cases that are gathered."""
+        values, names = memory.gathered[:, :count].copy(), self.model.layout.parameters
+        p = {name: values[rows.parameters[name]] for name in names if name in rows.parameters}
+        x = {name: values[row] for name, row in rows.states.items()}
+        carried = None
+        if stops:
+            n = len(self.events)
+            carried = np.full((count, max(n, self._width)), np.nan)
+            carried[:, :n] = memory.carried[: count * n].reshape(count, n)
+        return _Group(memory.chosen[:count].copy(), values[0], values[1], p, x, carried)
+
+    @property
+    def _width(self) -> int:
+        """Number of events that a sweep watches for, of which some may be losses of rank."""
+        derived = self.model.derived
+        code = derived.events(self.events, self._reductions.along or None, ranks=bool(derived.enforced))
+        return 0 if code is None else len(code.events)
+
+    # -- runs ------------------------------------------------------------------------------
+
+    def _events(self, counts: FloatArray) -> tuple[Event, ...]:
+        """Return the events, those of users with the occurrence that ends a run after so many (n_asked,) before."""
+        counts = np.where(self._numbered, counts, 0.0)
+        key = counts.tobytes()
+        if key not in self._counted:
+            own = zip(self.events, counts.tolist(), strict=False)
+            requested = [replace(event, terminal=int(event.terminal) - int(count)) for event, count in own]
+            self._counted[key] = (*requested, *self.events[self._requested :])
+        return self._counted[key]
+
+    def _alike(self, counts: FloatArray) -> Iterator[tuple[FloatArray, NDArray[np.intp]]]:
+        """Yield groups of cases whose runs may be ended by the same occurrences, from counts (k, n_asked)."""
+        if not np.any(self._numbered):
+            yield counts[0], np.arange(len(counts))
+            return
+        kinds, places = np.unique(np.where(self._numbered, counts, 0.0), axis=0, return_inverse=True)
+        for k, kind in enumerate(kinds):
+            yield kind, np.flatnonzero(places.ravel() == k)
+
+    def _happened(self, memory: PhaseMemory, count: int) -> FloatArray:
+        """Return what happened (k, 3 n_events), a view."""
+        return memory.happened[: count * 3 * len(self.events)].reshape(count, -1)
+
+    def _sweep(self, group: _Group, memory: PhaseMemory) -> None:
+        """Run cases, and write how they end."""
+        happened = self._happened(memory, len(group.t0))
+        for counts, some in self._alike(happened[:, : 3 * self._requested : 3]):
+            own = self._options
+            options = SweepOptions(
+                method=self.method,
+                rtol=own.rtol,
+                atol=own.atol,
+                max_step=own.max_step,
+                max_steps=own.max_steps,
+                events=self._events(counts),
+                reduce=self._reductions.along or None,
+                threads=1,
+            )
+            carried = None if group.carried is None else group.carried[some]
+            x, p = ({name: values[some] for name, values in table.items()} for table in (group.x, group.p))
+            run = begin_sweep(self.model, (group.t0[some], group.t1[some]), x, p, options, carried)()
+            if np.any(run.status == Status.INTERRUPTED):
+                raise KeyboardInterrupt
+            self.taken = run.stats.method
+            if group.carried is not None:
+                group.carried[some] = carried
+            happened[some] = self._counted_on(happened[some], run)
+            y = memory.y[: len(happened) * self.size].reshape(len(happened), -1)
+            y[some] = self._variables(run, p)
+            memory.ends[some] = np.column_stack([run.t, run.status, run.steps])
+            memory.totals[some] = self._reductions.keep(memory.totals[some], run.reduced, run.t - group.t0[some])
+        self._leave(group, memory)
+
+    def _variables(self, run: Sweep, p: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the variables (k, 2 n_q + n_z) in which cases end, of parameters by name."""
+        layout = self.model.layout
+        if run._layout.state != layout.state:  # of a model without constraints that others imply
+            return np.column_stack(list(run._by_name(layout.variables).values()))
+        columns = np.array([p[name] for name in layout.parameters]).reshape(len(layout.parameters), -1)
+        return self.model.engine.rows(self._expansion, run.t, run.y, columns.T)
+
+    def _counted_on(self, happened: FloatArray, run: Sweep) -> FloatArray:
+        """Return what happened (k, 3 n_events) with what has happened in a run."""
+        for i, event in enumerate(self.events):
+            record, own = run.events[event.label], happened[:, 3 * i : 3 * i + 3]
+            own[:, 0] += record.count
+            own[:, 1] = np.where(np.isnan(own[:, 1]), record.first, own[:, 1])
+            own[:, 2] = np.where(record.count > 0, record.last, own[:, 2])
+        return happened
+
+    def _simulate(self, group: _Group, memory: PhaseMemory) -> None:
+        """Run and record the only case, and write how it ends."""
+        own, happened, t1 = self._options, self._happened(memory, 1)[0], float(group.t1[0])
+        options = SimulateOptions(
+            method=self.method,
+            rtol=own.rtol,
+            atol=own.atol,
+            max_step=own.max_step,
+            max_steps=own.max_steps,
+            events=self._events(happened[: 3 * self._requested : 3]),
+            first_step=self._first_step(),
+            dense=isinstance(own, SimulateOptions) and own.dense,
+        )
+        x, p = ({name: float(values[0]) for name, values in table.items()} for table in (group.x, group.p))
+        carried = None if group.carried is None else group.carried[0]
+        run = simulate_in_own_time(self.model, (float(group.t0[0]), t1), x, p, options, carried)
+        t = t1 if run.status is Status.SUCCESS else float(run.t[-1])
+        for i, event in enumerate(self.events):
+            record = run.events[event.label]
+            if len(record):
+                first = record.t[0] if np.isnan(happened[3 * i + 1]) else happened[3 * i + 1]
+                happened[3 * i : 3 * i + 3] = happened[3 * i] + len(record), first, record.t[-1]
+        memory.y[: self.size] = run.variables[-1]
+        memory.ends[0] = t, run.status, run.stats.steps + run.stats.rejected
+        self.taken = run.stats.method
+        self.runs.append(run)
+        self._leave(group, memory)
+
+    # -- jumps of prescribed velocities ----------------------------------------------------
+
+    def _leave(self, group: _Group, memory: PhaseMemory) -> None:
+        """Store the parameters of cases that go on."""
+        if self._impulses is None:
+            return
+        for place, i in enumerate(group.cases.tolist()):
+            t, status, _ = memory.ends[place]
+            if status in (Status.SUCCESS, Status.EVENT):  # a guard may fire at the very stop
+                own = {name: float(values[place]) for name, values in group.p.items() if name in self._scene}
+                self._left[i] = float(t), own
+
+    def _pass_jumps(self, group: _Group) -> None:
+        """Let the rates of cases jump whose parameters have changed since their last run."""
+        assert self._impulses is not None
+        program, n = self.model.stages.program, len(self.model.layout.coordinates)
+        for place, i in enumerate(group.cases.tolist()):
+            t, own = self._left.pop(i, (np.nan, {}))
+            if t != group.t0[place]:
+                continue
+            now = {name: float(group.p[name][place]) for name in self.model.layout.parameters}
+            p = np.array([[own.get(name, value), value] for name, value in now.items()]).T
+            x = np.array([values[place] for values in group.x.values()])
+            found = self._impulses.rates(t, x, *inputs.prepare_rows(program, p))
+            for name, rate in zip(list(group.x)[n : 2 * n], [] if found is None else found, strict=False):
+                group.x[name][place] = rate

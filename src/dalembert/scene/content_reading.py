@@ -1,0 +1,216 @@
+"""Reader of the contents of a scene onto the graph: bodies, loads, joints, constraints, contacts, controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import dynamicsymbols
+
+from ..errors import RELEASE, list_names
+from ..ir.graph import Graph, Node
+from ..ir.zero_tests import agree
+from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from .actuators import read_actuators
+from .contacts import read_contacts
+from .controllers import controller_symbols, read_controllers
+from .dyadics import matrix_of
+from .expressions import short
+from .geometry import GeometryReader
+from .joint_checks import torques_on_particles
+from .joints import Joint
+from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, ControllerModel
+
+__all__ = ["ContentReader"]
+
+_IMPLIED = (
+    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"
+    f" coordinate: {RELEASE}"
+)
+
+
+class ContentReader(GeometryReader):
+    """One reading of the contents of one scene; each method returns what it read and records faults."""
+
+    def _rows(self, matrix: Any, place: str) -> tuple[Components, Components, Components]:
+        rows = [self._components(matrix[i, :], place) for i in range(3)]
+        if any(rows[i][j] is not rows[j][i] for i in range(3) for j in range(i)):
+            if not agree([x for row in rows for x in row], [x for row in zip(*rows, strict=True) for x in row]):
+                self.faults.append(f"{place}: the matrix is not symmetric")
+            (a, _, _), (d, b, _), (e, f, c) = rows
+            return (a, d, e), (d, b, f), (e, f, c)
+        return rows[0], rows[1], rows[2]
+
+    def _at_rest(self, rows: tuple[Components, Components, Components]) -> tuple[Components, Components, Components]:
+        """Return an inertia without what moves, where only the rounding of decimals depends on that."""
+        entries = [x for row in rows for x in row]
+        moving = [node for node in Graph.topological(entries) if node.op == "input" and node.deps & self._moving()]
+        try:
+            a = self.graph.substitute(entries, dict.fromkeys(moving, self.graph.zero))
+        except ZeroDivisionError:
+            return rows
+        return ((a[0], a[1], a[2]), (a[3], a[4], a[5]), (a[6], a[7], a[8])) if agree(entries, a) else rows
+
+    def _body(self, body: Any) -> BodyModel | None:
+        if not isinstance(body, RigidBody | Particle):
+            self.faults.append(f"{body!r} is not a RigidBody or Particle")
+            return None
+        place = f"body {body.name!r}"
+        if isinstance(body, Particle):
+            mass = self._mass(body, place)
+            return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
+        frame = self._frame(body.frame, place)
+        inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
+        if any(entry.deps & self._moving() for row in inertia for entry in row):
+            inertia = self._at_rest(inertia)
+        if any(entry.deps & self._moving() for row in inertia for entry in row):
+            self.faults.append(
+                f"the inertia of {place} changes along the motion on the frame {body.frame.name!r} of the body, where"
+                " it must be constant: write it on that frame, or give the body the frame that it is written on"
+            )
+        mass = self._mass(body, place)
+        return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
+
+    def _mass(self, body: Any, place: str) -> Node:
+        mass = self.expressions.read(body.mass, f"mass of {place}")
+        if mass.deps & self._moving():
+            self.faults.append(
+                f"the mass of {place} changes along the motion; it must be constant, because equations of a mass that"
+                " is lost or gained depend on the velocity with which it leaves or comes"
+            )
+        return mass
+
+    def _joint(self, joint: Any, bodies: Sequence[str]) -> list[Action]:
+        """Return the screw of a joint on its body, and the opposite one on the other body."""
+        if not isinstance(joint, Joint):
+            self.faults.append(f"{joint!r} is not a Joint")
+            return []
+        place = f"joint {joint.name!r}"
+        before = len(self.faults)
+        named: list[Any] = [joint.body] if joint.other is None else [joint.body, joint.other]
+        for verb, body in zip(("acts on", "reacts on"), named, strict=False):
+            if not isinstance(body, str) or body not in bodies:
+                self.faults.append(f"{place} {verb} {body!r}, which is no body; known: {list_names(bodies)}")
+        if joint.other is not None and joint.body == joint.other:
+            self.faults.append(
+                f"{place} acts between {joint.body!r} and itself; other= is another body that has the opposite"
+                f" action (known: {list_names(name for name in bodies if name != joint.body)}), or is left out where"
+                " the fixed frame has it"
+            )
+        self.faults += torques_on_particles(self.scene, joint)
+        if len(self.faults) > before:
+            return []
+        at = self._point(joint.at, place)
+        force = self._vector(joint.force, f"force of {place}", unknowns=True)
+        torque = self._vector(joint.torque, f"torque of {place}", unknowns=True)
+        targets = [list(bodies).index(body) for body in named]
+        screw = Action(joint.name, "screw", targets[0], at, force, torque, *targets[1:])
+        return [screw, screw.opposite()] if joint.other is not None else [screw]
+
+    def _actuators(self) -> tuple[list[Action], tuple[Node | None, ...]]:
+        """Return the loads of the actuators, and candidates for their potential energies."""
+        found, faults = read_actuators(self.scene)
+        self.faults += faults
+        actions: list[Action] = []
+        for number, item in enumerate(found):
+            loads = [self._load(load, 0, item.name) for load in item.loads]
+            for load in (load for load in loads if load is not None):
+                actions.append(replace(load, name=item.name, actuator=number))
+        stored = [item.potential for item in found]
+        return actions, tuple(
+            None if energy is None else self._scalar(energy, f"energy of {item.name}")
+            for energy, item in zip(stored, found, strict=True)
+        )
+
+    def _load(self, load: Any, number: int, name: str = "") -> Action | None:
+        place = f"load {number + 1}"
+        pair = tuple(load) if isinstance(load, Sequence) and len(load) == 2 else (None, None)
+        if isinstance(pair[0], Point):
+            where = f"{name and f'{name}: '}force at {pair[0].name!r}"
+            return Action(where, "force", None, self._point(pair[0], where), self._vector(pair[1], where), ())
+        if isinstance(pair[0], ReferenceFrame):
+            where = f"{name and f'{name}: '}torque on {pair[0].name!r}"
+            return Action(where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where))
+        self.faults.append(f"{place}: {load!r} is neither (point, force) nor (frame, torque)")
+        return None
+
+    def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
+        label = f"holonomic constraint {number + 1}"
+        before = len(self.expressions.faults)
+        node = self._scalar(constraint, f"{label} ({short(constraint)})")
+        self._without_states([node], f"{label} ({short(constraint)})")
+        if node.deps & self._mask("rates"):
+            self.faults.append(f"{label} ({short(constraint)}) contains rates; add it as a nonholonomic constraint")
+        elif node.is_zero and len(self.expressions.faults) == before:
+            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
+        elif not node.deps & self._mask("coordinates") and len(self.expressions.faults) == before:
+            self.faults.append(f"{label} ({short(constraint)}) contains no coordinate, so it constrains nothing")
+        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
+
+    def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
+        label = f"nonholonomic constraint {number + 1}"
+        before = len(self.expressions.faults)
+        node = self._scalar(constraint, f"{label} ({short(constraint)})")
+        rates = self._mask("rates")
+        if node.is_zero and len(self.expressions.faults) == before:
+            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
+        elif not node.deps & rates and len(self.expressions.faults) == before:
+            self.faults.append(
+                f"{label} ({short(constraint)}) contains no rate; add a constraint on positions with"
+                " add_holonomic_constraints"
+            )
+        for q in self.coordinates:
+            rate = self.graph.input(rate_name(q.func.__name__))
+            slope = tangents(self.graph, [node], {rate: self.graph.one})[0]
+            if self.graph.freed_of(slope, self._rates()) is None:
+                self.faults.append(
+                    f"{label} ({short(constraint)}) is not affine in the rate of {q.func.__name__};"
+                    " only constraints of the form sum a_i(q, t) q_dot_i + b(q, t) = 0 can be compiled"
+                )
+                break
+        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
+
+    def _controllers(self, nonholonomic: Sequence[ConstraintModel]) -> tuple[ControllerModel, ...]:
+        """Return the sampled controllers."""
+        if not self.scene.controllers:
+            return ()
+        found = read_controllers(
+            self.scene, self.graph, self._scalar, lambda: self.graph.mask(self.expressions.parameters), self.faults
+        )
+        sampled, time = controller_symbols(self.scene), dynamicsymbols._t
+        names = [z.func.__name__ for z in sampled]
+        for constraint in nonholonomic:
+            used = [name for name in names if constraint.expression.deps & self.graph.input(name).deps]
+            if used:
+                self.faults.append(
+                    f"{constraint.label}: it depends on {list_names(used)}, which jump at sampling instants, as"
+                    " velocities would. Let a first-order state follow them, with add_states, and write the constraint"
+                    " in that"
+                )
+        self.faults += [
+            f"{z.func.__name__!r} is set at sampling instants and held in between, so that it has no rate; let a"
+            " first-order state follow it, with add_states"
+            for z in sampled
+            if z.diff(time) in self.expressions.met
+        ]
+        self.expressions.timed |= any(item.function is not None for item in found)
+        return found
+
+    def _contacts(self) -> tuple[list[ContactModel], list[ConstraintModel]]:
+        if not (self.scene.contacts or self.scene.frictions):
+            return [], []
+        forces = list(self.expressions.unknowns)
+        contacts, closing = read_contacts(
+            self.scene,
+            (self.expressions, self._scalar),
+            self._rates(),
+            self._mask("coordinates"),
+            forces,
+            self.faults.append,
+        )
+        for contact in contacts:
+            self._without_states([] if contact.gap is None else [contact.gap], f"gap of contact {contact.name!r}")
+        return contacts, closing

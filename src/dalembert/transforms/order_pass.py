@@ -1,0 +1,102 @@
+"""One order of an expansion as the body of a loop over the orders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.kernel import Operand
+from .expansion import Expansion, Extension, Series, Sum
+
+__all__ = ["Ahead", "Carried"]
+
+
+@final
+@dataclass(frozen=True)
+class Carried:
+    """A value carried from one pass to the next: `known` at first, then the present `series[place]`."""
+
+    name: str
+    known: Operand
+    series: Series
+    place: int
+
+
+@final
+class Ahead(Extension):
+    """Coefficient k of every value, for a k that is known only when the code runs, larger than the orders of `entry`.
+
+    Series have three places: coefficient 0, the one before (``k - 1``), and the present one, k; the state has a fourth,
+    ``k + 1``. Values that change with k have the names below and those of `Carried` values.
+
+    Parameters
+    ----------
+    entry : Expansion
+        The orders before. Constants that it has computed are used, and its lines are continued.
+
+    Attributes
+    ----------
+    carried : list of Carried
+    known, middles : dict
+        To be filled in before `extend`: the names of what `_inner` and, for the series of half sums, `_middle` return.
+    still : set of int
+        The series, by `id`, of which all but coefficient 0 is zero.
+    before : dict of int to Series
+        The series of `entry` that stands behind each series, by `id`.
+    """
+
+    SHARE, REST, ORDER = "now.share", "now.rest", "now.order"
+    NEXT_SHARE, NEXT_REST = "next.share", "next.rest"
+    """1 / k as rounded, what rounding took from it, and k; the first two for k + 1 too."""
+
+    def __init__(self, entry: Expansion) -> None:
+        super().__init__(entry.recurrences, entry.lines, entry.faithful)
+        self.carried: list[Carried] = []
+        self.known: dict[Sum, Operand] = {}
+        self.middles: dict[int, Operand] = {}
+        self.before: dict[int, Series] = {}
+        twin: dict[int, Series] = {}
+        for name, series in entry.series.items():
+            self.series[name] = twin[id(series)] = self._begun(series, entry.orders)
+        for inner, series in entry.slopes.items():
+            self.slopes[inner] = twin[id(series)] = series[:1]
+        self.before = {id(twin[id(series)]): series for series in (*entry.series.values(), *entry.slopes.values())}
+        self.still = {key for key, series in self.before.items() if all(a == 0.0 for a in series[1:])}
+        for name, sums in entry.sums.items():
+            for s in sums:  # the rate of a state may be a number, which has no series
+                for series in (s.a, s.b):
+                    if id(series) not in twin:
+                        twin[id(series)] = series
+                        self.still.add(id(series))
+            self.sums[name] = [Sum(twin[id(s.a)], twin[id(s.b)], s.half) for s in sums]
+
+    def _begun(self, series: Series, orders: int) -> Series:
+        """Return coefficients 0 and k - 1, and of the state k too; zero once they have come to be."""
+        begun = series[:1]
+        for place, known in enumerate(series[orders - 1 :] if len(series) > 1 else [], 1):
+            if all(a == 0.0 for a in series[2:]):
+                begun.append(0.0)
+                continue
+            name = f"carried.{len(self.carried)}"
+            self.carried.append(Carried(name, known, begun, place + 1))
+            begun.append(name)
+        return begun
+
+    def extend(self) -> None:
+        """Append coefficient k of every value, and coefficient k + 1 of the state."""
+        self._extend(2)
+
+    def _inner(self, k: int) -> dict[Sum, Operand]:
+        return self.known
+
+    def _middle(self, series: Series, k: int) -> Operand:
+        return self.middles[id(series)]
+
+    def _over(self, value: Operand, k: int) -> Operand:
+        share, rest = (self.SHARE, self.REST) if k == 2 else (self.NEXT_SHARE, self.NEXT_REST)
+        if not self.faithful:
+            return self.lines.mul(value, share)
+        return self.lines.fma(value, share, self.lines.mul(value, rest))
+
+    def _times_order(self, value: Operand, k: int) -> Operand:
+        return self.lines.mul(value, self.ORDER)
