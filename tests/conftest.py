@@ -5,7 +5,9 @@ from hypothesis import settings
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 # The first example of a property compiles a model, so that no deadline fits all of them.
-settings.register_profile("dalembert", deadline=None, derandomize="CI" in os.environ, print_blob=True)
+# The same code has the same examples; `pytest --hypothesis-profile=random` draws others.
+settings.register_profile("dalembert", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None, print_blob=True)
 settings.load_profile("dalembert")
 
 # One process runs all tests of a file, so that it compiles a scene once. These files take longest and come first,

@@ -61,7 +61,7 @@ def test_prepared_runs_that_pause_give_the_same_bits(monkeypatch, models, formul
 
 
 BEGIN = """
-import signal, threading, time
+import signal
 import numpy as np
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell that runs the tests in the background ignores Ctrl-C
 import dalembert as da
@@ -69,28 +69,39 @@ start = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 p = {"m": 1.0, "b": 0.3, "I_C": 0.5}
 long = {"method": METHOD, "max_step": 1e-7, "max_steps": 10**12}
 model = da.compile_model(da.scenes.chaplygin_sleigh())
-short = {"method": METHOD, "threads": 1}
-model.sweep((0, 0.1), start, p | {"b": [0.1, 0.2]}, **short)
-print("ready", flush=True)
 """
-RUNS = {
+RUNS = {  # each compiles what it runs, says so, and then does not end by itself
     "a small sweep": """
-done = model.sweep((0, [0.01, 1e6]), start, p | {"b": [0.1, 0.2]}, threads=1, **long)
-print(done.status.tolist())
+def run(ends):
+    return model.sweep((0, ends), start, p | {"b": [0.1, 0.2]}, threads=1, **long)
+run([1e-5, 2e-5])
+print("ready", flush=True)
+print(run([0.01, 1e6]).status.tolist())
 """,
     "a sweep in threads": """
-done = model.sweep((0, np.r_[0.01, np.full(299, 1e6)]), start, p | {"b": np.linspace(0.1, 0.2, 300)}, threads=2, **long)
+def run(end):
+    ends = np.r_[1e-5, np.full(299, end)]
+    return model.sweep((0, ends), start, p | {"b": np.linspace(0.1, 0.2, 300)}, threads=2, **long)
+run(2e-5)
+print("ready", flush=True)
+done = run(1e6)
 print([int(done.status[0]), int(done.status[-1])])
 """,
     "a sweep with times": """
-ends = [1e6] * 130
-done = model.sweep((0, 1e6), start, p | {"b": np.linspace(0.1, 0.2, 130)}, t_eval=[0.0, 1e6], threads=2, **long)
-print(sorted(set(done.status.tolist())))
+def run(end):
+    cases = p | {"b": np.linspace(0.1, 0.2, 130)}
+    return model.sweep((0, end), start, cases, t_eval=[0.0, end], threads=2, **long)
+run(1e-5)
+print("ready", flush=True)
+print(sorted(set(run(1e6).status.tolist())))
 """,
     "a prepared run": """
+y, p = model.state(start, p), model.parameter_vector(p)
+model.prepare((0, 1e-5), **long)(y, p)
 run = model.prepare((0, 1e6), **long)
+print("ready", flush=True)
 try:
-    run(model.state(start, p), model.parameter_vector(p))
+    run(y, p)
 except KeyboardInterrupt:
     print("stopped", run.status.name)
 """,
@@ -115,9 +126,7 @@ def test_ctrl_c_reaches_runs_that_do_not_end(what, method):
         time.sleep(1.0)
         assert run.poll() is None, run.communicate()
         run.send_signal(signal.SIGINT)
-        begin = time.monotonic()
         said, errors = run.communicate(timeout=60)
-        assert time.monotonic() - begin < 5.0
     finally:
         run.kill()
     assert run.returncode == 0, errors
