@@ -135,7 +135,7 @@ def interrupted(monkeypatch):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_interrupt_keeps_what_is_finished(model, interrupted, threads):
-    """Cases that have ended have the results of a whole sweep; lanes and threads do not end in the order of the cases."""
+    """Cases that ended have the results of a whole sweep; lanes and threads do not end in the order of the cases."""
     lengths = np.linspace(0.1, 0.5, 200_000)
     sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=threads, progress=True)
     assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
