@@ -102,3 +102,19 @@ def test_radau_sees_a_jump_behind_its_stages(rtol):
     run = model.simulate((0, 10), {"x": 1, "x_dot": -0.3}, {}, method="radau", rtol=rtol, atol=rtol / 100)
     energy = run["x_dot"] ** 2 / 2 + (np.abs(run["x"]) - 0.5) ** 2 / 2
     assert run.success and np.abs(energy - energy[0]).max() < rtol
+
+
+@pytest.mark.parametrize("power", [1, 2, 3, 5])
+@pytest.mark.parametrize("place", [0, sp.Rational(1, 2)])
+def test_start_at_rest_without_acceleration(power, place):
+    """A force t^power, and a further one of 1/2 beyond `place`, where the motion is later on, or begins."""
+    begun = (float(place) * (power + 1) * (power + 2)) ** (1 / (power + 2))
+    exact = 2.0 ** (power + 2) / ((power + 1) * (power + 2)) + (2.0 - begun) ** 2 / 4
+    model = da.compile_model(pushed(t**power + sp.Heaviside(x - place) / 2))
+    start = {"x": 0, "x_dot": 0}
+    for end in (
+        model.simulate((0, 2), start, {}, method="taylor", rtol=1e-10)["x"][-1],
+        model.sweep((0, 2), start, {}, method="taylor", rtol=1e-10)["x"][0],
+        model.prepare((0, 2), method="taylor", rtol=1e-10)(np.zeros(2), np.zeros(0))[0],
+    ):
+        assert end == pytest.approx(exact, rel=1e-7)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.optimize import brentq
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -186,3 +187,19 @@ def test_several_springs_each_with_its_own_length():
     ]
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-6)
     assert np.ptp(model.simulate((0, 20), start, P, method="taylor", rtol=1e-9)["energy"]) < 1e-8
+
+
+def test_pull_that_grows_from_nothing():
+    """A spring at rest at its natural length is pulled by t through the anchor: all rates begin at 0."""
+    t, w = dynamicsymbols._t, np.sqrt(0.1)
+    scene = spring(x, y)
+    scene.add_loads((scene.bodies[0].masscenter, -t * scene.frame.x))
+    model = da.compile_model(scene)
+    passing = brentq(lambda s: 1 - 10 * s + 10 * np.sin(w * s) / w, 0.1, 3.0, xtol=1e-15)
+    speed, rest = 10 * np.cos(w * passing) - 10, 3.0 - passing
+    a, b = 1 + 10 * passing, (speed + 10) / w  # x = -1 - 10 t + a cos w (t - passing) + b sin w (t - passing)
+    exact = -31 + a * np.cos(w * rest) + b * np.sin(w * rest)
+    start = {"x": 1, "x_dot": 0, "y": 0, "y_dot": 0}
+    for method in ("auto", "taylor", "dop853"):
+        run = model.simulate((0, 3), start, {"k": 0.1, "l": 1}, method=method, rtol=1e-10)
+        assert run["x"][-1] == pytest.approx(exact, rel=1e-8), method

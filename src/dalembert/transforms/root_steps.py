@@ -72,7 +72,7 @@ def before_zeros(
     certain = lines.mul(size, lines.op("div", lines.mul(above, 0.5), lines.add(below, _TINY)))
     least = lines.op(
         "max",
-        time_to_change(lines, rates, scale, max(_PASSING * tolerance, _NEAREST)),
+        time_to_change(lines, rates, scale, max(_PASSING * tolerance, _NEAREST), certain, size),
         lines.mul(lines.op("abs", CLOCK), _SPACING),
     )
     last = lines.op("less", lines.mul(certain, 0.5 * (1.0 - _SHARE)), least)

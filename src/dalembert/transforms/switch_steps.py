@@ -61,9 +61,10 @@ def before_switches(
         terms = in_shares_of_step(lines, arguments[argument], order, h)
         for gap, leaving in (_to_integers if floor else _to_zero)(lines, terms):
             share = lines.op("min", share, _certain_share(lines, gap, leaving))
-    beyond = time_to_change(lines, rates, scale, max(_BEYOND * tolerance, _NEAREST))
-    least = time_to_change(lines, rates, scale, max(_SHORTEST * tolerance, _NEAREST))
-    reach = lines.fma(size, share, lines.op("max", beyond, shortest(lines, size)))
+    certain = lines.mul(size, share)
+    beyond = time_to_change(lines, rates, scale, max(_BEYOND * tolerance, _NEAREST), certain, size)
+    least = time_to_change(lines, rates, scale, max(_SHORTEST * tolerance, _NEAREST), 0.0, size)
+    reach = lines.add(certain, lines.op("max", beyond, shortest(lines, size)))
     return lines.op("min", lines.op("max", reach, least), size)
 
 
@@ -85,10 +86,10 @@ def as_at_start(lines: Lines, switch: Switch, begun: Operand, args: Sequence[Ope
 
 def _to_zero(lines: Lines, terms: Series) -> list[tuple[Operand, Series]]:
     """Return the distance from zero, and the terms of its growth; at zero itself, the motion counts as towards it."""
-    first = terms[0]
-    for term in terms[1:4]:
-        first = lines.op("select", first, first, lines.neg(term))
-    side = lines.op("sign", first)
+    leaving = terms[-1]
+    for term in terms[-2:0:-1]:
+        leaving = lines.op("select", term, term, leaving)
+    side = lines.op("sign", lines.op("select", terms[0], terms[0], lines.neg(leaving)))
     return [(lines.op("abs", terms[0]), [lines.mul(term, side) for term in terms])]
 
 

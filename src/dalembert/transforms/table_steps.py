@@ -88,13 +88,28 @@ def shortest(lines: Lines, size: Operand) -> Operand:
     return lines.op("max", lines.mul(size, _LEAST), lines.mul(lines.op("abs", CLOCK), _SPACING))
 
 
-def time_to_change(lines: Lines, rates: Sequence[Series], scale: Operand, share: float) -> Operand:
-    """Return the time in which rates change the state by a share of the scale of errors."""
-    fastest: Operand = _TINY
-    for rate in rates:
-        if rate[0] != 0.0:
-            fastest = lines.op("max", fastest, lines.op("abs", rate[0]))
-    return lines.op("div", lines.mul(scale, share), fastest)
+def time_to_change(
+    lines: Lines, rates: Sequence[Series], scale: Operand, share: float, passed: Operand, size: Operand
+) -> Operand:
+    """Return a time, at most `size`, in which rates change the state by no more than a share of the scale of errors.
+
+    It begins when the time `passed` of the step is over. The rates at the beginning of the step do not suffice: where
+    a motion begins at rest in equilibrium, all of them are zero.
+    """
+    largest: Series = []
+    for k in range(max(map(len, rates))):
+        term: Operand = _TINY if k == 0 else 0.0
+        for rate in rates:
+            if coefficient(rate, k) != 0.0:
+                term = lines.op("max", term, lines.op("abs", rate[k]))
+        largest.append(term)
+    change = lines.mul(scale, share)
+    most = lines.op("min", lines.op("div", change, largest[0]), size)
+    until = lines.add(passed, most)
+    fastest = largest[-1]
+    for term in largest[-2::-1]:
+        fastest = lines.fma(fastest, until, term)
+    return lines.op("min", lines.op("div", change, fastest), most)
 
 
 def value_and_slope(lines: Lines, terms: Series, share: Operand) -> tuple[Operand, Operand]:
