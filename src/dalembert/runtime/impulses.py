@@ -8,7 +8,7 @@ dT/dqdot after - dT/dqdot before = J^T (impulses).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -60,8 +60,7 @@ class Impulses:
             Where a position constraint itself jumps.
         """
         program, size = self.program, len(self.program.layout.coordinates)
-        rates = x[size : 2 * size].copy()
-        scale = 1.0 + float(np.max(np.abs(rates), initial=0.0))
+        scale = 1.0 + float(np.max(np.abs(x[size : 2 * size]), initial=0.0))
         self._refuse_jump(t, x, before, after)
         change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
         constrained = "velocity_residual" in program
@@ -71,10 +70,36 @@ class Impulses:
         size_of_momentum = float(np.max(np.abs(mass), initial=0.0)) * scale
         if not jerked and not np.any(np.abs(change) > _JUMP * size_of_momentum):
             return None
-        rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size) if constrained else np.empty((0, size))
-        residual = left[1] if constrained else np.empty(0)
-        saddle = np.block([[mass, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
-        return rates - np.linalg.lstsq(saddle, np.concatenate([change, residual]), rcond=None)[0][:size]
+        return self._struck(t, x, change, after, range(len(left[1]) if constrained else 0))
+
+    def broken(self, t: float, x: FloatArray, before: FloatArray, after: FloatArray, rows: Sequence[int]) -> list[int]:
+        """Return those of some rows of velocity constraints that fail if the others alone let the rates jump.
+
+        Parameters are those of `rates`, and the numbers of the rows.
+        """
+        size = len(self.program.layout.coordinates)
+        change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
+        others = [i for i in range(len(self._value("velocity_residual", t, x, after))) if i not in rows]
+        free = x.copy()
+        free[size : 2 * size] = self._struck(t, x, change, after, others)
+        scale = 1.0 + float(np.max(np.abs(free[size : 2 * size]), initial=0.0))
+        left = self._value("velocity_residual", t, free, after)
+        return [i for i in rows if abs(left[i]) > _JUMP * scale]
+
+    def _struck(
+        self, t: float, x: FloatArray, change: FloatArray, after: FloatArray, held: Sequence[int]
+    ) -> FloatArray:
+        """Return the rates (n_q,) behind the impulses of the constraints that are `held`, with a change of momenta."""
+        size, number = len(self.program.layout.coordinates), len(held)
+        mass = self._value("mass_matrix", t, x, after).reshape(size, size)
+        rows, residual = np.empty((0, size)), np.empty(0)
+        if number:
+            rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)[list(held)]
+            residual = self._value("velocity_residual", t, x, after)[list(held)]
+        saddle = np.block([[mass, rows.T], [rows, np.zeros((number, number))]])
+        return np.asarray(
+            x[size : 2 * size] - np.linalg.lstsq(saddle, np.concatenate([change, residual]), rcond=None)[0][:size]
+        )
 
     def _value(self, kernel: str, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
         return interpret_rows(self.program.kernel(kernel), np.array([t]), x[np.newaxis], c)[0]
@@ -106,7 +131,7 @@ class Impulses:
 
 def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | None:
     """Return the jumps of rates of a program; None where no prescribed velocity can jump."""
-    if program.conditions is None or not program.conditions.decides or not program.layout.state:
+    if program.conditions is None or not program.conditions.decides:
         return None
     decided = equations.graph.input(CONDITION_TIME).deps
     moved = bool(equations.kinetic_energy.deps & decided)
@@ -124,7 +149,7 @@ def landing_of(
     from given values to the state.
     """
     impulses, layout = impulses_of(equations, program), program.layout
-    if impulses is None:
+    if impulses is None or not layout.state:
         return None
 
     def landed(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -173,7 +173,9 @@ class ContentReader(GeometryReader):
                 break
         return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
 
-    def _controllers(self, nonholonomic: Sequence[ConstraintModel]) -> tuple[ControllerModel, ...]:
+    def _controllers(
+        self, nonholonomic: Sequence[ConstraintModel], contacts: Sequence[ContactModel]
+    ) -> tuple[ControllerModel, ...]:
         """Return the sampled controllers."""
         if not self.scene.controllers:
             return ()
@@ -182,13 +184,16 @@ class ContentReader(GeometryReader):
         )
         sampled, time = controller_symbols(self.scene), dynamicsymbols._t
         names = [z.func.__name__ for z in sampled]
-        for constraint in nonholonomic:
-            used = [name for name in names if constraint.expression.deps & self.graph.input(name).deps]
+        held = [(constraint.label, constraint.expression) for constraint in nonholonomic]
+        for contact in contacts:
+            slips = () if contact.slip is None or contact.regularization is not None else contact.slip
+            held += [(f"slip velocity of {contact.name!r}", slip) for slip in slips]
+        for label, expression in held:
+            used = [name for name in names if expression.deps & self.graph.input(name).deps]
             if used:
                 self.faults.append(
-                    f"{constraint.label}: it depends on {list_names(used)}, which jump at sampling instants, as"
-                    " velocities would. Let a first-order state follow them, with add_states, and write the constraint"
-                    " in that"
+                    f"{label}: it depends on {list_names(used)}, which jump at sampling instants, as velocities would."
+                    " Let a first-order state follow them, with add_states, and write it in that"
                 )
         self.faults += [
             f"{z.func.__name__!r} is set at sampling instants and held in between, so that it has no rate; let a"

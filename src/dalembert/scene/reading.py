@@ -61,7 +61,7 @@ class _SceneReader(ContentReader):
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
         contacts, closing = self._contacts()
         requested = read_outputs(self, outputs)
-        controllers = self._controllers(nonholonomic)
+        controllers = self._controllers(nonholonomic, contacts)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
         symbols = self._symbols(requirements)
         self._check(bodies, actions, symbols, requirements, placed)

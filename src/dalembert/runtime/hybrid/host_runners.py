@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.host_code import HostCode
 from ...codegen.runs import LoopCall
+from ...errors import CapabilityError, list_names
 from ...hybrid import Mode
 from ...integrators.arguments import kind_of, place_of
 from ...integrators.event_code import Event
@@ -97,6 +98,7 @@ class HostRunner:
         self.runs: list[Trajectory] = []
         self.taken = ""
         self._impulses, self._expansion = modes.impulses(mode), modes.expansion(mode)
+        self._contact_rows = {} if self._impulses is None else modes.contact_rows(mode)
         self._reductions, self._options, self._first_step = reductions, options, first_step
         self._requested = len(reductions.events)
         self._numbered = np.array([int(event.terminal) > 1 for event in events[: self._requested]], np.bool_)
@@ -279,6 +281,19 @@ class HostRunner:
             now = {name: float(group.p[name][place]) for name in self.model.layout.parameters}
             p = np.array([[own.get(name, value), value] for name, value in now.items()]).T
             x = np.array([values[place] for values in group.x.values()])
-            found = self._impulses.rates(t, x, *inputs.prepare_rows(program, p))
+            before, after = inputs.prepare_rows(program, p)
+            found = self._impulses.rates(t, x, before, after)
+            if found is not None:
+                self._refuse_impacts(t, self._impulses.broken(t, x, before, after, list(self._contact_rows)))
             for name, rate in zip(list(group.x)[n : 2 * n], [] if found is None else found, strict=False):
                 group.x[name][place] = rate
+
+    def _refuse_impacts(self, t: float, broken: list[int]) -> None:
+        """Refuse a jump of prescribed velocities that strikes, opens or drags contacts."""
+        if broken:
+            what = list_names([self._contact_rows[i] for i in broken])
+            raise CapabilityError(
+                f"at t = {t:g} a prescribed velocity jumps, and with it {what}, while the contact is closed: impacts of"
+                " surfaces that are set in motion at once are not computed. Let the velocity change in a short time,"
+                " such as by a ramp"
+            )
