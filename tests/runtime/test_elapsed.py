@@ -11,6 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.scenes import bouncing_ball
+from hard_cases.contacts import corner_plate
 
 LATE = 1.7e9
 T = dynamicsymbols._t
@@ -197,6 +198,35 @@ def test_contacts():
     )
     sweeps = [model.sweep((s, s + 1), start, {**p, "e": [0.6, 0.8]}, t_eval=s + wanted) for s in (0.0, LATE)]
     assert np.array_equal(sweeps[0]["y"], sweeps[1]["y"])
+
+
+def test_cases_with_contacts_that_begin_near_and_far_from_zero():
+    """Each has the bits, the modes and the events that it has alone."""
+    model = da.compile_model(corner_plate(4 + 7 * sp.sin(3 * T)), outputs=["N_Q"])
+    start = {"x": -0.5 / np.tan(0.5), "theta": 0.5, "theta_dot": 0.0}
+    p = {"m": 1, "l": 1, "h": 0.5, "g": 9.81, "mu": 0.8}
+    starts = np.array([LATE, 2.0, -LATE, 0.0])
+    wanted = {
+        "method": "taylor",
+        "events": ["theta_dot"],
+        "reduce": {"first": da.first_crossing("theta_dot"), "most": da.maximum("theta")},
+    }
+    together = model.sweep((starts, starts + 1), start, p, **wanted)
+    plain = model.sweep((starts, starts + 1), start, p, method="taylor")
+    assert together.success.all() and {*together.parameters} == {*p}
+    for i, t0 in enumerate(starts):
+        alone = model.sweep((t0, t0 + 1), start, p, **wanted)
+        run = model.simulate((t0, t0 + 1), start, p, method="taylor")
+        for name in ("x", "theta_dot"):
+            assert together[name][i] == alone[name][0]
+            assert plain[name][i] == run[name][-1]
+        assert together["N_Q"][i] == pytest.approx(alone["N_Q"][0], rel=1e-12)
+        for name in ("t", "status", "steps", "phases"):
+            assert getattr(together, name)[i] == getattr(alone, name)[0]
+        assert together.mode("corner")[i] == alone.mode("corner")[0] == run.mode("corner")[-1]
+        assert all(np.array_equal(together.reduced[n][i], alone.reduced[n][0], equal_nan=True) for n in alone.reduced)
+        mine, own = together.events["theta_dot"], alone.events["theta_dot"]
+        assert (mine.count[i], mine.last[i]) == (own.count[0], own.last[0])
 
 
 def test_notes_say_when(spring):

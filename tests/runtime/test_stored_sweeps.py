@@ -195,7 +195,7 @@ def test_a_store_is_completed_and_nothing_is_computed_twice(model, tmp_path, mon
 
 def test_what_was_interrupted_is_not_kept(model, tmp_path, monkeypatch):
     """Ctrl-C in the middle of a chunk leaves cases INTERRUPTED: these are computed by the next call."""
-    real, path = type(model)._sweep, tmp_path / "s.zarr"
+    real, path = type(model)._sweep_in_own_time, tmp_path / "s.zarr"
 
     def sweep(self, t_span, initial, parameters, options):
         found = real(self, t_span, initial, parameters, options)
@@ -203,10 +203,10 @@ def test_what_was_interrupted_is_not_kept(model, tmp_path, monkeypatch):
             found.status[5:] = Status.INTERRUPTED
         return found
 
-    monkeypatch.setattr(type(model), "_sweep", sweep)
+    monkeypatch.setattr(type(model), "_sweep_in_own_time", sweep)
     with pytest.raises(KeyboardInterrupt):
         model.sweep((0, 2), START, MANY, to=path, chunk=20, threads=1)
-    monkeypatch.setattr(type(model), "_sweep", real)
+    monkeypatch.setattr(type(model), "_sweep_in_own_time", real)
     assert_same(model.sweep((0, 2), START, MANY, to=path, chunk=20), model.sweep((0, 2), START, MANY))
 
 

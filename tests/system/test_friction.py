@@ -382,22 +382,33 @@ def test_sweeps_of_compiled_code_are_those_that_python_runs_to_the_last_bit(monk
         np.testing.assert_array_equal(run.events[name].last, sampled.events[name].last)
 
 
-def test_an_interrupt_ends_a_sweep(monkeypatch):
-    """Ctrl-C after the first look: what ended by then is kept, and the next sweep has all."""
+@pytest.mark.parametrize("times", [None, [1.0, 5.0]])
+def test_an_interrupt_ends_a_sweep(monkeypatch, times):
+    """Ctrl-C after some looks: what ended by then is kept, other results are NaN, and the next sweep has all."""
     calls = []
 
     def press(finished):
         calls.append(finished)
-        if len(calls) == 3:
+        if len(calls) == 8:
             raise KeyboardInterrupt
 
     model, p = plate_model(FORCE), {**PLATE, "mu": np.linspace(0.7, 0.95, 200)}
+    wanted = {"t_eval": times, "events": ["theta_dot"], "reduce": {"far": da.maximum("x")}}
     with monkeypatch.context() as patched:
         patched.setattr(hybrid_sweep, "_BETWEEN_LOOKS", 20)
         patched.setattr(hybrid_sweep, "meter", lambda total, wanted: contextlib.nullcontext(press))
-        broken = model.sweep((0, 5), at_angle(0.5), p, progress=True)
-    assert {Status(s) for s in broken.status} >= {Status.INTERRUPTED}
-    assert model.sweep((0, 5), at_angle(0.5), p).success.all()
+        broken = model.sweep((0, 5), at_angle(0.5), p, progress=True, **wanted)
+    stopped, whole = broken.status == Status.INTERRUPTED, model.sweep((0, 5), at_angle(0.5), p, **wanted)
+    assert 0 < np.sum(stopped) < 200 and whole.success.all()
+    assert np.array_equal(np.isnan(broken.t), stopped) and not np.any(broken.steps[stopped] | broken.phases[stopped])
+    assert np.all(broken.mode("corner")[stopped] == "none") and not np.any(broken.events["theta_dot"].count[stopped])
+    for mine, full in (
+        *((broken[name], whole[name]) for name in ("x", "theta_dot", "N_Q", "energy")),
+        *((broken.final[name], whole.final[name]) for name in broken.final),
+        (broken.reduced["far"], whole.reduced["far"]),
+        (broken.events["theta_dot"].first, whole.events["theta_dot"].first),
+    ):
+        assert np.all(np.isnan(mine[stopped])) and np.array_equal(mine[~stopped], full[~stopped], equal_nan=True)
 
 
 @pytest.mark.parametrize("method, bound", [("taylor", 1e-10), ("dop853", 1e-9)])

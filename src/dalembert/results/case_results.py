@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import UnknownNameError, nesting_named, unknown_name
+from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
+from .estimate import ErrorEstimate, NamedArrays
 from .labels import attributes, with_units
 from .motion import ENERGIES, reaction_hint, xarray_package
 from .named_values import NamedValues
@@ -99,6 +100,7 @@ class CaseResults(ABC):
         self.t_eval = t_eval
         self._own_t, self._own_t_eval = self.t, t_eval
         self.axes, self.stats = dict(axes), stats
+        self._twin: Self | None = None
 
     @abstractmethod
     def _final(self, key: Any) -> FloatArray:
@@ -148,6 +150,53 @@ class CaseResults(ABC):
         }
         self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
         return self
+
+    def with_cases(self, some: NDArray[np.bool_], other: Self, starts: FloatArray) -> Self:
+        """Return this sweep with some cases (n_case,) of another, whose times are not those since the starts."""
+        self._own_t[some] = (other.t - starts)[some]
+        for name in ("t", "status", "steps"):
+            getattr(self, name)[some] = getattr(other, name)[some]
+        self._take_states(some, other)
+        for name, counts in self.events.items():
+            for part in ("count", "first", "last"):
+                getattr(counts, part)[some] = getattr(other.events[name], part)[some]
+        for name, values in self.reduced.items():
+            values[some] = other.reduced[name][some]
+        seconds = self.stats.run_seconds + other.stats.run_seconds
+        self.stats = replace(self.stats, steps=int(self.steps.sum()), run_seconds=seconds)
+        if self._twin is not None and other._twin is not None:
+            self._twin.with_cases(some, other._twin, starts)
+        return self
+
+    @abstractmethod
+    def _take_states(self, some: NDArray[np.bool_], other: Self) -> None:
+        """Copy the final states of some cases (n_case,) of another sweep."""
+
+    def with_twin(self, twin: Self) -> Self:
+        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
+        self._twin = twin
+        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
+
+        With contacts it is NaN where the two runs are not in the same mode after phases in the same modes, as between
+        the times at which their contacts change.
+
+        Raises
+        ------
+        OptionError
+            For a sweep without ``error_estimate=True``.
+        """
+        if self._twin is None:
+            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
+        return ErrorEstimate(self, self._compared(self._twin))
+
+    def _compared(self, twin: Self) -> NamedArrays:
+        """Return the values of a twin by name that are compared with those of this sweep."""
+        return twin
 
     @property
     def success(self) -> NDArray[np.bool_]:

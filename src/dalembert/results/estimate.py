@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from ..errors import nesting_named
 
-__all__ = ["TIGHTER", "ErrorEstimate"]
+__all__ = ["TIGHTER", "ErrorEstimate", "NamedArrays"]
 
 TIGHTER = 1e-2
 """Factor between the tolerances of a run and of its twin, which is that much nearer to the exact motion."""
 
 
-class _Named(Protocol):
+class NamedArrays(Protocol):
+    """Arrays by name."""
+
     def __getitem__(self, key: Any) -> NDArray[np.float64]: ...
 
 
@@ -26,7 +28,7 @@ class ErrorEstimate:
     The twin's own error is some hundredth of it, until both come down to what rounding leaves.
     """
 
-    def __init__(self, run: _Named, twin: _Named) -> None:
+    def __init__(self, run: NamedArrays, twin: NamedArrays) -> None:
         self._run, self._twin = run, twin
 
     @nesting_named

@@ -15,7 +15,7 @@ from ..ir.program import Layout
 from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
 from ..values import times_of
-from .estimate import ErrorEstimate
+from .estimate import NamedArrays
 from .events import EventRecord, EventRecords
 from .labels import attributes, with_units
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
@@ -90,8 +90,6 @@ class HybridTrajectory(Motion):
         self._parts, self._whole, self._order = tuple(parts), tuple(whole), order
         self._name, self._layout = name, layout
         self.phases = self._own_phases = tuple(phases)
-        self._begin: float | None = None
-        self._twin: HybridTrajectory | None = None
         self.status, self.stats = status, stats
         self.events = EventRecords()
         self.t = self.elapsed = self._joined(lambda part: part.motion.elapsed)
@@ -110,18 +108,9 @@ class HybridTrajectory(Motion):
         return joined if self._order is None else joined[self._order]
 
     def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> HybridTrajectory:
-        """Return this motion, whose times are those since its start, with times counted as that is [s].
-
-        `t` (k,) are the recorded ones, and perhaps more behind them, as they were asked for. `note` is what the
-        statistics note instead.
-        """
-        self._begin = start
-        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
+        """See `Motion.counted_from`."""
         self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
-        self.events.counted_from(start)
-        if note is not None:
-            self.stats = replace(self.stats, note=note)
-        return self
+        return super().counted_from(start, t, note)
 
     def _counted(self, motion: HybridTrajectory, t: FloatArray) -> HybridTrajectory:
         """Return a part of this motion, at times t (k,), counted as this is."""
@@ -135,26 +124,8 @@ class HybridTrajectory(Motion):
         self.events = events
         return self
 
-    def with_twin(self, twin: HybridTrajectory) -> HybridTrajectory:
-        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
-        self._twin = twin
-        return self
-
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
-
-        It is NaN where the two runs are not in the same phase after phases in the same modes, as between the times at
-        which their contacts change.
-
-        Raises
-        ------
-        OptionError
-            For a run without ``error_estimate=True``.
-        """
-        if self._twin is None:
-            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
-        return ErrorEstimate(self, _SamePhases(self, self._twin))
+    def _compared(self, twin: HybridTrajectory) -> NamedArrays:
+        return _SamePhases(self, twin)
 
     @property
     def t_end(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..errors import OptionError, unknown_name
 from ..hybrid.modes import STATES
 from ..ir.program import Layout
 from .case_results import CaseResults, SweepStatistics
-from .estimate import ErrorEstimate
+from .estimate import NamedArrays
 
 if TYPE_CHECKING:
     import xarray
@@ -51,7 +51,11 @@ class States:
 
     def part(self, some: NDArray[np.intp]) -> States:
         """Return some of them."""
-        return States(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
+        return States(*(values[some] for values in self.arrays()))
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """Return all arrays."""
+        return [getattr(self, name) for name in self.__dataclass_fields__]
 
 
 @final
@@ -87,7 +91,6 @@ class HybridSweep(CaseResults):
         self._last, self._samples = states
         self.phases, self._modes, self._value = phases, dict(modes), value
         self._contacts = tuple(contacts)
-        self._twin: HybridSweep | None = None
 
     def mode(self, contact: str) -> NDArray[np.str_]:
         """Return the state of a contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
@@ -117,27 +120,15 @@ class HybridSweep(CaseResults):
             found[f"{name}_of_contacts" if name in {*found.variables, *found.dims} else name] = column
         return found
 
-    def with_twin(self, twin: HybridSweep) -> HybridSweep:
-        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
-        self._twin = twin
-        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
-        return self
+    def _take_states(self, some: NDArray[np.bool_], other: HybridSweep) -> None:
+        self.phases[some] = other.phases[some]
+        for mine, theirs in zip(self._last.arrays(), other._last.arrays(), strict=True):
+            mine[some] = theirs[some]
+        self._last.t[some] = self._own_t[some]
+        self._modes |= other._modes
 
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
-
-        It is NaN where the two runs are not in the same mode after phases in the same modes, as between the times at
-        which their contacts change.
-
-        Raises
-        ------
-        OptionError
-            For a sweep without ``error_estimate=True``.
-        """
-        if self._twin is None:
-            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
-        return ErrorEstimate(self, _SamePhases(self, self._twin))
+    def _compared(self, twin: HybridSweep) -> NamedArrays:
+        return _SamePhases(self, twin)
 
     @property
     def _states(self) -> States:

@@ -6,8 +6,8 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ..errors import EnergyWarning, MissingExtraError, OptionError, nesting_name
 from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..values import flag, option
+from .estimate import ErrorEstimate, NamedArrays
 from .notebook import ranges, summary
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..integrators.segments import Constants
     from ..scene import Scene
     from .animation import Animation
+    from .events import EventRecords
 
 __all__ = ["ENERGIES", "Motion", "RunStatistics", "reaction_hint", "warn_of_energy", "xarray_package"]
 
@@ -76,6 +78,8 @@ class Motion(ABC):
         Time that the run reached [s], recorded or not.
     stats : RunStatistics
         Cost of the run.
+    events : EventRecords
+        The events of the run, by name.
     """
 
     t: FloatArray
@@ -85,7 +89,10 @@ class Motion(ABC):
     qdot: FloatArray
     status: Status
     stats: RunStatistics
+    events: EventRecords
     _layout: Layout
+    _begin: float | None = None
+    _twin: Self | None = None
 
     @abstractmethod
     def __getitem__(self, key: Any) -> FloatArray: ...
@@ -108,9 +115,49 @@ class Motion(ABC):
     def _pictured(self) -> tuple[Scene, Constants] | None:
         """The scene, and constants that begin with its parameters; None where the motion does not have them."""
 
-    @abstractmethod
-    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Motion:
-        """Return this motion, whose times are those since its start, with times counted as that is [s]."""
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Self:
+        """Return this motion, whose times are those since its start, with times counted as that is [s].
+
+        Parameters
+        ----------
+        start : float
+            Time of the start.
+        t : ndarray (k,), optional
+            The recorded times, and perhaps more behind them, as they were asked for.
+        note : str, optional
+            Note of the statistics, in place of the present one.
+        """
+        self._begin = start
+        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
+        self.events.counted_from(start)
+        if note is not None:
+            self.stats = replace(self.stats, note=note)
+        return self
+
+    def with_twin(self, twin: Self) -> Self:
+        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
+        self._twin = twin
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
+
+        With contacts it is NaN where the two runs are not in the same phase after phases in the same modes, as between
+        the times at which their contacts change.
+
+        Raises
+        ------
+        OptionError
+            For a run without ``error_estimate=True``.
+        """
+        if self._twin is None:
+            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
+        return ErrorEstimate(self, self._compared(self._twin))
+
+    def _compared(self, twin: Self) -> NamedArrays:
+        """Return the values of a twin by name that are compared with those of this motion."""
+        return twin
 
     @property
     @abstractmethod

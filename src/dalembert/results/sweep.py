@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import OptionError
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .case_results import CaseResults, SweepStatistics
-from .estimate import ErrorEstimate
 from .motion import ENERGIES, warn_of_energy
 
 __all__ = ["Sweep"]
@@ -65,44 +62,10 @@ class Sweep(CaseResults):
     ) -> None:
         super().__init__(program.name, program.formulation, program.layout, varied, ends, t_eval, axes, stats)
         self._program, self._constants = program, constants
-        self._estimate: ErrorEstimate | None = None
-        self._twin: Sweep | None = None
         self.y, self.samples = y, samples
 
-    def with_cases(self, some: NDArray[np.bool_], other: Sweep, starts: FloatArray) -> Sweep:
-        """Return this sweep with some cases (n_case,) of another, whose times are not those since the starts."""
-        self._own_t[some] = (other.t - starts)[some]
-        for name in ("t", "status", "steps", "y"):
-            getattr(self, name)[some] = getattr(other, name)[some]
-        for name, counts in self.events.items():
-            for part in ("count", "first", "last"):
-                getattr(counts, part)[some] = getattr(other.events[name], part)[some]
-        for name, values in self.reduced.items():
-            values[some] = other.reduced[name][some]
-        seconds = self.stats.run_seconds + other.stats.run_seconds
-        self.stats = replace(self.stats, steps=int(self.steps.sum()), run_seconds=seconds)
-        for mine, theirs in [] if self._twin is None or other._twin is None else [(self._twin, other._twin)]:
-            mine.with_cases(some, theirs, starts)
-        return self
-
-    def with_twin(self, twin: Sweep) -> Sweep:
-        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
-        self._estimate, self._twin = ErrorEstimate(self, twin), twin
-        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
-        return self
-
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
-
-        Raises
-        ------
-        OptionError
-            For a sweep without ``error_estimate=True``.
-        """
-        if self._estimate is None:
-            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
-        return self._estimate
+    def _take_states(self, some: NDArray[np.bool_], other: Sweep) -> None:
+        self.y[some] = other.y[some]
 
     def _lasting(self) -> tuple[str, ...]:
         layout = self._layout

@@ -23,7 +23,6 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..transforms.periodic import angles_in
 from ..values import times_of
-from .estimate import ErrorEstimate
 from .events import EventRecords, event_records
 from .labels import attributes, with_units
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy, xarray_package
@@ -76,7 +75,6 @@ class Trajectory(Motion):
     ) -> None:
         self._program, self._c, self._dense = program, constants, dense
         self._layout = program.layout
-        self._estimate: ErrorEstimate | None = None
         self.events = EventRecords()
         self._monitors: Monitors | None = None
         self._near: FloatArray | None = None
@@ -84,7 +82,6 @@ class Trajectory(Motion):
         self._end: float | None = None
         self.status, self.stats = status, stats
         self.t, self.elapsed, self.y = t, t, y
-        self._begin: float | None = None
 
     @cached_property
     def _expanded(self) -> tuple[FloatArray, FloatArray]:
@@ -113,11 +110,6 @@ class Trajectory(Motion):
         """Rates of the coordinates (n_t, n_q)."""
         return self._expanded[1]
 
-    def with_twin(self, twin: Trajectory) -> Trajectory:
-        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
-        self._estimate = ErrorEstimate(self, twin)
-        return self
-
     def ended_at(self, t: float | None) -> Trajectory:
         """Return this motion with the time that its run reached, where that is not the last of the recorded ones."""
         self._end = t
@@ -130,25 +122,6 @@ class Trajectory(Motion):
         if end is None:
             end = float(self.elapsed[-1]) if len(self.elapsed) else float("nan")
         return end if self._begin is None else self._begin + end
-
-    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Trajectory:
-        """Return this motion, whose times are those since its start, with times counted as that is [s].
-
-        Parameters
-        ----------
-        start : float
-            Time of the start.
-        t : ndarray (k,), optional
-            The recorded times, and perhaps more behind them, as they were asked for.
-        note : str, optional
-            Note of the statistics, in place of the present one.
-        """
-        self._begin = start
-        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
-        self.events.counted_from(start)
-        if note is not None:
-            self.stats = replace(self.stats, note=note)
-        return self
 
     @property
     def _formulations(self) -> tuple[str, ...]:
@@ -196,19 +169,6 @@ class Trajectory(Motion):
         if self._monitors is None:
             raise OptionError("this motion has no scene; use one that simulate returned")
         return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.variables)
-
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
-
-        Raises
-        ------
-        OptionError
-            For a run without ``error_estimate=True``.
-        """
-        if self._estimate is None:
-            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
-        return self._estimate
 
     @property
     def can_evaluate(self) -> bool:

@@ -19,18 +19,21 @@ from .symbol_assumptions import ROUNDING
 from .value_reader import ValueReader
 
 if TYPE_CHECKING:
+    from ..codegen.runs import Prepared
+    from ..results.case_results import CaseResults
     from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
+    from ..results.motion import Motion
     from ..results.operating_point import OperatingPoint
     from ..results.sensitivity import Sensitivity
     from .input_values import GivenInputs
-    from .prepared import PreparedRun
+    from .model import CompiledModel
 
 __all__ = ["Model"]
 
 Given = Mapping[Any, Any]
-RunT_co = TypeVar("RunT_co", covariant=True)
-SweepT_co = TypeVar("SweepT_co", covariant=True)
+RunT_co = TypeVar("RunT_co", bound="Motion", covariant=True)
+SweepT_co = TypeVar("SweepT_co", bound="CaseResults", covariant=True)
 
 
 class Model(ABC, Generic[RunT_co, SweepT_co]):
@@ -85,12 +88,6 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         """Return the state at given values; the parameters have those of the inputs, here and below."""
 
     @abstractmethod
-    def _simulate(
-        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-    ) -> RunT_co:
-        """Return one trajectory."""
-
-    @abstractmethod
     def _simulate_in_own_time(
         self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
     ) -> RunT_co:
@@ -109,8 +106,10 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         """Refuse events and reductions that cannot be watched, as a run does."""
 
     @abstractmethod
-    def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> SweepT_co:
-        """Return the results of many cases."""
+    def _sweep_in_own_time(
+        self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+    ) -> SweepT_co:
+        """Return the results of many cases in the time of the model, whatever the spans."""
 
     @abstractmethod
     def _stored_sweep(
@@ -119,8 +118,8 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
         """Return the results of many cases (span, initial values, parameters, inputs) from a store."""
 
     @abstractmethod
-    def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
-        """Return a prepared run."""
+    def _prepare_in_own_time(self, t_span: tuple[float, float], options: PrepareOptions) -> tuple[str, Prepared]:
+        """Return a method, and a run from a state and parameters to the final state, in the time of the model."""
 
     @abstractmethod
     def _assemble(
@@ -162,6 +161,16 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     def _traced_functions(self) -> Any:
         """The kernels as functions that JAX traces, None for models that have none."""
         return None
+
+    @property
+    @abstractmethod
+    def _starting_model(self) -> CompiledModel:
+        """The model that reads initial values and parameters of cases."""
+
+    @property
+    def _prepared_layout(self) -> Layout:
+        """The layout of states and parameters of prepared runs."""
+        return self.layout
 
     @property
     def _inputs(self) -> tuple[InputSymbol, ...]:

@@ -34,11 +34,12 @@ from .engines import engine_of
 from .initial_states import initial_state
 from .interface import motions, states, traced
 from .segment_constants import at_time
-from .simulate import simulate, simulate_with_meter
+from .simulate import simulate_with_meter
 from .variants import Variants
 
 if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
+    from ..codegen.runs import Prepared
     from ..hybrid.modes import Mode
     from ..results.discrete_linearization import DiscreteLinearization
     from ..results.linearization import Linearization
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from ..results.sweep import Sweep
     from ..results.trajectory import Trajectory
     from .input_values import GivenInputs
-    from .prepared import PreparedRun
 
 __all__ = ["CompiledModel"]
 
@@ -282,10 +282,9 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     def _equations(self) -> EquationsOfMotion:
         return self.stages.equations
 
-    def _simulate(
-        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-    ) -> Trajectory:
-        return simulate(self, t_span, initial, parameters, options)
+    @property
+    def _starting_model(self) -> CompiledModel:
+        return self
 
     def _simulate_in_own_time(
         self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
@@ -301,10 +300,12 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     def _check_watched(self, events: Any, reduce: Any) -> None:
         self.derived.events(events, reduce)
 
-    def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> Sweep:
-        from .sweep import sweep
+    def _sweep_in_own_time(
+        self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+    ) -> Sweep:
+        from .sweep import sweep_in_own_time
 
-        return sweep(self, t_span, initial, parameters, options)
+        return sweep_in_own_time(self, t_span, initial, parameters, options)
 
     def _stored_sweep(
         self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
@@ -314,10 +315,10 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
 
         return stored_sweep(SmoothModel(self), given, options, to)
 
-    def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
-        from .prepare import prepare
+    def _prepare_in_own_time(self, t_span: tuple[float, float], options: PrepareOptions) -> tuple[str, Prepared]:
+        from .prepare import prepare_in_own_time
 
-        return prepare(self, t_span, options)
+        return prepare_in_own_time(self, t_span, options)
 
     def _linearize(
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any

@@ -1,15 +1,15 @@
-"""Prepared runs of a compiled model: fixed span, method and tolerances."""
+"""Prepared runs of models: fixed span, method and tolerances."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.runs import Prepared, PreparedStates
+from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
 from ..methods.status import Status
 from ..once import derived_once
@@ -23,32 +23,50 @@ from .prepared import PreparedRun
 from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
+    from .base import Model
     from .model import CompiledModel
 
-__all__ = ["prepare"]
+__all__ = ["prepare", "prepare_in_own_time"]
 
 
-def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
-    """Return a function from a state and parameters to the final state; see `CompiledModel.prepare`."""
-    t0, t1 = span_of(t_span)
-    again = partial(prepare, model, (t0, t1), options)
-    if options.inputs is not None:
-        options.inputs.refuse_span(t0, t1)
-    if begins_elsewhere(t0, t1):
-        other, _, _ = in_elapsed_time(model, t0, t1)
-        if other is not None:
-            return _prepared_in_elapsed_time(model, other, (t0, t1), options)
+def prepare(model: Model[Any, Any], t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+    """Return a function from a state and parameters to the final state; see `Model.prepare`."""
+    t0, t1 = t_span = span_of(t_span)
+    again, given = partial(prepare, model, t_span, options), options.inputs
+    if given is not None:
+        given.refuse_span(t0, t1)
+    other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
+    if other is None:
+        method, run = model._prepare_in_own_time(t_span, options)
+        return PreparedRun(run, method, model._prepared_layout, again, given, t_span)
+    elapsed = options if given is None else replace(options, inputs=given.counted_from(t0))
+    kept, offsets = prepare(other, (0.0, t1 - t0), elapsed), other._equations.symbols.offsets
+    if not offsets:
+        return kept
+    extended = extension(other.layout.parameters, model.layout.parameters, offsets, t0)
+
+    def run_extended(state: FloatArray, p: FloatArray) -> Final:
+        final = kept(state, extended(p))
+        return final, kept.status
+
+    return PreparedRun(PreparedStates(run_extended), kept.method, model._prepared_layout, again, given, t_span)
+
+
+def prepare_in_own_time(
+    model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions
+) -> tuple[str, Prepared]:
+    """Return the method and the run of a model without contacts, in the time of the model."""
     method = model.choose_method(options.method, options.rtol, options.atol)
     if options.project_invariants is not False:
         refuse_formulation(model.stages.reduced)
         refuse_unknown(options.project_invariants, model.derived.invariants)
-        return PreparedRun(
-            _prepared_keeping(model, (t0, t1), options), method, model.layout, again, options.inputs, (t0, t1)
-        )
+        return method, _prepared_keeping(model, t_span, options)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+    if not model.layout.state:  # the constraints prescribe the motion
+        return method, PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
     problem = IntegrationProblem(
-        t0=t0,
-        t1=t1,
+        t0=t_span[0],
+        t1=t_span[1],
         y0=np.zeros(len(model.layout.state)),
         constants=np.zeros(model.layout.constants),
         rtol=options.rtol,
@@ -57,31 +75,7 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
         max_steps=options.max_steps,
         inputs=None if options.inputs is None else options.inputs.records(model.layout),
     )
-    if not model.layout.state:  # the constraints prescribe the motion
-        still = PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
-        return PreparedRun(still, method, model.layout, again, options.inputs, (t0, t1))
-    run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
-    return PreparedRun(run, method, model.layout, again, options.inputs, (t0, t1))
-
-
-def _prepared_in_elapsed_time(
-    model: CompiledModel, other: CompiledModel, t_span: tuple[float, float], options: PrepareOptions
-) -> PreparedRun:
-    """Return a prepared run in the time since its start, by this model or another one of the scene."""
-    t0, t1 = t_span
-    elapsed = options if options.inputs is None else replace(options, inputs=options.inputs.counted_from(t0))
-    kept = prepare(other, (0.0, t1 - t0), elapsed)
-    offsets = other.stages.equations.symbols.offsets
-    if not offsets:
-        return kept
-    extended = extension(other.layout.parameters, model.layout.parameters, offsets, t0)
-
-    def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
-        final = kept(state, extended(p))
-        return final, kept.status
-
-    again = partial(prepare, model, t_span, options)
-    return PreparedRun(PreparedStates(run), kept.method, model.layout, again, options.inputs, t_span)
+    return method, model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
 
 
 def _prepared_keeping(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:

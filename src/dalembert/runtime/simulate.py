@@ -26,7 +26,7 @@ from .segment_constants import starting_constants
 from .single_run import integrate
 
 if TYPE_CHECKING:
-    from ..results.hybrid import HybridTrajectory
+    from ..results.motion import Motion
     from .base import Model
     from .model import CompiledModel
 
@@ -35,7 +35,7 @@ __all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time", "simulate_with_met
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 Given = Mapping[Any, Any]
-RunT = TypeVar("RunT", "Trajectory", "HybridTrajectory")
+RunT = TypeVar("RunT", bound="Motion")
 
 
 def simulate(

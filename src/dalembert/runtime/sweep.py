@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -35,17 +35,20 @@ from .symbol_assumptions import warn_of_motion
 from .table_range import outside_cases
 
 if TYPE_CHECKING:
+    from ..results.case_results import CaseResults
+    from .base import Model
     from .model import CompiledModel
 
-__all__ = ["begin_sweep", "runs_unchecked", "sweep"]
+__all__ = ["begin_sweep", "runs_unchecked", "sweep", "sweep_in_own_time"]
 
 Given = Mapping[Any, Any]
+SweepT = TypeVar("SweepT", bound="CaseResults")
 
 
 def sweep(
-    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
-) -> Sweep:
-    """Return the results of many cases; see `CompiledModel.sweep`."""
+    model: Model[Any, SweepT], t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> SweepT:
+    """Return the results of many cases; see `Model.sweep`."""
     model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
     starts, lasts = spans_of(t_span)
     if options.inputs is not None:
@@ -53,10 +56,10 @@ def sweep(
         parameters = options.inputs.case_parameters(parameters, starts, lasts)
     together = len(starts) == len(lasts) == 1
     if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
-        return _in_own_time(model, t_span, initial, parameters, options)
+        return model._sweep_in_own_time(t_span, initial, parameters, options)
     other, events, reduce = in_elapsed_time(model, starts, lasts, options.events, options.reduce)
     if other is None:
-        return _in_own_time(model, t_span, initial, parameters, options)
+        return model._sweep_in_own_time(t_span, initial, parameters, options)
     times = options.t_eval
     since = None if times is None else elapsed_times(float(starts[0]), float(lasts[0]), times)
     given = _with_offset_columns(model, other, t_span, initial, parameters, options.grid)
@@ -66,43 +69,44 @@ def sweep(
     if options.inputs is not None:
         own = replace(own, inputs=options.inputs.counted_from(starts))
         given = own.inputs.case_parameters(given, begins, lasts - starts)
-    run = _in_own_time(other, (begins, lasts - starts), initial, given, own)
+    run = other._sweep_in_own_time((begins, lasts - starts), initial, given, own)
     table = reduction_table(options.reduce, model.layout.aliases)
     crossings = [name for name, each in table.items() if each.kind == "first crossing"]
     run = run.counted_from(starts, times, model.layout.parameters, crossings)
     if not np.any(near):
         return run
-    rest = _in_own_time(model, (np.where(near, starts, np.nan), lasts), initial, parameters, options)
+    rest = model._sweep_in_own_time((np.where(near, starts, np.nan), lasts), initial, parameters, options)
     return run.with_cases(np.broadcast_to(near, len(run)), rest, starts)
 
 
 def _with_offset_columns(
-    model: CompiledModel,
-    other: CompiledModel,
+    model: Model[Any, Any],
+    other: Model[Any, Any],
     t_span: tuple[Any, Any],
     initial: Given,
     parameters: Given,
     grid: CaseSet | None,
 ) -> Given:
     """Return parameters with those that another model of the scene has for the start of each case."""
-    offsets = other.stages.equations.symbols.offsets
+    offsets = other._equations.symbols.offsets
     if not offsets:
         return parameters
     whole = (initial, parameters) if grid is None else with_grid(model.layout, grid, initial, parameters)
-    cases = Cases(model.stages.program, model.derived.start, t_span, *whole)
+    reader = model._starting_model
+    cases = Cases(reader.stages.program, reader.derived.start, t_span, *whole)
     return {**parameters, **offset_columns(offsets, cases.span["start"], cases.parameters)}
 
 
-def _in_own_time(
+def sweep_in_own_time(
     model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
 ) -> Sweep:
-    """Return the results of many cases, in the time of the model."""
+    """Return the results of many cases of a model without contacts, in the time of the model."""
     if options.project_invariants is False:
         return begin_sweep(model, t_span, initial, parameters, options)()
     refuse_jumps(options.events, model.layout.aliases)
     keeper, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
     options = replace(options, project_invariants=False)
-    return _in_own_time(keeper, t_span, initial, {**parameters, **further}, options)
+    return sweep_in_own_time(keeper, t_span, initial, {**parameters, **further}, options)
 
 
 def _keeping_cases(

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...arrays import FloatArray
-from ...errors import OptionError, ValueInputError
+from ...errors import ExpressionError, OptionError, ValueInputError
 from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
-from ...integrators.event_code import Event
+from ...integrators.event_code import Event, event_list
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
@@ -31,7 +31,7 @@ from .request import MotionRequest, SweepRequest
 from .simulate import simulate
 from .sweep import sweep
 
-__all__ = ["plain_mode", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
+__all__ = ["moving_events", "plain_mode", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
 
 _O = TypeVar("_O", SimulateOptions, SweepOptions)
 
@@ -63,6 +63,27 @@ def refuse_open_gains(modes: ModeModels) -> None:
             "sweeps and prepared runs of a scene with contacts need the gains of 'baumgarte': give gains=(alpha, beta)"
             " [1/s] to compile_model, or take another formulation"
         )
+
+
+def moving_events(layout: Layout, events: Any) -> tuple[Event, ...]:
+    """Return events, each of which moves in some mode.
+
+    Raises
+    ------
+    ExpressionError
+        For those that are constant along every motion.
+    """
+    listed = event_list(events, layout.aliases)
+    for event in listed:
+        watched = event.expression
+        inside = getattr(watched, "free_symbols", ())
+        names = {watched} if isinstance(watched, str) else {str(symbol) for symbol in inside}
+        if names <= {*layout.parameters}:
+            raise ExpressionError(
+                f"event {event.label!r} is constant along every motion, so that nothing can be watched: write it"
+                " in coordinates, rates, outputs or time"
+            )
+    return listed
 
 
 def start_state(

@@ -9,8 +9,9 @@ from typing import Any, final
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
+from ...codegen.runs import Prepared
 from ...errors import CapabilityError, OptionError, list_names
-from ...hybrid import OPEN, Mode
+from ...hybrid import CLOSED, OPEN, Mode
 from ...ir.conditions import CONDITION_TIME
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
@@ -37,17 +38,14 @@ from .. import inputs as run_input
 from ..base import Given, Model
 from ..capabilities import WITHOUT
 from ..input_values import GivenInputs
-from ..inputs import span_of
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
-from ..prepared import PreparedRun
-from ..simulate import simulate
 from .at_state import assemble_open, linearize_mode, trim_mode
 from .decisions import Decisions
 from .evaluate import evaluate
-from .given_values import plain_mode, run_motion, start_state
+from .given_values import moving_events, plain_mode, refuse_open_gains, run_cases, run_motion, start_state
 from .mode_models import ModeModels
-from .spans import moving_events, prepare, sweep
+from .prepare import prepared
 
 __all__ = ["HybridModel"]
 
@@ -216,17 +214,20 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         values = run_input.given_values(self.layout, initial)
         return start_state(self.modes, self.layout, t, values, self.parameter_values(parameters))
 
-    def _simulate(
-        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-    ) -> HybridTrajectory:
-        self._refuse(options.project_invariants)
-        return simulate(self, t_span, initial, parameters, options)
+    @property
+    def _starting_model(self) -> CompiledModel:
+        return self._model(plain_mode(self.modes, CLOSED))
+
+    @property
+    def _prepared_layout(self) -> Layout:
+        return replace(self.layout, state=self.layout.variables)
 
     def _simulate_in_own_time(
         self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
     ) -> HybridTrajectory:
+        self._refuse(options.project_invariants)
         p, values = self.parameter_vector(parameters), run_input.given_values(self.layout, initial)
-        events = moving_events(self, options.events)
+        events = moving_events(self.layout, options.events)
         return run_motion(self.modes, self.layout, t_span, values, p, options, events)
 
     def _with_parameters(self, symbols: tuple[Any, ...]) -> HybridModel:
@@ -236,12 +237,15 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         return self._variant(("elapsed", watched), lambda: self.several.scene.in_elapsed_time(watched))
 
     def _check_watched(self, events: Any, reduce: Any) -> None:
-        moving_events(self, events)
+        moving_events(self.layout, events)
         self._model(plain_mode(self.modes, OPEN)).derived.events(events, reduce)
 
-    def _sweep(self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions) -> HybridSweep:
+    def _sweep_in_own_time(
+        self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+    ) -> HybridSweep:
         self._refuse(options.project_invariants)
-        return sweep(self, t_span, initial, parameters, options)
+        events = moving_events(self.layout, options.events)
+        return run_cases(self.modes, self.layout, t_span, initial, parameters, options, events)
 
     def _stored_sweep(
         self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
@@ -252,9 +256,13 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self._refuse(options.project_invariants)
         return stored_sweep(ContactModel(self), given, options, to)
 
-    def _prepare(self, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+    def _prepare_in_own_time(self, t_span: tuple[float, float], options: PrepareOptions) -> tuple[str, Prepared]:
         self._refuse(options.project_invariants)
-        return prepare(self, span_of(t_span), options)
+        run_input.warn_below_floor(options.rtol, options.atol)
+        refuse_open_gains(self.modes)
+        opened = self._model(plain_mode(self.modes, OPEN))
+        method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
+        return method, prepared(self.modes, self.layout, t_span, options)
 
     def _linearize(
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from threading import get_ident
 
 import numpy as np
@@ -17,7 +16,7 @@ from .mode_models import ModeModels
 from .reductions import PhaseReductions
 from .stops import stops_of
 
-__all__ = ["prepared", "with_extension"]
+__all__ = ["prepared"]
 
 
 def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
@@ -43,13 +42,3 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
         return case.state.x[0].copy(), case.status
 
     return PreparedStates(run)
-
-
-def with_extension(run: Prepared, extended: Callable[[FloatArray], FloatArray]) -> Prepared:
-    """Return a prepared run that takes fewer parameters, from which `extended` makes all."""
-
-    def called(x: FloatArray, p: FloatArray) -> Final:
-        final = run(x, extended(p))
-        return final, run.status()
-
-    return PreparedStates(called)

@@ -8,11 +8,13 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...integrators.cases import BlockResult
+from ...integrators.contact_cases import UNDECIDED
 from ...integrators.phase_tables import JUMPS, NOT_BEGUN
 from ...integrators.workspace import RUNNING
 from ...methods.status import Status
 from ...progress import meter
-from ...results.case_results import SweepStatistics
+from ...results.case_results import NO_MODE, SweepStatistics
 from ...results.hybrid_sweep import HybridSweep, States
 from ..symbol_assumptions import warn_of_motion
 from .case_table import case_table
@@ -72,7 +74,7 @@ class _Sweep:
                     advance(len(going) - len(self._going()))
             except KeyboardInterrupt:
                 pass
-        self.status[self.status == RUNNING] = int(Status.INTERRUPTED)
+        self._leave_out(self._going())
         return self._finished()
 
     def _going(self) -> NDArray[np.intp]:
@@ -99,6 +101,17 @@ class _Sweep:
         over = some[self.status[some] != RUNNING]
         self.phases[over] -= self.now.cases.passed[over] != 0.0
         self.table.numbers.runner[some] = NOT_BEGUN
+
+    def _leave_out(self, some: NDArray[np.intp]) -> None:
+        """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
+        table, width = self.table, len(self.samples.t) // max(len(self.status), 1)
+        self.status[some] = int(Status.INTERRUPTED)
+        self.now.t[some], self.now.x[some], self.now.cases.modes[some] = np.nan, np.nan, UNDECIDED
+        samples = (some[:, np.newaxis] * width + np.arange(width)).ravel()
+        self.samples.t[samples], self.samples.x[samples], self.samples.mode[samples] = np.nan, np.nan, NO_MODE
+        for counts in (table.numbers.steps, table.numbers.phases):
+            counts[some] = 0
+        table.occurred[some] = BlockResult.nothing_yet(len(some), table.occurred.shape[1] // 3, ())[0]
 
     def _states(self, some: NDArray[np.intp]) -> States:
         """Return the present states of some cases."""

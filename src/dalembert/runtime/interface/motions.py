@@ -12,9 +12,12 @@ from ...options import PrepareOptions, StoreOptions, SweepOptions, simulate_opti
 from ...values import tolerances
 from ..capabilities import refuse_functions
 from ..input_values import read_inputs
+from ..simulate import simulate as simulate_model
 
 if TYPE_CHECKING:
+    from ...results.case_results import CaseResults
     from ...results.comparison import Comparison
+    from ...results.motion import Motion
     from ...results.sampler import CaseSet
     from ..base import Model
     from ..model import CompiledModel
@@ -22,8 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["compare_formulations", "prepare", "simulate", "sweep"]
 
-RunT = TypeVar("RunT")
-SweepT = TypeVar("SweepT")
+RunT = TypeVar("RunT", bound="Motion")
+SweepT = TypeVar("SweepT", bound="CaseResults")
 
 
 @nesting_named
@@ -118,7 +121,7 @@ def simulate(
         inputs=read_inputs(self.layout, self._inputs, inputs),
         progress=progress,
     )
-    return self._simulate(t_span, initial, parameters, options)
+    return simulate_model(self, t_span, initial, parameters, options)
 
 
 @nesting_named
@@ -236,7 +239,9 @@ def sweep(
             raise OptionError(
                 "units= are of sweeps that are stored (to=); give them to to_xarray(units=...) of this one"
             )
-        return self._sweep(t_span, initial, parameters, options)
+        from ..sweep import sweep as sweep_model
+
+        return sweep_model(self, t_span, initial, parameters, options)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     return self._stored_sweep((t_span, initial, parameters, inputs), options, where)
 
@@ -289,7 +294,9 @@ def prepare(
         project_invariants=project_invariants,
         inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
     )
-    return self._prepare(t_span, options)
+    from ..prepare import prepare as prepare_model
+
+    return prepare_model(self, t_span, options)
 
 
 @nesting_named

@@ -17,6 +17,7 @@ from ..cases import Cases, spans_of
 from ..event_parameters import with_event_parameters
 from ..hybrid.given_values import plain_mode
 from ..input_values import GivenInputs, read_inputs
+from ..sweep import sweep
 from .request import Part, Request
 
 if TYPE_CHECKING:
@@ -58,9 +59,8 @@ class SweptModel(ABC):
         KeyboardInterrupt
             Where Ctrl-C has stopped cases.
         """
-        found: Sweep | HybridSweep = self.model._sweep(
-            part.t_span, part.initial, part.parameters, replace(options, inputs=self.inputs(part))
-        )
+        own = replace(options, inputs=self.inputs(part))
+        found: Sweep | HybridSweep = sweep(self.model, part.t_span, part.initial, part.parameters, own)
         if np.any(found.status == Status.INTERRUPTED):
             raise KeyboardInterrupt
         return found
