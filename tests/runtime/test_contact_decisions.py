@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.integrators import contact_cases as rules
+from dalembert.integrators import mode_candidates as rules
 from dalembert.methods.status import Status
 from dalembert.runtime.hybrid.state import HybridState
 from hard_cases.contacts import corner_plate, loose_plate
@@ -115,6 +115,6 @@ def test_linearisation_is_that_of_the_mode_at_hand():
 
 def test_states_have_one_number_in_the_equations_and_in_compiled_code():
     from dalembert.hybrid.modes import STATES
-    from dalembert.integrators import contact_table
+    from dalembert.integrators import contact_system
 
-    assert [getattr(contact_table, state.upper()) for state in STATES] == list(range(len(STATES)))
+    assert [getattr(contact_system, state.upper()) for state in STATES] == list(range(len(STATES)))

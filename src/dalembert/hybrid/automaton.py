@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
+from ..ir.kernel import Kernel
 from ..mechanics.equations import ContactRow, EquationsOfMotion
-from .contact_data import ContactData, contact_data
+from .contact_data import contact_data
 from .modes import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode, mode_equations
 from .normal_directions import require_normals_along_gaps
 
@@ -80,12 +81,12 @@ class HybridAutomaton:
     ----------
     equations : EquationsOfMotion
         With all constraints and reactions of the contacts, without friction.
-    contact_data : ContactData
-        Kernel of the numbers from which mode selection and impacts are computed.
+    contact_data : Kernel
+        The numbers from which mode selection and impacts are computed.
     """
 
     equations: EquationsOfMotion
-    contact_data: ContactData
+    contact_data: Kernel
 
     @classmethod
     def of(cls, equations: EquationsOfMotion) -> HybridAutomaton:

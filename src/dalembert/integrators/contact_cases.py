@@ -5,71 +5,43 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..methods.event_constants import RESOLUTION, TOGETHER
 from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
-from .compiled_subset import compiled_subset, sqrt
-from .contact_sizes import NOISE, gap_noise
-from .contact_table import (
-    GAP,
-    MU,
-    MU_STATIC,
-    OPEN,
-    RESTITUTION,
-    STICK,
-    ContactSpace,
-    ContactTable,
-    drift,
-    mass,
-    number,
-    opening_power,
-    slope,
-    velocity,
+from .compiled_subset import compiled_subset
+from .contact_sizes import NOISE, gap_noise, gap_rate, rate_noise, slip_speed, slip_terms
+from .contact_system import OPEN, STICK, ContactSystem, opening_power, terms
+from .mode_candidates import (
+    BREAK_UP,
+    FREE,
+    LIFT,
+    LIFTING,
+    MEET,
+    STOP,
+    closed_kind,
 )
-from .mode_candidates import FREE, GRIPPED, LIFTING, SLIDING, TOUCHING, Candidates
 
 __all__ = [
-    "BREAK_DOWN",
-    "BREAK_PLANE",
-    "BREAK_UP",
-    "LIFT",
-    "MEET",
     "RESTING",
     "ROUNDED",
-    "SHARE",
     "STILL",
-    "STOP",
-    "TURN",
     "UNDECIDED",
     "ContactCases",
     "approaches",
+    "arrives",
     "contact_cases",
     "gap_allowance",
-    "gap_rate",
-    "known_of",
-    "laws_of_sliding",
-    "rate_noise",
-    "rate_terms",
+    "kind_at_end",
     "refused",
-    "returns",
     "sign",
-    "slip_speed",
-    "slip_terms",
     "strikes",
     "touching",
 ]
 
-LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 16, 32, 64, 128
-"""Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
-ends; friction fails to hold against slip forwards, backwards, or in a plane; contacts can no longer share a load."""
-
 UNDECIDED = -1
 """Mode of a contact before the first decision, and `ContactCases.after` without an impact."""
-
-_MOTIONLESS = 1e-12
-"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact has no restitution.
@@ -95,6 +67,8 @@ class ContactCases(NamedTuple):
 
     Attributes
     ----------
+    t : (k,)
+        Times [s].
     x : (k, 2 n_q + n_z)
         Coordinates, rates and first-order states; the rates change.
     directions, sides : (k, 2 c), (k, c)
@@ -121,6 +95,7 @@ class ContactCases(NamedTuple):
         Accelerations in the mode.
     """
 
+    t: Vector
     x: Matrix
     directions: Matrix
     sides: Matrix
@@ -139,23 +114,23 @@ class ContactCases(NamedTuple):
     motion: Matrix
 
 
-def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: int, states: int = 0) -> ContactCases:
-    """Return cases that start from x (k, 2 n_q + n_z), which changes, with signed spans (k,).
+def contact_cases(t: FloatArray, x: FloatArray, span: FloatArray, contacts: int, states: int = 0) -> ContactCases:
+    """Return cases that start at times t (k,) from x (k, 2 n_q + n_z), which change, with signed spans (k,).
 
     `states` is n_z, the number of first-order states.
     """
-    k, n = len(x), (x.shape[1] - states) // 2
-    directions = np.tile(np.array([1.0, 0.0]), (k, contacts))
-    undecided = np.full((2, k, contacts), UNDECIDED)
+    k = len(x)
+    ones, zeros, undecided = np.ones((2, k, contacts)), np.zeros((4, k, contacts)), np.full((2, k, contacts), UNDECIDED)
     return ContactCases(
+        t=t,
         x=x,
-        directions=directions,
-        sides=np.ones((k, contacts)),
-        speeds=np.zeros((k, contacts)),
-        approach=np.zeros((k, contacts)),
-        rest=np.ones((k, contacts)),
-        flight=np.zeros((k, contacts)),
-        loads=np.zeros((k, contacts)),
+        directions=np.tile(np.array([1.0, 0.0]), (k, contacts)),
+        sides=ones[0],
+        speeds=zeros[0],
+        approach=zeros[1],
+        rest=ones[1],
+        flight=zeros[2],
+        loads=zeros[3],
         impacts=np.zeros(k, np.int64),
         span=span,
         passed=np.zeros(k),
@@ -163,215 +138,134 @@ def contact_cases(x: NDArray[np.float64], span: NDArray[np.float64], contacts: i
         fired=np.zeros((k, contacts), np.int64),
         after=undecided[1],
         status=np.zeros(k, np.int64),
-        motion=np.zeros((k, n)),
+        motion=np.zeros((k, (x.shape[1] - states) // 2)),
     )
 
 
 @compiled_subset
-def slip_speed(table: ContactTable, space: ContactSpace, i: int) -> float:
-    """Return the size of the slip velocity of a contact."""
-    total = 0.0
-    for a in range(table.width[i]):
-        slip = velocity(table, space, table.constraints + table.first[i] + a)
-        total += slip * slip
-    return sqrt(total)
+def sign(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
+    """Return the sign of the normal reaction of a contact, 1 where it has only one."""
+    return cases.sides[case, i] if system.sided[i] != 0 else 1.0
 
 
 @compiled_subset
-def rate_terms(table: ContactTable, space: ContactSpace, row: int) -> float:
-    """Return the sum of the sizes of the terms of a slip velocity, or of the rate of a constraint."""
-    total = abs(drift(table, space, row))
-    for j in range(table.coordinates):
-        total += abs(slope(table, space, row, j) * space.rates[j])
-    return total
+def refused(system: ContactSystem, cases: ContactCases, case: int) -> bool:
+    """Return whether a case cannot start, or its coefficients make no sense."""
+    bad = False
+    for i in range(system.contacts):
+        bad = bad or system.mu[i] < 0.0 or system.mu_static[i] < system.mu[i]
+        bad = bad or system.restitution[i] < 0.0 or system.restitution[i] > 1.0
+        if system.constraint[i] >= 0 and cases.modes[case, i] == UNDECIDED:
+            bad = bad or system.gap[i] < -gap_noise(system, cases.x[case], i)
+            bad = bad or not opening_power(system, i) > 0.0
+    return bad
 
 
 @compiled_subset
-def slip_terms(table: ContactTable, space: ContactSpace, i: int) -> float:
-    """Return the sum of the sizes of the terms of a slip velocity, the larger of two."""
-    largest = 0.0
-    for a in range(table.width[i]):
-        largest = max(largest, rate_terms(table, space, table.constraints + table.first[i] + a))
-    return largest
-
-
-@compiled_subset
-def gap_rate(table: ContactTable, space: ContactSpace, i: int) -> float:
-    """Return the rate of the gap of a contact."""
-    return float(table.sense[i]) * velocity(table, space, table.constraint[i])
-
-
-@compiled_subset
-def rate_noise(table: ContactTable, space: ContactSpace, i: int) -> float:
-    """Return the size below which the rate of a gap counts as zero."""
-    row, terms, energy, ease = table.constraint[i], 0.0, 0.0, 0.0
-    for j in range(table.coordinates):
-        entry, inertia = slope(table, space, row, j), mass(table, space, j, j)
-        terms += abs(entry * space.rates[j])
-        if inertia > 0.0:
-            ease += entry * entry / inertia
-        for m in range(table.coordinates):
-            energy += space.rates[j] * mass(table, space, j, m) * space.rates[m]
-    return NOISE * terms + _MOTIONLESS * sqrt(max(energy * ease, 0.0))
-
-
-@compiled_subset
-def _gap_terms(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
+def _gap_terms(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
     """Return the sum of the sizes of what coordinates add to a gap, to first order."""
-    terms = 0.0
-    for j in range(table.coordinates):
-        terms += abs(slope(table, space, table.constraint[i], j) * cases.x[case, j])
-    return terms
+    return terms(system.jacobian[system.constraint[i]], cases.x[case], 0.0)
 
 
 @compiled_subset
-def _rounding_of_rate(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> float:
+def _rounding_of_rate(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
     """Return what rounding leaves of the rate of a gap that is zero, by the largest speeds so far.
 
     It is at least what rounding of the gap amounts to in the whole span.
     """
-    fastest = _gap_terms(table, space, cases, case, i) / max(abs(cases.span[case]), 1e-300)
-    for j in range(table.constraint.size):
+    fastest = _gap_terms(system, cases, case, i) / max(abs(cases.span[case]), 1e-300)
+    for j in range(system.contacts):
         fastest = max(fastest, cases.approach[case, j], cases.speeds[case, j])
-    return max(rate_noise(table, space, i), ROUNDED * fastest)
+    return max(rate_noise(system, i), ROUNDED * fastest)
 
 
 @compiled_subset
-def approaches(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
+def approaches(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
     """Return whether the gap of a contact closes, beyond rounding."""
-    return -gap_rate(table, space, i) > _rounding_of_rate(table, space, cases, case, i)
+    return -gap_rate(system, i) > _rounding_of_rate(system, cases, case, i)
 
 
 @compiled_subset
-def laws_of_sliding(table: ContactTable, i: int) -> bool:
-    """Return whether a contact slips or sticks while it is closed."""
-    return table.width[i] > 0 and table.smooth[i] == 0
-
-
-@compiled_subset
-def _closed(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int) -> int:
-    """Return what is known of a contact if it is closed."""
-    if not laws_of_sliding(table, i):
-        return TOUCHING
-    fired, before, scale = cases.fired[case, i], cases.modes[case, i], cases.speeds[case, i]
-    if fired >= BREAK_UP:
-        # where the normal reaction vanishes, so does the friction that it allows: nothing is known of the direction
-        alone = fired == BREAK_UP or fired == BREAK_DOWN or fired == BREAK_PLANE
-        if alone:
-            pick.broken[i] = 2 if fired == BREAK_PLANE else 1 if fired == BREAK_UP else -1
-        return GRIPPED
-    if before == STICK or (fired & STOP != 0 and table.width[i] == 1):
-        return GRIPPED
-    speed, limit = slip_speed(table, space, i), NOISE * scale
-    if before == UNDECIDED:
-        limit = NOISE * max(scale, slip_terms(table, space, i))
-    if fired & STOP != 0:
-        limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
-    return GRIPPED if speed <= limit else SLIDING
-
-
-@compiled_subset
-def _unresolved(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
-    speed = abs(gap_rate(table, space, i))
-    slow, height = speed <= _SLOW * cases.approach[case, i], 0.25 * speed * cases.flight[case, i]
-    return slow and height <= _EXCURSION * _gap_terms(table, space, cases, case, i)
-
-
-@compiled_subset
-def _arrives(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> bool:
+def arrives(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
     """Return whether the gap of an open contact closes at the instant, as far as positions and times can tell."""
-    if not approaches(table, space, cases, case, i):
+    if system.constraint[i] < 0 or not approaches(system, cases, case, i):
         return False
-    speed, terms = -gap_rate(table, space, i), _gap_terms(table, space, cases, case, i)
-    return number(table, space, i, GAP) <= TOGETHER * (terms + abs(t) * speed)
+    passing = abs(cases.t[case]) * -gap_rate(system, i)
+    return system.gap[i] <= TOGETHER * (_gap_terms(system, cases, case, i) + passing)
 
 
 @compiled_subset
-def gap_allowance(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> float:
+def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
     """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
 
     Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that.
     """
-    if approaches(table, space, cases, case, i):
+    if approaches(system, cases, case, i):
         return 0.0
-    gap = number(table, space, i, GAP)
-    most = RESOLUTION * (_gap_terms(table, space, cases, case, i) + abs(t) * cases.approach[case, i])
-    if gap <= most:
-        return min(-gap, most)
+    most = RESOLUTION * (_gap_terms(system, cases, case, i) + abs(cases.t[case]) * cases.approach[case, i])
+    if system.gap[i] <= most:
+        return min(-system.gap[i], most)
     return cases.sides[case, i] if cases.modes[case, i] == OPEN else 0.0
 
 
 @compiled_subset
-def known_of(
-    table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int, i: int, t: float
-) -> int:
-    """Return what is known of a contact before a decision at time t; what its guards say of it is written too."""
+def _unresolved(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
+    speed = abs(gap_rate(system, i))
+    slow, height = speed <= _SLOW * cases.approach[case, i], 0.25 * speed * cases.flight[case, i]
+    return slow and height <= _EXCURSION * _gap_terms(system, cases, case, i)
+
+
+@compiled_subset
+def _closed_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
+    """Return what is known of a contact at the end of a phase, or at the start, if it is closed."""
+    fired, before, stopped = cases.fired[case, i], cases.modes[case, i], cases.fired[case, i] & STOP != 0
+    # where the normal reaction vanishes, so does the friction that it allows: nothing is known of the direction
+    if fired >= BREAK_UP or before == STICK or (stopped and system.width[i] == 1):
+        return closed_kind(system, i, 0.0, 0.0)
+    limit = NOISE * cases.speeds[case, i]
+    if before == UNDECIDED:
+        limit = NOISE * max(cases.speeds[case, i], slip_terms(system, i))
+    if stopped:
+        limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
+    return closed_kind(system, i, slip_speed(system, i), limit)
+
+
+@compiled_subset
+def kind_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
+    """Return what is known of a contact at the end of a phase, or at the start."""
     fired, before = cases.fired[case, i], cases.modes[case, i]
-    pick.former[i], pick.parted[i] = before, 1 if fired & SHARE != 0 else 0
-    pick.broken[i] = pick.slides[i] = 0
-    pick.turned[i] = 1 if fired & TURN != 0 else 0
-    if table.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
-        return LIFTING if fired & LIFT != 0 else _closed(table, space, pick, cases, case, i)
-    if before == OPEN and fired & MEET == 0 and not _arrives(table, space, cases, case, i, t):
-        return FREE
-    rate, noise = gap_rate(table, space, i), rate_noise(table, space, i)
+    if system.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
+        return LIFTING if fired & LIFT != 0 else _closed_at_end(system, cases, case, i)
+    free, noise = system.gap[i] > gap_noise(system, cases.x[case], i), rate_noise(system, i)
     if before == OPEN:  # of a body that has come to rest, rates are what rounding left of them
-        noise = _rounding_of_rate(table, space, cases, case, i)
-    far = before == UNDECIDED and number(table, space, i, GAP) > gap_noise(table, space, cases.x, case, i)
-    if far or (rate > noise and (before == UNDECIDED or not _unresolved(table, space, cases, case, i))):
+        free, noise = (
+            fired & MEET == 0 and not arrives(system, cases, case, i),
+            _rounding_of_rate(system, cases, case, i),
+        )
+    if free or (gap_rate(system, i) > noise and (before == UNDECIDED or not _unresolved(system, cases, case, i))):
         return FREE
-    return _closed(table, space, pick, cases, case, i)
+    return _closed_at_end(system, cases, case, i)
 
 
 @compiled_subset
-def touching(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int) -> int:
+def touching(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
     """Return what is known of a contact that touches after an impact."""
-    if not laws_of_sliding(table, i):
-        return TOUCHING
-    return GRIPPED if slip_speed(table, space, i) <= NOISE * cases.speeds[case, i] else SLIDING
+    return closed_kind(system, i, slip_speed(system, i), NOISE * cases.speeds[case, i])
 
 
 @compiled_subset
-def returns(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, t: float) -> int:
-    """Return what is known of a contact that an impact has left open, and that others may have sent back at once."""
-    if table.constraint[i] < 0 or not _arrives(table, space, cases, case, i, t):
-        return FREE
-    return touching(table, space, cases, case, i)
-
-
-@compiled_subset
-def strikes(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int, i: int, begins: bool) -> bool:
+def strikes(system: ContactSystem, cases: ContactCases, case: int, i: int, begins: bool) -> bool:
     """Return whether a contact that touches, and was open, is struck; its approach speed is remembered.
 
     It ``begins`` unless after another impact at the same instant.
     """
     before = cases.modes[case, i]
-    if table.constraint[i] < 0 or (begins and not (before == UNDECIDED or before == OPEN)):
+    if system.constraint[i] < 0 or (begins and not (before == UNDECIDED or before == OPEN)):
         return False
-    speed = -gap_rate(table, space, i)
+    speed = -gap_rate(system, i)
     largest = max(cases.approach[case, i], speed)
     cases.approach[case, i] = largest
-    if begins and before == OPEN and _unresolved(table, space, cases, case, i):
+    if begins and before == OPEN and _unresolved(system, cases, case, i):
         return False
-    return speed > max(rate_noise(table, space, i), (RESTING if begins else STILL) * largest)
-
-
-@compiled_subset
-def refused(table: ContactTable, space: ContactSpace, cases: ContactCases, case: int) -> bool:
-    """Return whether a case cannot start, or its coefficients make no sense."""
-    bad = False
-    for i in range(table.constraint.size):
-        mu, static = number(table, space, i, MU), number(table, space, i, MU_STATIC)
-        restitution = number(table, space, i, RESTITUTION)
-        bad = bad or mu < 0.0 or static < mu or restitution < 0.0 or restitution > 1.0
-        if table.constraint[i] >= 0 and cases.modes[case, i] == UNDECIDED:
-            bad = bad or number(table, space, i, GAP) < -gap_noise(table, space, cases.x, case, i)
-            bad = bad or not opening_power(table, space, i) > 0.0
-    return bad
-
-
-@compiled_subset
-def sign(table: ContactTable, cases: ContactCases, case: int, i: int) -> float:
-    """Return the sign of the normal reaction of a contact, 1 where it has only one."""
-    return cases.sides[case, i] if table.sided[i] != 0 else 1.0
+    return speed > max(rate_noise(system, i), (RESTING if begins else STILL) * largest)

@@ -11,48 +11,28 @@ from typing import NamedTuple
 
 from ..methods.status import Status
 from ..methods.step_constants import EPSILON
-from .arguments import IntVector, Matrix, Vector
+from .arguments import IntVector, Matrix
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
-    TURN,
     UNDECIDED,
     ContactCases,
     approaches,
+    arrives,
     gap_allowance,
-    known_of,
+    kind_at_end,
     refused,
-    returns,
     sign,
-    slip_speed,
-    slip_terms,
     strikes,
     touching,
 )
+from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import hold, moves_in_mode, strike
-from .contact_sizes import slow_terms
-from .contact_system import compliance, load_accelerations, solve_mode
-from .contact_table import (
-    OPEN,
-    SLIP,
-    STICK,
-    ContactSpace,
-    ContactTable,
-    bias,
-    mass,
-    opening_power,
-    slope,
-    velocity,
-)
-from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
+from .contact_sizes import slip_speed, slip_terms, slow_terms
+from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
+from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
 
-__all__ = [
-    "LOOP",
-    "SOON",
-    "SOON_IN_A_ROW",
-    "DecisionArguments",
-    "decide",
-]
+__all__ = ["LOOP", "SOON", "SOON_IN_A_ROW", "DecisionArguments", "decide"]
 
 SHORT_LOOPS = True
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
@@ -77,7 +57,7 @@ class DecisionArguments(NamedTuple):
 
     Attributes
     ----------
-    table, space, candidates, demand
+    system, candidates
         The contacts of the scene, and working memory.
     cases : ContactCases
     wanted : (n,)
@@ -90,12 +70,9 @@ class DecisionArguments(NamedTuple):
         Relative tolerance of the integration.
     """
 
-    table: ContactTable
-    space: ContactSpace
+    system: ContactSystem
     candidates: Candidates
-    demand: Vector
     cases: ContactCases
-    t: Vector
     values: Matrix
     wanted: IntVector
     after_impact: IntVector
@@ -103,121 +80,83 @@ class DecisionArguments(NamedTuple):
 
 
 @compiled_subset
-def _remember(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> None:
-    """Record slip speeds so far, with their losses in the last phase, and directions of slip."""
-    sliding, planar = 0, False
-    for i in range(table.constraint.size):
-        planar = planar or table.width[i] > 1
-        if cases.modes[case, i] == SLIP:
-            sliding += 1
+def _remember(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
+    """Record what the last phase leaves: states, signs, directions, and slip speeds so far with their losses."""
+    sliding, planar, given = 0, False, pick.given
+    for i in range(system.contacts):
+        planar = planar or system.width[i] > 1
+        sliding += 1 if cases.modes[case, i] == SLIP else 0
+        given.mode[i], given.sides[i] = cases.modes[case, i], sign(system, cases, case, i)
+        given.along[i, 0], given.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
     # where the only slip along a line ends, its guard says so, and no size is needed
     losing = cases.after[case, 0] == UNDECIDED and (sliding > 1 or (planar and sliding > 0))
     if losing:
-        load_accelerations(table, space)
-        for i in range(table.constraint.size):
-            pick.mode[i], pick.sides[i] = cases.modes[case, i], sign(table, cases, case, i)
-            pick.along[i, 0], pick.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
-        solve_mode(table, space, pick.mode, pick.along, pick.sides)
-    for i in range(table.constraint.size):
-        change = 0.0
-        for a in range(table.width[i]):
-            change += space.slip[table.first[i] + a] * space.slip[table.first[i] + a]
-        lost = sqrt(change) * abs(cases.passed[case]) if losing and cases.modes[case, i] == SLIP else 0.0
-        speed = slip_speed(table, space, i)
+        load_accelerations(system)
+        solve_mode(system, given)
+    for i in range(system.contacts):
+        change, speed = 0.0, slip_speed(system, i)
+        for r in range(system.first[i], system.first[i] + system.width[i]):
+            change += system.slip[r] * system.slip[r]
+        lost = sqrt(change) * abs(cases.passed[case]) if losing and given.mode[i] == SLIP else 0.0
         largest = max(cases.speeds[case, i], speed)
         cases.speeds[case, i] = max(largest, lost) if lost < _ENORMOUS else largest
-        pick.given_sides[i] = sign(table, cases, case, i)
-        for a in range(2):
-            pick.given_along[i, a] = cases.directions[case, 2 * i + a]
-        for a in range(2):
-            if speed > 0.0:
-                pick.given_along[i, a] = 0.0
-                if a < table.width[i]:
-                    row = table.constraints + table.first[i] + a
-                    pick.given_along[i, a] = velocity(table, space, row) / speed
+        if speed > 0.0:
+            given.along[i, 1] = 0.0
+            for a in range(system.width[i]):
+                given.along[i, a] = system.velocity[system.row[i] + a] / speed
 
 
 @compiled_subset
-def _rest_speed(arguments: DecisionArguments, case: int, i: int, place: int) -> None:
-    """Choose the slip speed in a plane below which a contact counts as at rest."""
-    table, space, cases = arguments.table, arguments.space, arguments.cases
-    first, change, moved = table.first[i], 0.0, 0.0
-    force = 0.0
-    for a in range(first, first + 2):
-        change = max(change, abs(compliance(table, space, place, a, a)))
-        force += abs(space.forces[a, 0])
-        moved += abs(space.slip[a])
-    speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
-    rest = max(_REST, _REST_TOLERANCES * arguments.tolerance) * speed
-    if rest == 0.0:
-        terms = _REST * slip_terms(table, space, i)
-        rest = max(terms, _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
-    rest = max(rest, _LEAST_REST * slow_terms(table, space, cases.x, case, table.constraints + first))
-    cases.rest[case, i] = rest if arguments.candidates.kind[i] == GRIPPED else -rest
-
-
-@compiled_subset
-def _learn(arguments: DecisionArguments, case: int, begins: bool) -> bool:
+def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, begins: bool) -> bool:
     """Find out what is known of each contact; return whether one is struck. It ``begins`` unless after an impact.
 
-    What is struck at the end of a motion was open before: backwards in time it opens.
+    What is struck at the end of a motion was open before: backwards in time it opens. A contact that an impact has left
+    open may be sent back by others at once, and be struck again.
     """
-    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
-    struck, t = False, arguments.t[case]
-    if begins:
-        cases.impacts[case] = 0
-    for i in range(table.constraint.size):
-        pick.struck[i] = 0
+    struck = False
+    for i in range(system.contacts):
+        pick.struck[i] = pick.slides[i] = 0
+        pick.fired[i] = cases.fired[case, i] if begins else 0
+        pick.kind[i], closes = cases.after[case, i], begins
         if begins:
             cases.flight[case, i] += abs(cases.passed[case]) if cases.modes[case, i] == OPEN else 0.0
-            pick.kind[i] = known_of(table, space, pick, cases, case, i, t)
-        else:
-            pick.kind[i] = cases.after[case, i]
-            pick.broken[i] = pick.turned[i] = pick.slides[i] = pick.parted[i] = 0
-        sent_back = not begins and (pick.kind[i] == FREE or pick.kind[i] == HOVERING)
-        if sent_back:
-            pick.kind[i] = returns(table, space, cases, case, i, t)
-        if pick.kind[i] >= TOUCHING and (begins or sent_back):
-            pick.struck[i] = 1 if strikes(table, space, cases, case, i, begins) else 0
-            if pick.struck[i] == 1 and cases.span[case] < 0.0:
-                pick.struck[i], pick.kind[i] = 0, FREE
-            struck = struck or pick.struck[i] != 0
-    for i in range(table.constraint.size):
-        if not begins and not struck and cases.after[case, i] == HOVERING:
-            pick.kind[i] = touching(table, space, cases, case, i)
+            pick.kind[i] = kind_at_end(system, cases, case, i)
+        elif pick.kind[i] == FREE or pick.kind[i] == HOVERING:
+            closes = arrives(system, cases, case, i)
+            pick.kind[i] = touching(system, cases, case, i) if closes else FREE
+        if closes and pick.kind[i] >= TOUCHING and strikes(system, cases, case, i, begins):
+            if cases.span[case] < 0.0:
+                pick.kind[i] = FREE
+            else:
+                pick.struck[i], struck = 1, True
+    for i in range(system.contacts):
+        if not struck and cases.after[case, i] == HOVERING:
+            pick.kind[i] = touching(system, cases, case, i)
         if pick.kind[i] >= TOUCHING:
             cases.flight[case, i] = 0.0
     return struck
 
 
 @compiled_subset
-def _weigh(arguments: DecisionArguments, case: int) -> None:
+def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them.
 
     Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads,
     which reactions balance.
     """
-    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
-    for i in range(table.constraint.size):
+    for i in range(system.contacts):
         pick.still[i] = pick.least[i] = 0.0
-        if table.constraint[i] < 0 or pick.kind[i] == FREE:
-            continue
-        square, ease, power, terms = 0.0, 0.0, opening_power(table, space, i), 0.0
-        for j in range(table.coordinates):
-            entry, inertia = slope(table, space, table.constraint[i], j), mass(table, space, j, j)
-            square += entry * entry
-            if inertia > 0.0:
-                ease += entry * entry / inertia
-                terms += abs(entry * space.load[j]) / inertia
-        pick.still[i] = _LOADS * max(cases.loads[case, i], terms)
-        if ease > 0.0 and power > 0.0:
-            pick.least[i] = _LOADS * cases.loads[case, i] * square / (ease * power)
+        if system.constraint[i] >= 0 and pick.kind[i] != FREE:
+            slopes, power, loads = system.jacobian[system.constraint[i]], opening_power(system, i), cases.loads[case, i]
+            ease = inertial_terms(system, slopes, slopes)
+            pick.still[i] = _LOADS * max(loads, inertial_terms(system, slopes, system.load))
+            if ease > 0.0 and power > 0.0:
+                pick.least[i] = _LOADS * loads * dot(slopes, slopes, 0.0) / (ease * power)
 
 
 @compiled_subset
-def _joined(arguments: DecisionArguments, case: int, begins: bool) -> tuple[bool, bool, bool]:
+def _joined(pick: Candidates, cases: ContactCases, case: int, begins: bool) -> tuple[bool, bool, bool]:
     """Return whether signs of reactions are known, a contact that was open touches, and rates may have to be held."""
-    pick, cases = arguments.candidates, arguments.cases
     known, meets, closing = begins, False, False
     for i in range(pick.kind.size):
         was, touches = cases.modes[case, i], pick.kind[i] >= TOUCHING
@@ -226,57 +165,6 @@ def _joined(arguments: DecisionArguments, case: int, begins: bool) -> tuple[bool
         closing = closing or pick.kind[i] == TOUCHING
         closing = closing or (touches and (not begins or was == UNDECIDED or was == OPEN))
     return known, meets, closing
-
-
-@compiled_subset
-def _enter(arguments: DecisionArguments, case: int) -> bool:
-    """Let a case enter the selected mode; return whether a contact sticks in it."""
-    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
-    sticking, t = False, arguments.t[case]
-    for j in range(pick.best_motion.size):
-        cases.motion[case, j] = pick.best_motion[j]
-    for i in range(pick.kind.size):
-        if table.constraint[i] >= 0:
-            opens, terms = pick.best_mode[i] == OPEN, abs(bias(table, space, table.constraint[i]))
-            cases.sides[case, i] = gap_allowance(table, space, cases, case, i, t) if opens else pick.least[i]
-            for j in range(table.coordinates):
-                terms += abs(slope(table, space, table.constraint[i], j) * pick.best_motion[j])
-            if terms < _ENORMOUS:
-                cases.loads[case, i] = max(cases.loads[case, i], terms)
-        else:
-            cases.sides[case, i] = pick.best_sides[i]
-        cases.after[case, i], cases.modes[case, i] = UNDECIDED, pick.best_mode[i]
-        cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best_along[i, 0], pick.best_along[i, 1]
-        sticking = sticking or pick.best_mode[i] == STICK
-    return sticking
-
-
-@compiled_subset
-def _stopped(table: ContactTable, space: ContactSpace, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Find contacts that touch, approach too slowly to be struck, and are to open; return whether there are any.
-
-    Nothing but an impact without restitution keeps them from going on.
-    """
-    stopped = False
-    for i in range(table.constraint.size):
-        if pick.kind[i] >= TOUCHING and pick.best_mode[i] == OPEN:
-            if approaches(table, space, cases, case, i):
-                pick.struck[i], stopped = 2, True
-    return stopped
-
-
-@compiled_subset
-def _choose_rest_speeds(arguments: DecisionArguments, case: int) -> None:
-    """Choose the rest speeds of contacts that slip in a plane."""
-    table, space, pick = arguments.table, arguments.space, arguments.candidates
-    planar = False
-    for i in range(pick.kind.size):
-        planar = planar or (pick.best_mode[i] == SLIP and table.width[i] > 1)
-    if planar:
-        place = solve_mode(table, space, pick.best_mode, pick.best_along, pick.best_sides)
-        for i in range(pick.kind.size):
-            if pick.best_mode[i] == SLIP and table.width[i] > 1:
-                _rest_speed(arguments, case, i, place)
 
 
 @compiled_subset
@@ -290,53 +178,112 @@ def _past_unknown(pick: Candidates, cases: ContactCases, case: int) -> bool:
         for i in range(pick.kind.size):
             fired, former = cases.fired[case, i], cases.modes[case, i]
             unknown = unknown or (fired != 0 and fired != TURN)
-            unknown = unknown or (former != UNDECIDED and former != pick.best_mode[i])
+            unknown = unknown or (former != UNDECIDED and former != pick.best.mode[i])
     return unknown
 
 
 @compiled_subset
+def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Find contacts that touch, approach too slowly to be struck, and are to open; return whether there are any.
+
+    Nothing but an impact without restitution keeps them from going on.
+    """
+    stopped = False
+    for i in range(system.contacts):
+        if pick.kind[i] >= TOUCHING and pick.best.mode[i] == OPEN and approaches(system, cases, case, i):
+            pick.struck[i], stopped = 2, True
+    return stopped
+
+
+@compiled_subset
+def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Let a case enter the selected mode; return whether a contact sticks in it."""
+    sticking, best = False, pick.best
+    for j in range(system.coordinates):
+        cases.motion[case, j] = best.motion[j]
+    for i in range(system.contacts):
+        row = system.constraint[i]
+        if row < 0:
+            cases.sides[case, i] = best.sides[i]
+        else:
+            cases.sides[case, i] = gap_allowance(system, cases, case, i) if best.mode[i] == OPEN else pick.least[i]
+            size = terms(system.jacobian[row], best.motion, abs(system.bias[row]))
+            if size < _ENORMOUS:
+                cases.loads[case, i] = max(cases.loads[case, i], size)
+        cases.after[case, i], cases.modes[case, i] = UNDECIDED, best.mode[i]
+        cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = best.along[i, 0], best.along[i, 1]
+        sticking = sticking or best.mode[i] == STICK
+    return sticking
+
+
+@compiled_subset
+def _rest_speeds(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> None:
+    """Choose the slip speeds below which contacts that slip in a plane count as at rest."""
+    solved = False
+    for i in range(system.contacts):
+        if pick.best.mode[i] != SLIP or system.width[i] < 2:
+            continue
+        if not solved:
+            solve_mode(system, pick.best)
+        solved, change, moved, force = True, 0.0, 0.0, 0.0
+        for r in range(system.first[i], system.first[i] + 2):
+            change = max(change, abs(compliance(system, r, r)))
+            force += abs(system.forces[r, 0])
+            moved += abs(system.slip[r])
+        speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
+        rest = max(_REST, _REST_TOLERANCES * tolerance) * speed
+        if rest == 0.0:
+            rest = max(_REST * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
+        rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
+        cases.rest[case, i] = rest if pick.kind[i] == GRIPPED else -rest
+
+
+@compiled_subset
 def decide(arguments: DecisionArguments, case: int) -> bool:
-    """Select the next mode of a case, whose numbers are in ``space``; return whether there was an impact.
+    """Select the next mode of a case, whose numbers are in ``system``; return whether there was an impact.
 
     After an impact the numbers are to be computed for the new rates, and the case comes here again. A case that goes
     backwards in time ends where contacts change.
     """
-    table, space, pick, cases = arguments.table, arguments.space, arguments.candidates, arguments.cases
-    for j in range(table.coordinates):
-        space.rates[j] = cases.x[case, table.coordinates + j]
-    if refused(table, space, cases, case):
+    system, pick, cases = arguments.system, arguments.candidates, arguments.cases
+    for j in range(system.coordinates):
+        system.rates[j] = cases.x[case, system.coordinates + j]
+    if refused(system, cases, case):
         cases.status[case] = _INITIAL_STATE
         return False
-    _remember(table, space, pick, cases, case)
+    _remember(system, pick, cases, case)
     begins = cases.after[case, 0] == UNDECIDED
-    if _learn(arguments, case, begins):
-        cases.status[case] = strike(table, space, pick, cases, arguments.demand, case)
+    if begins:
+        cases.impacts[case] = 0
+    if _learn(system, pick, cases, case, begins):
+        cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
-    known, meets, closing = _joined(arguments, case, begins)
-    load_accelerations(table, space)
-    _weigh(arguments, case)
-    cases.status[case] = select_mode(table, space, pick, known, meets)
+    known, meets, closing = _joined(pick, cases, case, begins)
+    load_accelerations(system)
+    _weigh(system, pick, cases, case)
+    cases.status[case] = select_mode(system, pick, known, meets)
     if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
         cases.status[case] = _AMBIGUOUS
     if cases.status[case] != _SUCCESS:
         return False
-    if cases.span[case] >= 0.0 and _stopped(table, space, pick, cases, case):
-        cases.status[case] = strike(table, space, pick, cases, arguments.demand, case)
+    if cases.span[case] >= 0.0 and _stopped(system, pick, cases, case):
+        cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
-    sticking = _enter(arguments, case)
-    _choose_rest_speeds(arguments, case)
-    if (closing or sticking) and moves_in_mode(table, space, pick, cases, case):
-        hold(table, space, pick, cases, arguments.demand, case)
+    sticking = _enter(system, pick, cases, case)
+    _rest_speeds(system, pick, cases, case, arguments.tolerance)
+    if (closing or sticking) and moves_in_mode(system, pick, cases, case):
+        hold(system, pick, cases, case)
     return False
 
 
 @compiled_subset
 def LOOP(arguments: DecisionArguments) -> None:
     """Select the next modes of the marked cases, by their numbers in ``values``."""
+    system = arguments.system
     for place in range(arguments.wanted.size):
         case = arguments.wanted[place]
         if case < 0:
             continue
-        for v in range(arguments.space.values.size):
-            arguments.space.values[v] = arguments.values[place, v]
+        for v in range(system.values.size):
+            system.values[v] = arguments.values[place, v]
         arguments.after_impact[place] = 1 if decide(arguments, case) else 0

@@ -1,12 +1,12 @@
-"""Sizes of gaps and of slow rates, by which contacts are compared with zero in any unit."""
+"""Sizes of gaps, of their rates and of slip, by which contacts are compared with zero in any unit."""
 
 from __future__ import annotations
 
-from .arguments import Matrix
+from ..arrays import FloatArray
 from .compiled_subset import compiled_subset, sqrt
-from .contact_table import GAP, ContactSpace, ContactTable, mass, number, slope
+from .contact_system import ContactSystem, drift, inertial_terms, terms
 
-__all__ = ["NOISE", "gap_noise", "slow_terms"]
+__all__ = ["NOISE", "gap_noise", "gap_rate", "rate_noise", "rate_terms", "slip_speed", "slip_terms", "slow_terms"]
 
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
@@ -15,41 +15,85 @@ _ROUNDED_LENGTH, _AT_REST, _SLOW_SHARE = 1e-12, 1e-8, 1e-4
 """Those of `dalembert.reduction.start_limits`: a length and a speed that rounding may have left of zero, and the share
 of the speed of the whole motion that counts as a rate where less moves."""
 
+_MOTIONLESS = 1e-12
+"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
+
 
 @compiled_subset
-def _length_size(table: ContactTable, space: ContactSpace, x: Matrix, case: int) -> float:
-    """Return the size of the coordinates with a unit, of which the variables are in a row of x (k, 2 n_q + n_z).
+def _length_size(system: ContactSystem, x: FloatArray) -> float:
+    """Return the size of the coordinates with a unit, which are the first of x (2 n_q + n_z,).
 
     The largest of them, and at least the radius of gyration where there are angles; one where that is rounding.
     """
     largest, inertia, weight = 0.0, 0.0, 0.0
-    for j in range(table.coordinates):
-        if table.angle[j] != 0:
-            inertia += mass(table, space, j, j)
+    for j in range(system.coordinates):
+        if system.angle[j] != 0:
+            inertia += system.mass[j, j]
         else:
-            weight += mass(table, space, j, j)
-            largest = max(largest, abs(x[case, j]))
+            weight += system.mass[j, j]
+            largest = max(largest, abs(x[j]))
     if inertia > 0.0 and weight > 0.0:
         largest = max(largest, sqrt(inertia / weight))
     return largest if largest > _ROUNDED_LENGTH else 1.0
 
 
 @compiled_subset
-def gap_noise(table: ContactTable, space: ContactSpace, x: Matrix, case: int, i: int) -> float:
+def gap_noise(system: ContactSystem, x: FloatArray, i: int) -> float:
     """Return the size below which the gap of a contact counts as zero at a start; x as before."""
-    total, length = abs(number(table, space, i, GAP)), _length_size(table, space, x, case)
-    for j in range(table.coordinates):
-        size = 1.0 if table.angle[j] != 0 else length
-        total += abs(slope(table, space, table.constraint[i], j)) * max(abs(x[case, j]), size)
+    total, length = abs(system.gap[i]), _length_size(system, x)
+    for j in range(system.coordinates):
+        size = 1.0 if system.angle[j] != 0 else length
+        total += abs(system.jacobian[system.constraint[i], j]) * max(abs(x[j]), size)
     return NOISE * total
 
 
 @compiled_subset
-def slow_terms(table: ContactTable, space: ContactSpace, x: Matrix, case: int, row: int) -> float:
+def slow_terms(system: ContactSystem, x: FloatArray, row: int) -> float:
     """Return the least size of the terms of the rate of a constraint, or of a slip velocity; x as before."""
-    total, speed, length = 0.0, 0.0, _length_size(table, space, x, case)
-    for j in range(table.coordinates):
-        size = 1.0 if table.angle[j] != 0 else length
-        total += abs(slope(table, space, row, j)) * size
-        speed += abs(space.rates[j]) / size
+    total, speed, length = 0.0, 0.0, _length_size(system, x)
+    for j in range(system.coordinates):
+        size = 1.0 if system.angle[j] != 0 else length
+        total += abs(system.jacobian[row, j]) * size
+        speed += abs(system.rates[j]) / size
     return _SLOW_SHARE * (speed if speed > _AT_REST else 1.0) * total
+
+
+@compiled_subset
+def gap_rate(system: ContactSystem, i: int) -> float:
+    """Return the rate of the gap of a contact."""
+    return float(system.sense[i]) * system.velocity[system.constraint[i]]
+
+
+@compiled_subset
+def rate_noise(system: ContactSystem, i: int) -> float:
+    """Return the size below which the rate of a gap counts as zero."""
+    slopes, energy = system.jacobian[system.constraint[i]], 0.0
+    for j in range(system.coordinates):
+        for m in range(system.coordinates):
+            energy += system.rates[j] * system.mass[j, m] * system.rates[m]
+    most = sqrt(max(energy * inertial_terms(system, slopes, slopes), 0.0))
+    return NOISE * terms(slopes, system.rates, 0.0) + _MOTIONLESS * most
+
+
+@compiled_subset
+def rate_terms(system: ContactSystem, row: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, or of the rate of a constraint."""
+    return terms(system.jacobian[row], system.rates, abs(drift(system, row)))
+
+
+@compiled_subset
+def slip_speed(system: ContactSystem, i: int) -> float:
+    """Return the size of the slip velocity of a contact."""
+    total = 0.0
+    for a in range(system.width[i]):
+        total += system.velocity[system.row[i] + a] * system.velocity[system.row[i] + a]
+    return sqrt(total)
+
+
+@compiled_subset
+def slip_terms(system: ContactSystem, i: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, the larger of two."""
+    largest = 0.0
+    for a in range(system.width[i]):
+        largest = max(largest, rate_terms(system, system.row[i] + a))
+    return largest

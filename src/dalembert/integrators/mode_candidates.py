@@ -1,4 +1,4 @@
-"""Combinations of what contacts may do, in the order of preference."""
+"""Combinations of what contacts may do, in the order of preference, by what is known of each contact."""
 
 from __future__ import annotations
 
@@ -6,35 +6,40 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import IntMatrix, IntVector, Matrix, Vector
+from .arguments import IntMatrix, IntVector, Vector
 from .compiled_subset import compiled_subset, sqrt
-from .contact_table import (
-    CLOSED,
-    MU_STATIC,
-    OPEN,
-    REGULARIZATION,
-    SLIP,
-    SMOOTH,
-    STICK,
-    ContactSpace,
-    ContactTable,
-    number,
-    velocity,
-)
+from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
 
 __all__ = [
+    "BREAK_DOWN",
+    "BREAK_PLANE",
+    "BREAK_UP",
     "FREE",
     "GRIPPED",
     "HOVERING",
+    "LIFT",
     "LIFTING",
+    "MEET",
+    "SHARE",
     "SLIDING",
+    "STOP",
     "TOUCHING",
+    "TURN",
     "Candidates",
+    "broken",
     "candidates_space",
+    "closed_kind",
     "combine",
+    "copy_combination",
     "list_options",
     "next_combination",
+    "rests",
+    "turned",
 ]
+
+LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 16, 32, 64, 128
+"""Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
+ends; friction fails to hold against slip forwards, backwards, or in a plane; contacts can no longer share a load."""
 
 FREE, LIFTING, TOUCHING, GRIPPED, SLIDING, HOVERING = 0, 1, 2, 3, 4, 5
 """Knowledge of a contact before a decision: open; its normal reaction has just vanished; closed without a law of
@@ -51,107 +56,92 @@ class Candidates(NamedTuple):
     ----------
     kind : (n_contacts,)
         Class of each contact: FREE, LIFTING, TOUCHING, GRIPPED or SLIDING.
-    broken : (n_contacts,)
-        Where friction has just failed to hold it: the direction of slip along a line, 2 in a plane; else 0.
+    fired : (n_contacts,)
+        Guards that have fired, as bits: what has just failed to hold is not tried in its old state.
     struck : (n_contacts,)
         1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing.
     slides : (n_contacts,)
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
-    turned : (n_contacts,)
-        1 where its normal reaction has just changed its sign, so that rounding decides about it.
-    former, parted : (n_contacts,)
-        Its former state; 1 where contacts, this one among them, can no longer share a load in their former states.
     still, least : (n_contacts,)
         The gap acceleration, and the normal reaction, up to which rounding may make them.
-    given_along, given_sides : (n_contacts, 2), (n_contacts,)
-        Directions of the slip velocities, or the former ones where there is none; former signs of normal reactions.
     base_sides : (n_contacts,)
         Signs to which those of the options are relative.
     options, option_count, choice : (n_contacts, 24), (n_contacts,), (n_contacts,)
         State, side and direction of each option; their number; the number of the option in the combination.
-    mode, sides, along, begins
-        The combination, and 1 where slip in a plane begins in it.
-    best_mode, best_sides, best_along, best_motion
-        The combination that is taken, and its accelerations, or rates after an impact (n_q,).
-    motion : (n_q,)
-        The accelerations, or rates after an impact, of the present combination.
-    clear_mode, clear_sides
-        The first combination that holds beyond rounding.
-    sticking
-        The combination with sticking in place of slip in a plane that begins.
+    begins : (n_contacts,)
+        1 where slip in a plane begins in the combination.
+    given : Combination
+        The former states and signs, and directions of the slip velocities, or the former ones where there is none.
+    now, best, clear : Combination
+        The one that is tried, the one that is taken, and the first that holds beyond rounding.
     """
 
     kind: IntVector
-    broken: IntVector
+    fired: IntVector
     struck: IntVector
     slides: IntVector
-    turned: IntVector
-    former: IntVector
-    parted: IntVector
     still: Vector
     least: Vector
-    given_along: Matrix
-    given_sides: Vector
     base_sides: Vector
     options: IntMatrix
     option_count: IntVector
     choice: IntVector
-    mode: IntVector
-    sides: Vector
-    along: Matrix
     begins: IntVector
-    best_mode: IntVector
-    best_sides: Vector
-    best_along: Matrix
-    best_motion: Vector
-    motion: Vector
-    clear_mode: IntVector
-    clear_sides: Vector
-    sticking: IntVector
+    given: Combination
+    now: Combination
+    best: Combination
+    clear: Combination
 
 
-def candidates_space(table: ContactTable) -> Candidates:
+def candidates_space(system: ContactSystem) -> Candidates:
     """Return working memory for the contacts of a scene."""
-    k, n = len(table.constraint), table.coordinates
-
-    def whole() -> np.ndarray:
-        return np.zeros(k, np.int64)
-
-    return Candidates(
-        kind=whole(),
-        broken=whole(),
-        struck=whole(),
-        slides=whole(),
-        turned=whole(),
-        former=whole(),
-        parted=whole(),
-        still=np.zeros(k),
-        least=np.zeros(k),
-        given_along=np.zeros((k, 2)),
-        given_sides=np.ones(k),
-        base_sides=np.ones(k),
-        options=np.zeros((k, 3 * _MOST_OPTIONS), np.int64),
-        option_count=whole(),
-        choice=whole(),
-        mode=whole(),
-        sides=np.zeros(k),
-        along=np.zeros((k, 2)),
-        begins=whole(),
-        best_mode=whole(),
-        best_sides=np.zeros(k),
-        best_along=np.zeros((k, 2)),
-        best_motion=np.zeros(n),
-        motion=np.zeros(n),
-        clear_mode=whole(),
-        clear_sides=np.zeros(k),
-        sticking=whole(),
-    )
+    k = system.contacts
+    kind, fired, struck, slides, count, choice, begins = np.zeros((7, k), np.int64)
+    still, least, base_sides = np.zeros((3, k))
+    options = np.zeros((k, 3 * _MOST_OPTIONS), np.int64)
+    given, now, best, clear = (combination(k, system.coordinates) for _ in range(4))
+    made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
+    return Candidates(*made, given, now, best, clear)
 
 
 @compiled_subset
-def _side(pick: Candidates, i: int) -> int:
-    """Return the side on which a contact is pushed, relative to that just before."""
-    return -1 if pick.turned[i] != 0 else 1
+def closed_kind(system: ContactSystem, i: int, speed: float, limit: float) -> int:
+    """Return what is known of a closed contact with a slip speed, which counts as zero up to a limit."""
+    if system.closed[i] != SLIP:
+        return TOUCHING
+    return GRIPPED if speed <= limit else SLIDING
+
+
+@compiled_subset
+def turned(pick: Candidates, i: int) -> bool:
+    """Return whether the normal reaction has just changed its sign, so that rounding decides about it."""
+    return pick.fired[i] & TURN != 0
+
+
+@compiled_subset
+def broken(pick: Candidates, i: int) -> int:
+    """Return where friction, and nothing else, has just failed to hold a contact.
+
+    1 or -1 for slip forwards or backwards along a line, 2 in a plane; 0 where it has not.
+    """
+    fired = pick.fired[i]
+    return 2 if fired == BREAK_PLANE else 1 if fired == BREAK_UP else -1 if fired == BREAK_DOWN else 0
+
+
+@compiled_subset
+def rests(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Return whether a contact has no slip velocity, and friction that may hold it."""
+    return pick.kind[i] == GRIPPED and system.mu_static[i] > 0.0
+
+
+@compiled_subset
+def copy_combination(source: Combination, target: Combination) -> None:
+    """Copy a combination."""
+    for i in range(source.mode.size):
+        target.mode[i], target.sides[i] = source.mode[i], source.sides[i]
+        target.along[i, 0], target.along[i, 1] = source.along[i, 0], source.along[i, 1]
+    for j in range(source.motion.size):
+        target.motion[j] = source.motion[j]
 
 
 @compiled_subset
@@ -163,37 +153,31 @@ def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> No
 
 
 @compiled_subset
-def list_options(table: ContactTable, space: ContactSpace, pick: Candidates, expected: bool) -> None:
+def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> None:
     """List what each contact may do, in the order of preference; ``expected`` leaves out other sides.
 
     Nothing sticks without friction.
     """
-    for i in range(table.constraint.size):
-        pick.option_count[i] = 0
+    for i in range(system.contacts):
+        pick.option_count[i] = pick.choice[i] = 0
+        pick.base_sides[i] = pick.given.sides[i] if expected or turned(pick, i) else 1.0
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
             _add_option(pick, i, OPEN, 1, 0)
             continue
-        sides = 1 if pick.turned[i] != 0 or table.sided[i] == 0 or expected else 2
-        state = CLOSED
-        if table.width[i] > 0:
-            state = SLIP
-            if table.smooth[i] != 0:
-                state = SMOOTH
-        rough = number(table, space, i, MU_STATIC) > 0.0
-        if state == SLIP and rough and pick.kind[i] == GRIPPED and pick.broken[i] == 0:
-            for n in range(sides):
-                _add_option(pick, i, STICK, _side(pick, i) if n == 0 else -1, 0)
+        sides = 1 if turned(pick, i) or system.sided[i] == 0 or expected else 2
+        way, line = broken(pick, i), rests(system, pick, i) and system.width[i] == 1
         for n in range(sides):
-            side = _side(pick, i) if n == 0 else -1
-            if state == SLIP and rough and pick.kind[i] == GRIPPED and table.width[i] == 1:
-                if pick.broken[i] != 0:
-                    _add_option(pick, i, SLIP, side, pick.broken[i])
-                else:
-                    _add_option(pick, i, SLIP, side, 1)
-                    _add_option(pick, i, SLIP, side, -1)
+            side = -1 if n > 0 or turned(pick, i) else 1
+            if rests(system, pick, i) and way == 0:
+                _add_option(pick, i, STICK, side, 0)
+        for n in range(sides):
+            side = -1 if n > 0 or turned(pick, i) else 1
+            if line and way == 0:
+                _add_option(pick, i, SLIP, side, 1)
+                _add_option(pick, i, SLIP, side, -1)
             else:
-                _add_option(pick, i, state, side, 0)
-        if table.constraint[i] >= 0 and pick.struck[i] == 0:
+                _add_option(pick, i, system.closed[i], side, way if line else 0)
+        if system.constraint[i] >= 0 and pick.struck[i] == 0:
             _add_option(pick, i, OPEN, 1, 0)
 
 
@@ -209,28 +193,27 @@ def next_combination(pick: Candidates) -> bool:
 
 
 @compiled_subset
-def combine(table: ContactTable, space: ContactSpace, pick: Candidates) -> bool:
+def combine(system: ContactSystem, pick: Candidates) -> bool:
     """Write the combination that is chosen; return whether slip in a plane begins in it."""
-    planar = False
-    for i in range(table.constraint.size):
+    planar, along = False, pick.now.along
+    for i in range(system.contacts):
         place = 3 * pick.choice[i]
         state, way = pick.options[i, place], pick.options[i, place + 2]
-        pick.mode[i], pick.sides[i] = state, pick.base_sides[i] * float(pick.options[i, place + 1])
+        pick.now.mode[i], pick.now.sides[i] = state, pick.base_sides[i] * float(pick.options[i, place + 1])
+        along[i, 0], along[i, 1] = pick.given.along[i, 0], pick.given.along[i, 1]
         pick.begins[i] = 0
-        pick.along[i, 0], pick.along[i, 1] = pick.given_along[i, 0], pick.given_along[i, 1]
         if state == SMOOTH:
-            size = number(table, space, i, REGULARIZATION)
-            size *= size
-            for a in range(table.width[i]):
-                pick.along[i, a] = velocity(table, space, table.constraints + table.first[i] + a)
-                size += pick.along[i, a] * pick.along[i, a]
-            for a in range(table.width[i]):
-                pick.along[i, a] /= sqrt(size)
+            size = system.regularization[i] * system.regularization[i]
+            for a in range(system.width[i]):
+                along[i, a] = system.velocity[system.row[i] + a]
+                size += along[i, a] * along[i, a]
+            for a in range(system.width[i]):
+                along[i, a] /= sqrt(size)
         elif way != 0:
-            pick.along[i, 0], pick.along[i, 1] = float(way), 0.0
+            along[i, 0], along[i, 1] = float(way), 0.0
         elif state == SLIP and pick.kind[i] == GRIPPED:
-            if table.width[i] == 1:  # without friction, no direction means anything
-                pick.along[i, 0], pick.along[i, 1] = 0.0, 0.0
+            if system.width[i] == 1:  # without friction, no direction means anything
+                along[i, 0], along[i, 1] = 0.0, 0.0
             else:
                 pick.begins[i], planar = 1, True
     return planar

@@ -11,48 +11,22 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.llvm.loops import loop_named
 from ...hybrid import HybridAutomaton
-from ...hybrid.modes import side_name
-from ...integrators import contact_cases as rules
+from ...integrators import mode_candidates as rules
 from ...integrators.contact_cases import ContactCases
 from ...integrators.contact_decisions import DecisionArguments
 from ...integrators.contact_sizes import gap_noise
-from ...integrators.contact_table import GAP, ContactTable, contact_space, number, opening_power
+from ...integrators.contact_system import ContactSystem, contact_system
 from ...integrators.mode_candidates import candidates_space
 from ...ir.kernel import Kernel
 from ...mechanics.equations import Guard
 from .state import HybridState
 
-__all__ = ["LOOP", "Decisions", "Rows", "contact_table", "flag"]
+__all__ = ["LOOP", "Decisions", "Rows", "flag"]
 
 LOOP = "contact_decisions"
 
 Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 """Outputs (k, n) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
-
-
-def contact_table(automaton: HybridAutomaton) -> ContactTable:
-    """Return the contacts of a scene as compiled code reads them."""
-    contacts, data, equations = automaton.contacts, automaton.contact_data, automaton.equations
-    ends = np.cumsum([0, *(len(contact.slips) for contact in contacts)])
-
-    def column(values: list[int]) -> NDArray[np.int64]:
-        return np.array(values, np.int64)
-
-    return ContactTable(
-        coordinates=data.coordinates,
-        constraints=data.constraints,
-        slips=data.slips,
-        unknowns=data.unknowns,
-        constraint=column([-1 if c.constraint is None else c.constraint for c in contacts]),
-        sense=column([c.sense for c in contacts]),
-        normal=column([c.normal for c in contacts]),
-        first=column([int(end) for end in ends[:-1]]),
-        width=column([len(c.tangential) for c in contacts]),
-        smooth=column([int(c.regularization is not None) for c in contacts]),
-        sided=column([int(side_name(c) is not None) for c in contacts]),
-        tangential=column([unknown for c in contacts for unknown in c.tangential]),
-        angle=column([int(name in equations.angles) for name in equations.symbols.coordinates]),
-    )
 
 
 def flag(guard: Guard) -> int:
@@ -75,21 +49,17 @@ class Decisions:
     """
 
     def __init__(self, automaton: HybridAutomaton, rows: Rows) -> None:
-        self.automaton, self.table = automaton, contact_table(automaton)
-        self._rows = rows
+        self.automaton, self._rows = automaton, rows
 
     def arguments(
-        self, t: FloatArray, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
+        self, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
     ) -> DecisionArguments:
-        """Return the arguments of the loop for cases at times t (k,), with working memory of their own."""
-        table = self.table
+        """Return the arguments of the loop, with working memory of their own."""
+        system = self.system()
         return DecisionArguments(
-            table=table,
-            space=contact_space(table),
-            candidates=candidates_space(table),
-            demand=np.zeros(max(table.constraints, 1)),
+            system=system,
+            candidates=candidates_space(system),
             cases=cases,
-            t=t,
             values=values,
             wanted=wanted,
             after_impact=np.zeros(len(wanted), np.int64),
@@ -98,7 +68,7 @@ class Decisions:
 
     def values(self, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the numbers of the contacts (k, n_values) at times (k,), states (k, 2 n_q), parameters (k, n_p)."""
-        return self._rows(self.automaton.contact_data.kernel, t, x, c)
+        return self._rows(self.automaton.contact_data, t, x, c)
 
     def decide(self, state: HybridState, wanted: NDArray[np.intp], rtol: float = 0.0) -> None:
         """Select the next modes of the `wanted` cases: their states, modes and `status` are written.
@@ -108,18 +78,16 @@ class Decisions:
         wanted = np.ascontiguousarray(wanted, np.int64)
         while len(wanted):
             values = self.values(state.t[wanted], state.x[wanted], state.c[wanted])
-            arguments = self.arguments(state.t, state.cases, values, wanted, rtol)
+            arguments = self.arguments(state.cases, values, wanted, rtol)
             loop_named(LOOP)(arguments)
             wanted = wanted[arguments.after_impact != 0]
 
-    def numbers(self, values: FloatArray, which: int) -> FloatArray:
-        """Return gap, mu, mu_static, restitution or regularization (k, n_contacts) from the numbers of contacts."""
-        space = contact_space(self.table)
-        found = np.empty((len(values), len(self.table.constraint)))
-        for row, own in zip(found, values, strict=True):
-            space.values[:] = own
-            row[:] = [number(self.table, space, i, which) for i in range(len(row))]
-        return found
+    def system(self, values: FloatArray | None = None) -> ContactSystem:
+        """Return the contacts with memory of their own, for numbers of the contacts (n_values,)."""
+        system = contact_system(self.automaton)
+        if values is not None:
+            system.values[:] = values
+        return system
 
     def gaps(self, values: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps (n_contacts,), and the sizes below which they count as zero, at one state.
@@ -127,15 +95,7 @@ class Decisions:
         From the numbers of the contacts (n,) and coordinates, rates and first-order states x (2 n_q + n_z,); of
         contacts that never open both are zero.
         """
-        table, space = self.table, contact_space(self.table)
-        space.values[:] = values
-        found = np.zeros((2, len(table.constraint)))
-        for i in np.flatnonzero(table.constraint >= 0).tolist():
-            found[:, i] = number(table, space, i, GAP), gap_noise(table, space, x[np.newaxis], 0, i)
-        return found[0], found[1]
-
-    def pushes_open(self, values: FloatArray, contact: int) -> bool:
-        """Return whether the normal reaction of a contact pushes its gap open, as it must, from its numbers (n,)."""
-        space = contact_space(self.table)
-        space.values[:] = values
-        return opening_power(self.table, space, contact) > 0.0
+        system = self.system(values)
+        opens = system.constraint >= 0
+        noise = [gap_noise(system, x, i) if opens[i] else 0.0 for i in range(system.contacts)]
+        return np.where(opens, system.gap, 0.0), np.array(noise)

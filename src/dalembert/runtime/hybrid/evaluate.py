@@ -26,21 +26,20 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
         For accelerations at states that the contacts forbid, or from which they let the motion go on in no way, or in
         several.
     """
-    equations, data = decisions.automaton.equations, decisions.automaton.contact_data
+    equations, system = decisions.automaton.equations, decisions.system()
     c = np.broadcast_to(p, (len(t), p.shape[-1]))
     if CONDITION_TIME in equations.symbols.parameters:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":
         return decided_state(decisions, t, x, c, "no accelerations belong to").cases.motion
-    n, values = data.coordinates, decisions.values(t, x, np.ascontiguousarray(c))
+    values, n, rows = decisions.values(t, x, np.ascontiguousarray(c)), system.coordinates, len(system.jacobian)
     if kernel == "mass_matrix":
         return values[:, : n * n].reshape(-1, n, n)
     if kernel == "forcing":
         return values[:, n * n : n * n + n]
-    first, opening = n * n + n, {contact.constraint for contact in equations.contacts}
-    rows = values[:, first : first + data.constraints * (n + 2)].reshape(-1, data.constraints, n + 2)
-    return rows[:, [i for i in range(data.constraints) if i not in opening], :n]
+    jacobians = values[:, n * n + n : n * n + n + rows * n].reshape(-1, rows, n)
+    return jacobians[:, np.flatnonzero(system.row_owner[: system.constraints] < 0)]
 
 
 def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatArray, what: str) -> HybridState:

@@ -181,8 +181,8 @@ def thread_workspace(
         if patience:
             call.progress.returns, call.progress.patience = 1, patience
         calls.append(call)
-    numbers = len(decisions.automaton.contact_data.kernel.outputs)
-    arguments = decisions.arguments(table.t, table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), rtol)
+    numbers = len(decisions.automaton.contact_data.outputs)
+    arguments = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), rtol)
     scene = table.p.shape[1]
     made = ThreadWorkspace(
         gathered=memory.gathered,

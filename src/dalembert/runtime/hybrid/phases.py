@@ -295,7 +295,7 @@ class PhaseExecutor:
         if not self.threads and self._made is not None and self._made[0][0] == len(self.runners):
             return self._made[1]
         engine = self.modes.engine()
-        lanes = engine.code(self.modes.automaton.contact_data.kernel)[1]
+        lanes = engine.code(self.modes.automaton.contact_data)[1]
         threads = max(self.threads, 1) if self._parallel else 1
         together = min(_MOST_TOGETHER, max(lanes, count // (threads * _BATCHES_PER_THREAD)))
         together = max(count, lanes) if engine.whole_blocks else together
@@ -330,7 +330,7 @@ class PhaseExecutor:
     def _plan(self) -> PhasePlan:
         """Return what is the same for all cases."""
         engine, automaton = self.modes.engine(), self.modes.automaton
-        data, _ = engine.code(automaton.contact_data.kernel)
+        data, _ = engine.code(automaton.contact_data)
         width = max((len(runner.model.layout.parameters) for runner in self.runners), default=0)
         columns = np.zeros((len(self.runners), max(width, 1)), np.int64)
         lines, guards = np.zeros((len(self.runners), len(RunnerTable._fields)), np.int64), list[tuple[int, int]]()

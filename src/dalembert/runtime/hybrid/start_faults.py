@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...errors import InitialStateError, ValueInputError
-from ...integrators.contact_table import GAP, MU, MU_STATIC, RESTITUTION
+from ...integrators.contact_system import opening_power
 from .mode_models import ModeModels
 from .state import HybridState
 
@@ -13,8 +13,8 @@ __all__ = ["start_error"]
 def start_error(modes: ModeModels, now: HybridState) -> Exception | None:
     """Return what is wrong with the start of a motion, None where nothing is."""
     decisions = modes.decisions
-    values = decisions.values(now.t, now.x, now.c)
-    gap, mu, static, e = (decisions.numbers(values, which)[0] for which in (GAP, MU, MU_STATIC, RESTITUTION))
+    system = decisions.system(decisions.values(now.t, now.x, now.c)[0])
+    mu, static, e = system.mu, system.mu_static, system.restitution
     faults = []
     for i, contact in enumerate(modes.equations.contacts):
         if mu[i] < 0.0:
@@ -31,13 +31,13 @@ def start_error(modes: ModeModels, now: HybridState) -> Exception | None:
         name = modes.equations.symbols.unknowns[contact.normal]
         if contact.constraint is None:
             continue
-        if not decisions.pushes_open(values[0], i):
+        if not opening_power(system, i) > 0.0:
             faults.append(
                 f"contact {contact.name!r}: {name} pushes its gap closed here; turn the sign of the gap, or the"
                 " direction of the force in the joint"
             )
-        elif gap[i] < 0.0:
-            faults.append(f"contact {contact.name!r} penetrates: its gap is {gap[i]:.3g}; start with gap >= 0")
+        elif system.gap[i] < 0.0:
+            faults.append(f"contact {contact.name!r} penetrates: its gap is {system.gap[i]:.3g}; start with gap >= 0")
     if not faults:
         return None
     return InitialStateError("the initial state contradicts the contacts:\n  " + "\n  ".join(faults))

@@ -44,7 +44,7 @@ class HybridState:
         `states` is n_z, the number of first-order states.
         """
         own = [np.array(values, dtype=float, order="C") for values in (t, x, c, span)]
-        return cls(own[0], own[2], contact_cases(own[1], own[3], contacts, states))
+        return cls(own[0], own[2], contact_cases(own[0], own[1], own[3], contacts, states))
 
     @property
     def x(self) -> FloatArray:

@@ -125,7 +125,7 @@ def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> HostC
     engine = modes.engine()
     if action.kernel is not None:
         return _Code(engine.code(action.kernel)[0])
-    lanes, layout = engine.code(modes.automaton.contact_data.kernel)[1], sampling.layout
+    lanes, layout = engine.code(modes.automaton.contact_data)[1], sampling.layout
     places = list(_places(sampling, action))
 
     def act(t: int, y: int, c: int, s: int, out: int) -> int:

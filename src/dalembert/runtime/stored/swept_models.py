@@ -142,7 +142,7 @@ class ContactModel(SweptModel):
         """The program with all contacts open, the numbers that decide on modes, and what the outputs are."""
         modes, options = self.model.modes, self.model.several.options
         program = modes.model(plain_mode(modes, OPEN)).stages.program
-        return f"{program}\n{modes.automaton.contact_data.kernel}\n{options.formulation} {options.outputs!r}"
+        return f"{program}\n{modes.automaton.contact_data}\n{options.formulation} {options.outputs!r}"
 
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> ContactModel:
         """Return the model with the parameters that only events and reductions contain."""
