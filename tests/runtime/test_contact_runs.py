@@ -13,7 +13,7 @@ import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 from dalembert.runtime.hybrid import motion_recorder, phases
-from hard_cases.contacts import corner_plate, incline_scene
+from hard_cases.contacts import corner_plate, incline_scene, table_oscillator
 
 TIME = dynamicsymbols._t
 G = 9.81
@@ -308,6 +308,21 @@ def test_a_jump_that_the_constraints_forbid_ends_its_case():
     sweep = belt().sweep((0, [1.0, 0.4]), start, p, events=[push])
     assert [Status(s) for s in sweep.status] == [Status.EVENT_STATE, Status.SUCCESS]
     assert belt().simulate((0, 1), start, p, events=[push]).status is Status.EVENT_STATE
+
+
+def test_a_jump_after_friction_has_failed_turns_friction():
+    """A block that 10 t N have torn off at 0.5 s is thrown back at 0.8 s, with v = -1: friction pushes it forwards.
+
+    v = -1 + 5 (t^2 - 0.64) + 5 (t - 0.8) until it turns, where t^2 + t = 1.64; then v' = 10 t - 5.
+    """
+    model = da.compile_model(table_oscillator(lambda x: 10 * TIME))
+    p = {"m": 1.0, "mu": 0.5, "g": 10.0}
+    throw = da.Event(TIME - sp.Rational(4, 5), apply={dynamicsymbols("x").diff(): -1}, name="throw")
+    run = model.simulate((0, 1.5), {"x": 0.0, "x_dot": 0.0}, p, events=[throw], **FINE)
+    turn = (math.sqrt(7.56) - 1) / 2
+    assert run.success
+    np.testing.assert_allclose([phase.t1 for phase in run.phases], [0.5, 0.8, turn, 1.5], rtol=1e-9)
+    assert run["x_dot"][-1] == pytest.approx(5 * (2.25 - turn**2) - 5 * (1.5 - turn), rel=1e-9)
 
 
 # -- records of single runs -----------------------------------------------------------------------

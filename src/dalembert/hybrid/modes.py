@@ -40,7 +40,7 @@ __all__ = [
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
 
 STATES = (OPEN, CLOSED, SLIP, STICK, SMOOTH)
-"""Their places are their numbers in compiled code (`dalembert.integrators.contact_table`)."""
+"""Their places are their numbers in compiled code (`dalembert.integrators.contact_system`)."""
 
 Mode = tuple[str, ...]
 """One word a contact."""

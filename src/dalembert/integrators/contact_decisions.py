@@ -210,7 +210,7 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             size = terms(system.jacobian[row], best.motion, abs(system.bias[row]))
             if size < _ENORMOUS:
                 cases.loads[case, i] = max(cases.loads[case, i], size)
-        cases.after[case, i], cases.modes[case, i] = UNDECIDED, best.mode[i]
+        cases.fired[case, i], cases.after[case, i], cases.modes[case, i] = 0, UNDECIDED, best.mode[i]
         cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = best.along[i, 0], best.along[i, 1]
         sticking = sticking or best.mode[i] == STICK
     return sticking

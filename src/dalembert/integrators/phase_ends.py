@@ -80,7 +80,7 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         cases.x[i, m] = space.posed[m, lane]
     for m in range(table.totals.shape[1]):
         table.totals[i, m] = space.totals[place, m]
-    cases.passed[i], table.t[i] = t - table.begun[i], t
+    cases.passed[i], cases.t[i] = t - table.begun[i], t
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first, t)
     if status == _SUCCESS:

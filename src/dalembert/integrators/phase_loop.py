@@ -17,8 +17,8 @@ from .compiled_subset import call_code, call_test, compiled_subset, row, take
 from .event_rules import recorded_after
 from .lane_loop import SweepArguments
 from .phase_ends import ended, mode_number
-from .phase_stops import begin_stops, goes_to, pass_stops
-from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, ThreadWorkspace
+from .phase_stops import begin_stops, goes_to, load_case, pass_stops
+from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, PhaseProgress, ThreadWorkspace
 from .workspace import RUNNING
 
 __all__ = ["LOOP", "PhaseArguments"]
@@ -47,13 +47,11 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
     for place in range(size):
         i = space.chosen[place]
         following = table.numbers.next[i]
-        gathered[0, place] = table.t[i]
-        gathered[1, place] = table.t1[i]
+        gathered[0, place], gathered[1, place] = cases.t[i], table.t1[i]
         if following < table.t_eval.size:
             gathered[1, place] = table.t_eval[following]
-        if table.stops.first.size > 0:
-            begin_stops(table.stops, table.p, i, table.t[i], table.t1[i])
-            gathered[1, place] = goes_to(table.stops, i, gathered[1, place], table.t1[i], table.t[i])
+        begin_stops(table, i)
+        gathered[1, place] = goes_to(table, i, gathered[1, place])
         for m in range(p):
             gathered[2 + m, place] = table.p[i, m]
         first = 2 + p
@@ -71,48 +69,36 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
 @compiled_subset
 def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, size: int) -> None:
     """Begin a run of the gathered cases: events of users continue to be counted, and no guard has fired."""
-    asked, events = 3 * plan.terminal.size, 3 * plan.runners.events[runner]
+    asked, events = 3 * plan.terminal.size, plan.runners.events[runner]
     for place in range(size):
-        first, i = place * events, space.chosen[place]
+        first, i = place * 3 * events, space.chosen[place]
         for m in range(asked):
             space.happened[first + m] = table.occurred[i, m]
-        for m in range(asked, events, 3):
+        for m in range(asked, 3 * events, 3):
             space.happened[first + m] = 0.0
             space.happened[first + m + 1] = space.happened[first + m + 2] = math.nan
         if table.carried.shape[0] > 0:
-            for e in range(plan.runners.events[runner]):
-                space.carried[place * plan.runners.events[runner] + e] = table.carried[i, e]
+            for e in range(events):
+                space.carried[place * events + e] = table.carried[i, e]
     space.turns[runner] = 0
     space.packed_args[runner, _COUNT] = size
 
 
 @compiled_subset
-def _expand(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
-    """Compute coordinates and rates of as many cases from one on as there are lanes."""
-    n = plan.runners.size[runner]
+def _expand(plan: PhasePlan, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
+    """Compute coordinates and rates of as many cases from one on as there are lanes, at the ends of their runs."""
+    n, expand = plan.runners.size[runner], plan.runners.expand[runner]
     for lane in range(space.clock.shape[1]):
         place = min(first + lane, size - 1)
         space.clock[0, lane] = space.ends[place, 0]
         for m in range(n):
             space.states[m, lane] = space.y[place * n + m]
+            if expand == 0:
+                space.posed[m, lane] = space.states[m, lane]
         for m in range(plan.runners.parameters[runner]):
             space.constants[m, lane] = space.gathered[plan.columns[runner, m], place]
-        for m in range(table.p.shape[1]):
-            space.scene[m, lane] = space.gathered[2 + m, place]
-    expand = plan.runners.expand[runner]
-    if expand == 0:
-        for lane in range(space.clock.shape[1]):
-            for m in range(n):
-                space.posed[m, lane] = space.states[m, lane]
-        return
-    call_code(expand, row(space.clock, 0), row(space.states, 0), row(space.constants, 0), 0, row(space.posed, 0))
-
-
-@compiled_subset
-def _pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
-    """Let the cases in ``reaching`` pass the stops that they have reached."""
-    reaching, clock, posed, scene, acted = space.reaching, space.clock, space.posed, space.scene, space.acted
-    pass_stops(table.stops, table.cases, table.t, table.t1, table.p, reaching, clock, posed, scene, acted)
+    if expand != 0:
+        call_code(expand, row(space.clock, 0), row(space.states, 0), row(space.constants, 0), 0, row(space.posed, 0))
 
 
 # -- decisions ---------------------------------------------------------------------------------
@@ -120,27 +106,25 @@ def _pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
 
 @compiled_subset
 def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
-    """Select the next modes of the marked cases: again after an impact, with the numbers for the new rates."""
+    """Put the marked cases into their next modes: again after an impact, with the numbers for the new rates."""
     lanes, pending = space.clock.shape[1], True
     while pending:
         for lane in range(lanes):
             if space.wanted[lane] >= 0:
-                for m in range(table.cases.x.shape[1]):
-                    space.posed[m, lane] = table.cases.x[space.wanted[lane], m]
+                load_case(table, space, space.wanted[lane], lane)
         clock, posed, scene = row(space.clock, 0), row(space.posed, 0), row(space.scene, 0)
         call_code(plan.contact_data, clock, posed, scene, 0, row(space.data, 0))
         for lane in range(lanes):
             if space.wanted[lane] >= 0:
                 for m in range(space.data.shape[0]):
                     space.values[lane, m] = space.data[m, lane]
-            space.after_impact[lane] = 0
         call_test(plan.decide, row(space.decision, 0), 0, 0, 0, 0)
         pending = False
         for lane in range(lanes):
-            if space.after_impact[lane] == 0:
+            if space.wanted[lane] >= 0 and space.after_impact[lane] == 0:
+                _go_on(plan, table, space.wanted[lane])
                 space.wanted[lane] = NOBODY
-            else:
-                pending = True
+            pending = pending or space.wanted[lane] >= 0
 
 
 @compiled_subset
@@ -154,28 +138,19 @@ def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
 
 
 @compiled_subset
-def _forget(table: CaseTable, i: int) -> None:
-    """Do not count a phase that does not begin."""
-    if table.cases.passed[i] != 0.0:
-        table.numbers.phases[i] -= 1
-
-
-@compiled_subset
 def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
-    """Put a case into the mode that was selected."""
-    numbers, table.begun[i] = table.numbers, table.t[i]
+    """Put a case into the mode that was selected; a phase that does not begin is not counted."""
+    numbers, table.begun[i], failed = table.numbers, table.cases.t[i], table.cases.status[i] != _SUCCESS
     for e in range(table.carried.shape[1]):
         table.carried[i, e] = math.nan
-    if table.cases.status[i] != _SUCCESS:
+    if failed or table.cases.t[i] == table.t1[i]:
         numbers.state[i] = table.cases.status[i]
-        _forget(table, i)
-        return
-    numbers.runner[i] = _runner(plan, table, i)
-    if table.t[i] == table.t1[i]:
-        numbers.state[i] = _SUCCESS
-        _forget(table, i)
-    if table.log.shape[0] > 0:
-        _log(table, i)
+        if table.cases.passed[i] != 0.0:
+            numbers.phases[i] -= 1
+    if not failed:
+        numbers.runner[i] = _runner(plan, table, i)
+        if table.log.shape[0] > 0:
+            _log(table, i)
 
 
 @compiled_subset
@@ -184,7 +159,7 @@ def _log(table: CaseTable, i: int) -> None:
     log, numbers, cases, line = table.log, table.numbers, table.cases, table.numbers.logged[i]
     numbers.logged[i] += 1
     k, n = cases.sides.shape[1], cases.x.shape[1]
-    log[line, 0], log[line, 1] = table.t[i], float(numbers.soon[i])
+    log[line, 0], log[line, 1] = cases.t[i], float(numbers.soon[i])
     for m in range(k):
         log[line, 2 + m] = float(cases.modes[i, m])
         log[line, 2 + k + 2 * m], log[line, 3 + k + 2 * m] = cases.directions[i, 2 * m], cases.directions[i, 2 * m + 1]
@@ -199,58 +174,33 @@ def _log(table: CaseTable, i: int) -> None:
 def _sample(table: CaseTable, i: int) -> None:
     """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
     numbers, wanted, cases = table.numbers, table.t_eval.size, table.cases
-    forward, number = 1.0 if cases.span[i] >= 0.0 else -1.0, mode_number(table, i)
-    while numbers.next[i] > 0 and recorded_after(table.t_eval[numbers.next[i] - 1], table.t[i], forward):
+    forward, number, t = 1.0 if cases.span[i] >= 0.0 else -1.0, mode_number(table, i), cases.t[i]
+    while numbers.next[i] > 0 and recorded_after(table.t_eval[numbers.next[i] - 1], t, forward):
         numbers.next[i] -= 1
-    while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - table.t[i]) * forward <= 0.0:
+    while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
         place = i * wanted + numbers.next[i]
-        table.sampled_t[place], table.sampled_mode[place] = table.t[i], number
+        table.sampled_t[place], table.sampled_mode[place] = t, number
         table.sampled_history[place] = numbers.history[i]
         for m in range(cases.x.shape[1]):
             table.sampled_x[place, m] = cases.x[i, m]
+        for m in range(cases.directions.shape[1]):
+            table.sampled_directions[place, m] = cases.directions[i, m]
         for m in range(cases.sides.shape[1]):
-            table.sampled_directions[place, 2 * m] = cases.directions[i, 2 * m]
-            table.sampled_directions[place, 2 * m + 1] = cases.directions[i, 2 * m + 1]
             table.sampled_sides[place, m], table.sampled_rest[place, m] = cases.sides[i, m], cases.rest[i, m]
         numbers.next[i] += 1
 
 
-@compiled_subset
-def _begin(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, first: int, last: int) -> None:
-    """Select the mode in which those of some cases begin that have not begun."""
-    lanes, numbers, place = space.clock.shape[1], table.numbers, first
-    while place < last:
-        deciding = False
-        for lane in range(lanes):
-            i = table.order[min(place + lane, last - 1)]
-            space.clock[0, lane], space.wanted[lane] = table.t[i], NOBODY
-            for m in range(table.p.shape[1]):
-                space.scene[m, lane] = table.p[i, m]
-            for m in range(table.cases.x.shape[1]):
-                space.posed[m, lane] = table.cases.x[i, m]
-            space.reaching[0, lane] = NOBODY
-            if place + lane < last and numbers.runner[i] == NOT_BEGUN:
-                space.wanted[lane], space.reaching[0, lane], deciding = i, i, True
-                begin_stops(table.stops, table.p, i, table.t[i], table.t1[i])
-        if deciding and table.stops.first.size > 0:
-            _pass_stops(table, space)
-        if deciding:
-            _decide(plan, table, space)
-        for lane in range(min(lanes, last - place)):
-            i = table.order[place + lane]
-            if numbers.runner[i] == NOT_BEGUN:
-                _go_on(plan, table, i)
-                _sample(table, i)
-        place += lanes
+# -- cases ---------------------------------------------------------------------------------------
 
 
 @compiled_subset
 def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> int:
-    """Choose those of some cases that continue in one mode, the first found; return their number."""
+    """Choose those of some cases that are to begin, or that continue in one mode, the first found; return how many."""
     size, runner, numbers = 0, NOBODY, table.numbers
     for place in range(begin, end):
         i = table.order[place]
-        if numbers.state[i] == RUNNING and numbers.runner[i] >= 0 and (size == 0 or numbers.runner[i] == runner):
+        able = numbers.runner[i] >= 0 or numbers.runner[i] == NOT_BEGUN
+        if numbers.state[i] == RUNNING and able and (size == 0 or numbers.runner[i] == runner):
             runner = numbers.runner[i]
             space.chosen[size] = i
             size += 1
@@ -259,44 +209,41 @@ def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> i
 
 @compiled_subset
 def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
-    """Record how a pack of cases ended their runs, and select their next modes."""
-    lanes, deciding = space.clock.shape[1], False
-    here = min(lanes, size - first)
-    _expand(plan, table, space, runner, first, size)
-    for lane in range(lanes):
+    """Record how a pack of cases ended their runs, if they have begun, and select their next modes."""
+    deciding, begins, here = False, runner == NOT_BEGUN, min(space.clock.shape[1], size - first)
+    if not begins:
+        _expand(plan, space, runner, first, size)
+    for lane in range(space.clock.shape[1]):
         space.wanted[lane] = space.reaching[0, lane] = NOBODY
-        if lane < here and ended(plan, table, space, runner, first + lane, lane):
-            space.wanted[lane] = space.chosen[first + lane]
-            deciding = True
-        if lane < here and table.numbers.state[space.chosen[first + lane]] == RUNNING:
-            space.reaching[0, lane] = space.chosen[first + lane]
-    if table.stops.first.size > 0:
-        _pass_stops(table, space)
+        if lane < here:
+            i = space.chosen[first + lane]
+            if begins:
+                begin_stops(table, i)
+            if begins or ended(plan, table, space, runner, first + lane, lane):
+                space.wanted[lane], deciding = i, True
+            if table.numbers.state[i] == RUNNING:
+                space.reaching[0, lane] = i
+    pass_stops(table, space)
     if deciding:
-        for lane in range(here):
-            if space.wanted[lane] >= 0:
-                space.chosen[first + lane] = -1 - space.wanted[lane]  # so that it is known which were decided
         _decide(plan, table, space)
     for lane in range(here):
         i = space.chosen[first + lane]
-        if i < 0:
-            i = -1 - i
-            _go_on(plan, table, i)
         running = table.numbers.state[i] == RUNNING and table.numbers.runner[i] != JUMPS
-        if running or table.numbers.state[i] == _SUCCESS:
+        if begins or running or table.numbers.state[i] == _SUCCESS:
             _sample(table, i)
 
 
 @compiled_subset
 def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
-    """Run a phase of the chosen cases; return 1 where that has paused, and is to be continued."""
+    """Run a phase of the chosen cases, or begin them; return 1 where that has paused, and is to be continued."""
     progress, runner = space.progress, table.numbers.runner[space.chosen[0]]
-    if progress.paused == 0:
-        _gather(table, space, progress.size)
-        _reset(plan, table, space, runner, progress.size)
-    paused = call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
-    if space.turns[runner] >= STOPPED or paused != 0:  # what a run leaves that was stopped is nothing to go by
-        return 1
+    if runner != NOT_BEGUN:
+        if progress.paused == 0:
+            _gather(table, space, progress.size)
+            _reset(plan, table, space, runner, progress.size)
+        paused = call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
+        if space.turns[runner] >= STOPPED or paused != 0:  # what a run leaves that was stopped is nothing to go by
+            return 1
     first = 0
     while first < progress.size:
         _conclude(plan, table, space, runner, first, progress.size)
@@ -308,14 +255,8 @@ def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
 def LOOP(arguments: PhaseArguments) -> int:
     """Carry cases on until all have ended, or have no runner; return 1 where a phase has paused."""
     plan, table, space = arguments.plan, arguments.table, arguments.space
-    share, count, progress = space.gathered.shape[1], table.order.size, space.progress
-    while True:
-        if progress.paused == 0:
-            progress.first = take(table.turn, share)
-            if progress.first >= count:
-                break
-            progress.last = min(progress.first + share, count)
-            _begin(plan, table, space, progress.first, progress.last)
+    share, progress = space.gathered.shape[1], space.progress
+    while progress.paused != 0 or _take(table, progress, share):
         while True:
             if progress.paused == 0:
                 progress.size = _choose(table, space, progress.first, progress.last)
@@ -323,7 +264,13 @@ def LOOP(arguments: PhaseArguments) -> int:
                 break
             progress.paused = _run(plan, table, space)
             if progress.paused != 0:
-                break
-        if progress.paused != 0:
-            break
-    return progress.paused
+                return 1
+    return 0
+
+
+@compiled_subset
+def _take(table: CaseTable, progress: PhaseProgress, share: int) -> bool:
+    """Take the next cases; return whether there are any."""
+    progress.first = take(table.turn, share)
+    progress.last = min(progress.first + share, table.order.size)
+    return progress.first < table.order.size

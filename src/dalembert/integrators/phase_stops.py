@@ -7,20 +7,20 @@ changed its sign by that occurs at once.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import FloatArray
 from ..ir.input_parameters import WIDTH
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .arguments import IntVector, Matrix, Vector
 from .compiled_subset import call_code, compiled_subset, row
-from .contact_cases import ContactCases
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 
-__all__ = ["BEFORE_START", "StopTable", "begin_stops", "goes_to", "no_stops", "pass_stops"]
+if TYPE_CHECKING:
+    from .phase_tables import CaseTable, ThreadWorkspace
+
+__all__ = ["BEFORE_START", "StopTable", "begin_stops", "goes_to", "load_case", "no_stops", "pass_stops"]
 
 BEFORE_START = -1
 """In place of the next stop of a case, which is not found yet: the first at its time or behind it."""
@@ -74,35 +74,46 @@ def no_stops() -> StopTable:
 
 
 @compiled_subset
-def _write_inputs(stops: StopTable, p: FloatArray, i: int) -> None:
-    """Copy the coefficients of the inputs of a case to its parameters."""
-    for r in range(stops.inputs.places.size):
-        for m in range(WIDTH):
-            place = stops.inputs.places[r] + m
-            p[i, place] = stops.coefficients[place, i]
+def load_case(table: CaseTable, space: ThreadWorkspace, i: int, lane: int) -> None:
+    """Write time, parameters and variables of a case to a lane, as arguments of kernels."""
+    space.clock[0, lane] = table.cases.t[i]
+    for m in range(table.p.shape[1]):
+        space.scene[m, lane] = table.p[i, m]
+    for m in range(table.cases.x.shape[1]):
+        space.posed[m, lane] = table.cases.x[i, m]
 
 
 @compiled_subset
-def begin_stops(stops: StopTable, p: FloatArray, i: int, t: float, t1: float) -> None:
-    """Find the next stop of a case at a time, and let its inputs be those from there on."""
+def _write_inputs(table: CaseTable, i: int) -> None:
+    """Copy the coefficients of the inputs of a case to its parameters."""
+    stops = table.stops
+    for r in range(stops.inputs.places.size):
+        for m in range(WIDTH):
+            place = stops.inputs.places[r] + m
+            table.p[i, place] = stops.coefficients[place, i]
+
+
+@compiled_subset
+def begin_stops(table: CaseTable, i: int) -> None:
+    """Find the next stop of a case, unless that is known, and let its inputs be those from its time on."""
+    stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     if stops.first.size == 0 or stops.next[i] >= 0:
         return
-    direction = 1.0 if t1 >= t else -1.0
-    place = stops.first[i]
+    direction, place = 1.0 if forward else -1.0, stops.first[i]
     while place < stops.first[i + 1] and (stops.times[place] - t) * direction < 0.0:
         place += 1
     stops.next[i] = place
     if stops.inputs.knots.size > 0:
-        stops.edges[i] = begin_inputs(stops.inputs, stops.coefficients, i, i, t, t1, direction > 0.0)
-        _write_inputs(stops, p, i)
+        stops.edges[i] = begin_inputs(stops.inputs, stops.coefficients, i, i, t, table.t1[i], forward)
+        _write_inputs(table, i)
 
 
 @compiled_subset
-def goes_to(stops: StopTable, i: int, goal: float, t1: float, t: float) -> float:
+def goes_to(table: CaseTable, i: int, goal: float) -> float:
     """Return where the next run of a case ends: at a goal, or at the first stop before that."""
+    stops, direction = table.stops, 1.0 if table.t1[i] >= table.cases.t[i] else -1.0
     if stops.first.size == 0:
         return goal
-    direction = 1.0 if t1 >= t else -1.0
     if stops.next[i] < stops.first[i + 1] and (stops.times[stops.next[i]] - goal) * direction < 0.0:
         goal = stops.times[stops.next[i]]
     if stops.inputs.knots.size > 0 and (stops.edges[i] - goal) * direction < 0.0:
@@ -111,61 +122,44 @@ def goes_to(stops: StopTable, i: int, goal: float, t1: float, t: float) -> float
 
 
 @compiled_subset
-def _reach(stops: StopTable, p: FloatArray, i: int, t: float, t1: float) -> int:
-    """Let the parameters of a case be those behind the stops at a time; return which controllers act there."""
-    direction, close = 1.0 if t1 >= t else -1.0, SMALLEST_OF_TIME * abs(t)
+def _reach(table: CaseTable, i: int) -> int:
+    """Let the parameters of a case be those behind the stops at its time; return which controllers act there."""
+    stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
+    direction, close = 1.0 if forward else -1.0, SMALLEST_OF_TIME * abs(t)
     place, acts = stops.next[i], 0
     while place < stops.first[i + 1] and (stops.times[place] - t) * direction <= close:
         acts += stops.acts[place]
         if not math.isnan(stops.middles[place]):
-            p[i, stops.place] = stops.middles[place]
+            table.p[i, stops.place] = stops.middles[place]
         place += 1
     stops.next[i] = place
     if stops.inputs.knots.size > 0 and (stops.edges[i] - t) * direction <= close:
-        stops.edges[i] = pass_knots(stops.inputs, stops.coefficients, i, i, t, direction > 0.0)
-        _write_inputs(stops, p, i)
+        stops.edges[i] = pass_knots(stops.inputs, stops.coefficients, i, i, t, forward)
+        _write_inputs(table, i)
     return acts
 
 
 @compiled_subset
-def pass_stops(
-    stops: StopTable,
-    cases: ContactCases,
-    t: FloatArray,
-    t1: FloatArray,
-    p: FloatArray,
-    reaching: NDArray[np.int64],
-    clock: FloatArray,
-    posed: FloatArray,
-    scene: FloatArray,
-    acted: FloatArray,
-) -> None:
-    """Continue cases from the stops that they have reached.
-
-    ``reaching`` (2, lanes) has a case for each lane, or -1, and gets the controllers that act. Their times, variables
-    and parameters are in ``clock``, ``posed`` and ``scene``.
-    """
+def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
+    """Continue the cases in ``reaching`` from the stops that they have reached, which get the controllers that act."""
+    stops, reaching = table.stops, space.reaching
+    if stops.first.size == 0:
+        return
     for lane in range(reaching.shape[1]):
-        i = reaching[0, lane]
-        acts = 0
-        if i >= 0:
-            acts = _reach(stops, p, i, t[i], t1[i])
-            for m in range(p.shape[1]):
-                scene[m, lane] = p[i, m]
-            for m in range(cases.x.shape[1]):
-                posed[m, lane] = cases.x[i, m]
-        reaching[1, lane] = acts
+        reaching[1, lane] = 0
+        if reaching[0, lane] >= 0:
+            reaching[1, lane] = _reach(table, reaching[0, lane])
+            load_case(table, space, reaching[0, lane], lane)
     for a in range(stops.kernels.size):
         wanted = False
         for lane in range(reaching.shape[1]):
             wanted = wanted or reaching[1, lane] >> a & 1 != 0
         if not wanted:
             continue
-        call_code(stops.kernels[a], row(clock, 0), row(posed, 0), row(scene, 0), 0, row(acted, 0))
+        clock, posed, scene = row(space.clock, 0), row(space.posed, 0), row(space.scene, 0)
+        call_code(stops.kernels[a], clock, posed, scene, 0, row(space.acted, 0))
         for lane in range(reaching.shape[1]):
-            i = reaching[0, lane]
-            if i < 0 or reaching[1, lane] >> a & 1 == 0:
-                continue
-            for m in range(stops.columns[a], stops.columns[a + 1]):
-                cases.x[i, stops.places[m]] = acted[m - stops.columns[a], lane]
-                posed[stops.places[m], lane] = acted[m - stops.columns[a], lane]
+            if reaching[1, lane] >> a & 1 != 0:
+                for m in range(stops.columns[a], stops.columns[a + 1]):
+                    table.cases.x[reaching[0, lane], stops.places[m]] = space.acted[m - stops.columns[a], lane]
+                    space.posed[stops.places[m], lane] = space.acted[m - stops.columns[a], lane]

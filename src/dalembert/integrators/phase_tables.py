@@ -124,8 +124,8 @@ class CaseTable(NamedTuple):
 
     Attributes
     ----------
-    t, t1, begun : (k,)
-        Present and final times, and when the present phase began [s].
+    t1, begun : (k,)
+        Final times, and when the present phase began [s].
     p : (k, n_p)
         Parameters of the scene.
     cases : ContactCases
@@ -148,7 +148,6 @@ class CaseTable(NamedTuple):
         Where there are stops, signs of the events of a case in its present phase (`EventWorkspace.carried`).
     """
 
-    t: Vector
     t1: Vector
     begun: Vector
     p: Matrix

@@ -40,7 +40,6 @@ def case_table(
     """
     count, nothing = len(state.t), np.zeros(0, np.int64)
     return CaseTable(
-        state.t,
         np.ascontiguousarray(t1, np.float64),
         state.t.copy(),
         state.c,

@@ -323,7 +323,7 @@ class PhaseExecutor:
         width = max((len(runner.events) for runner in self.runners), default=0)
         before = self.table.carried
         if len(self.table.stops.first) and width > before.shape[1]:
-            carried = np.full((len(self.table.t), width), np.nan)
+            carried = np.full((len(self.table.t1), width), np.nan)
             carried[: len(before), : before.shape[1]] = before
             self.table, self._packed = self.table._replace(carried=carried), []
 
