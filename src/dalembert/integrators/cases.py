@@ -76,6 +76,8 @@ class CaseColumns:
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
     carried : ndarray (k, n_events) or None
         Signs of events with which cases continue, and with which they end (`EventWorkspace.carried`).
+    continued : ndarray (k, ...) or None
+        What cases that are cut in segments remember of events (`EventWorkspace.continued`).
     bounded : bool
         Whether the error of the polynomials of steps decides about these, too, where it is known.
     """
@@ -94,6 +96,7 @@ class CaseColumns:
     inputs: InputRecords | None = None
     recorded: int = 0
     carried: FloatArray | None = None
+    continued: FloatArray | None = None
     bounded: bool = False
 
 

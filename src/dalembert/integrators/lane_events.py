@@ -6,6 +6,7 @@ import numpy as np
 
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
+from .event_continuation import continue_case, end_of_case, keep_case, span_of_case
 from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan, state_at
@@ -14,7 +15,7 @@ from .projection import FAILED, NONE, WANTED, correct
 from .step_control import largest_step, status_after
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, ROUNDING
+from .workspace import ATTEMPTS, BEFORE, END, NEXT, NOW, POINT_LANES, ROUNDING
 
 __all__ = ["handle_events", "hold_for_events", "test_steps", "watch_case"]
 
@@ -36,6 +37,8 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     starts(events, space, lane, t, direction, row(space.own, lane))
     if space.carried.shape[0] > 0:
         go_on(events, space, lane, t, direction, state.numbers.case[lane])
+    if space.continued.shape[0] > 0:
+        continue_case(arguments, lane)
 
 
 @compiled_subset
@@ -78,6 +81,8 @@ def handle_events(arguments: SweepArguments) -> None:
             _stop(arguments, lane, found, theta)
         if arguments.workspace.carried.shape[0] > 0:
             _carry(arguments, lane, searched)
+        if arguments.workspace.continued.shape[0] > 0:
+            keep_case(arguments, lane)
 
 
 @compiled_subset
@@ -178,7 +183,8 @@ def _stops(arguments: SweepArguments, lane: int, found: int, theta: float) -> bo
     """Return whether an event stops a lane within its step; the lane is moved back to that time."""
     state, space = arguments.state, arguments.workspace
     if found == NOTHING:
-        return state.numbers.status[lane] == Status.SUCCESS and _ends_in_zeros(arguments, lane)
+        ended = state.numbers.status[lane] == Status.SUCCESS and state.clock[NOW, lane] == end_of_case(arguments, lane)
+        return ended and _ends_in_zeros(arguments, lane)
     if theta < 1.0:
         n, now = arguments.shape.n, state.tally[BEFORE, lane]
         state_at(space, n, theta, 0)
@@ -237,7 +243,7 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
     if found == BROKEN:
         numbers.status[lane] = Status.EVENT_NON_FINITE
         return
-    span, one = abs(end - state.tally[FIRST, lane]), row(space.own, lane)
+    span, one = span_of_case(arguments, lane), row(space.own, lane)
     n, case = arguments.shape.n, numbers.case[lane]
     outcome = resolve(arguments.events, space, lane, n, t, direction, span, one, arguments.happened, case, theta)
     _take_point(arguments, lane)
@@ -245,7 +251,8 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
         numbers.status[lane] = outcome
         return
     numbers.status[lane] = status_after(abs(end - t) == 0.0, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
-    if numbers.status[lane] == RUNNING:
+    cut = numbers.status[lane] == Status.SUCCESS and t != end_of_case(arguments, lane)
+    if numbers.status[lane] == RUNNING or cut:
         _restart(arguments, lane)
 
 

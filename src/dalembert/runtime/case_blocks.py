@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["begin_cases", "begin_whole", "fitted"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
-_BLOCKS_PER_THREAD = 8
+_BLOCKS_PER_THREAD, _CUT_BLOCKS_PER_THREAD = 8, 2
+"""Blocks for each thread; fewer where runs are cut in segments, because every block is called once for each."""
+
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
@@ -79,7 +81,7 @@ def _interrupted(result: BlockResult) -> BlockResult:
 def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
     """Run all cases, block by block."""
     count = cases.count
-    share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
+    share = 1 if engine.whole_blocks else threads * (_CUT_BLOCKS_PER_THREAD if engine.cuts else _BLOCKS_PER_THREAD)
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
@@ -88,8 +90,12 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
     def run_block(block: slice) -> int:
         with stopped_by(stopping):
             check()
-            _run_block(engine, cases, settings, block, result[block])
-            _check_results(cases, settings, block, result)
+            try:
+                _run_block(engine, cases, settings, block, result[block])
+                _check_results(cases, settings, block, result)
+            except KeyboardInterrupt:  # its events and totals are not written yet, and nothing is checked
+                result.ends[block, 1] = float(Status.INTERRUPTED)
+                raise
         return block.stop - block.start
 
     with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:

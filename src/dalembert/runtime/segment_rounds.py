@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..integrators.breakpoints import break_times_of_cases
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
+from ..integrators.event_continuation import not_begun
 from ..integrators.input_records import InputRecords
 from ..integrators.segments import Segments
 from ..ir.kernel import Assignment, Kernel, Load
@@ -48,6 +49,7 @@ class SegmentRounds:
         self.start = _start_from_states(len(program.layout.state))
         self.starts, self.breaks = break_times_of_cases(self.conditions, self.p, block.spans[:, 0], block.spans[:, 1])
         self.acts, self.bad = np.zeros(0, np.int64), np.zeros(len(block.y), np.bool_)
+        self.continued = None if block.watch is None else not_begun(block.spans, len(block.watch.events))
         if self.sampling is not None:
             self._sample(self.sampling)
 
@@ -94,7 +96,7 @@ class SegmentRounds:
         block, result = self.block, self.result
         some = np.flatnonzero(~self.bad)
         now, y = block.spans[:, 0].copy(), block.y.copy()
-        result.ends[:] = 0.0
+        result.ends[:, 2] = 0.0
         result.y[self.bad], result.samples[self.bad] = block.y[self.bad], np.nan
         result.ends[self.bad, :2] = np.column_stack([now, np.full(len(now), float(Status.NON_FINITE))])[self.bad]
         k = 0
@@ -112,12 +114,13 @@ class SegmentRounds:
                 return False
             t, status, steps = done.ends.T
             now[some], y[some] = t, done.y
-            result.y[some] = done.y
-            result.ends[some, 0], result.ends[some, 1] = t, status
+            result.y[some], result.happened[some], result.totals[some] = done.y, done.happened, done.totals
             result.ends[some, 2] += steps
-            spent = further & (status == Status.SUCCESS) & (result.ends[some, 2] >= block.max_steps)
-            result.ends[some[spent], 1] = float(Status.MAX_STEPS)
-            some = some[further & (status == Status.SUCCESS) & ~spent]
+            further &= status == Status.SUCCESS
+            spent = further & (result.ends[some, 2] >= block.max_steps)
+            status[spent], status[further & ~spent] = Status.MAX_STEPS, Status.INTERRUPTED
+            result.ends[some, 0], result.ends[some, 1] = t, status
+            some = some[further & ~spent]
             k += 1
         return True
 
@@ -150,8 +153,12 @@ class SegmentRounds:
         chosen = np.flatnonzero((forward * wanted >= lowest) & (forward * wanted <= highest))
         times = wanted[chosen]
         done = BlockResult.empty(len(some), y.shape[1], len(times))
-        if not self._step(p, y, (t0, t1), times, done, inputs):
+        done = replace(done, happened=self.result.happened[some], totals=self.result.totals[some])
+        continued = None if self.continued is None else self.continued[some]
+        if not self._step(p, y, (t0, t1), times, done, inputs, continued):
             return None
+        if self.continued is not None:
+            self.continued[some] = continued
         if len(times):
             own = (forward * times >= forward * t0[:, np.newaxis]) & (forward * times <= forward * t1[:, np.newaxis])
             own &= forward * times <= forward * done.ends[:, :1]
@@ -167,6 +174,7 @@ class SegmentRounds:
         times: FloatArray,
         done: BlockResult,
         inputs: InputRecords | None,
+        continued: FloatArray | None,
     ) -> bool:
         """Run cases from states to the ends of their segments; return whether the engine does that side by side."""
         block, (t0, t1) = self.block, ends
@@ -179,14 +187,16 @@ class SegmentRounds:
             self.start,
             times,
             *limits,
+            watch=block.watch,
             inputs=inputs,
+            continued=continued,
         )
         run: CaseRun | None = self.inner.sweeper(columns, self.method, done, np.empty((0, 0)), len(p))
         if run is not None:
             run.work()
             run.finish()
             return True
-        if not self.inner.whole_blocks or len(block.t_eval):
+        if not self.inner.whole_blocks or len(block.t_eval) or block.watch is not None:
             return False
         c = prepare_rows(self.program, p)
         spans = np.stack([t0, t1], axis=1)

@@ -281,7 +281,7 @@ class SegmentedEngine(Engine):
         knots = block.inputs is not None and not self.inner.follows_inputs
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
-        elif knots or block.watch is not None or not SegmentRounds(self, block, method, result).run():
+        elif knots or block.carried is not None or not SegmentRounds(self, block, method, result).run():
             self._one_by_one(block, method, result)
 
     def _one_by_one(self, block: CaseBlock, method: str, result: BlockResult) -> None:

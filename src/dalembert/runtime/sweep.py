@@ -177,7 +177,8 @@ def begin_sweep(
         finer = replace(settings, rtol=tighter.rtol, atol=tighter.atol, method=method)
         if options.fits:
             finer = fitted(model.engine, cases, finer)
-        done.with_twin(_begin_cases(model, cases, finer, axes, time.perf_counter())())
+        stop = bool(np.any(done.status == Status.INTERRUPTED))
+        done.with_twin(_begin_cases(model, cases, finer, axes, time.perf_counter())(stop))
         return done
 
     return estimated

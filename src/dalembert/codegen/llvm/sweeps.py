@@ -191,6 +191,8 @@ class _Run:
             workspace = event_workspace(self.events, shape.n, shape.degree, shape.n_c, n_s, shape.lanes)
         if self.cases.recorded:
             workspace = workspace._replace(occurrences=np.zeros((1 + self.cases.recorded, OCCURRENCE)))
+        if self.cases.continued is not None:
+            workspace = workspace._replace(continued=self.cases.continued)
         return workspace if self.cases.carried is None else workspace._replace(carried=self.cases.carried)
 
     def project_samples(self) -> None:

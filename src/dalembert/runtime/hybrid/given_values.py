@@ -14,6 +14,7 @@ from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
+from ...methods.status import Status
 from ...options import SimulateOptions, SweepOptions
 from ...progress import run_meter
 from ...reduction.baumgarte import GAINS, Baumgarte
@@ -185,7 +186,8 @@ def run_cases(
     run = sweep(modes, request)
     if not options.error_estimate:
         return run
-    return run.with_twin(sweep(modes, replace(request, options=_tighter(options))))
+    stop = bool(np.any(run.status == Status.INTERRUPTED))
+    return run.with_twin(sweep(modes, replace(request, options=_tighter(options)), stop))
 
 
 def _jumps(modes: ModeModels, layout: Layout, events: Sequence[Event]) -> EventJumps:

@@ -31,9 +31,9 @@ _BETWEEN_LOOKS = 1024
 """Cases after which a bar shows how far they are."""
 
 
-def sweep(modes: ModeModels, request: SweepRequest) -> HybridSweep:
-    """Return the results of all cases."""
-    return _Sweep(modes, request).results()
+def sweep(modes: ModeModels, request: SweepRequest, stop: bool = False) -> HybridSweep:
+    """Return the results of all cases; with `stop` none of them is run."""
+    return _Sweep(modes, request).results(stop)
 
 
 @final
@@ -63,12 +63,12 @@ class _Sweep:
         chosen = None if options.chosen is None else options.method_chosen
         self.executor = PhaseExecutor(*known, fits=options.fits, chosen=chosen)
 
-    def results(self) -> HybridSweep:
-        """Run all cases to their ends."""
+    def results(self, stop: bool) -> HybridSweep:
+        """Run all cases to their ends, unless they are to stop."""
         with meter(len(self.status), self.request.options.progress) as advance:
             advance(len(self.status) - len(self._going()))
             try:
-                while len(going := self._going()):
+                while not stop and len(going := self._going()):
                     self._run(going)
                     self._jump()
                     advance(len(going) - len(self._going()))

@@ -1,0 +1,133 @@
+"""Sweeps that Ctrl-C has stopped: cases that have not ended have NaN, others the bits of a whole sweep."""
+
+import contextlib
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.codegen.llvm import sweeps
+from dalembert.methods.status import Status
+from dalembert.runtime import case_blocks
+from dalembert.runtime.hybrid import sweep as hybrid_sweep
+
+COUNT = 300
+SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+VALUES = {"m": 1.0, "b": np.linspace(0.05, 0.5, COUNT), "I_C": 0.5}
+x, u = dynamicsymbols("x u")
+m, T, k = sp.symbols("m T k", positive=True)
+WATCHED = {"events": ["x"], "reduce": {"mean": da.mean("x"), "top": da.maximum("x"), "end": da.final("x_dot")}}
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return da.compile_model(da.scenes.chaplygin_sleigh())
+
+
+@pytest.fixture(scope="module")
+def cart():
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("P", P, m))
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x))
+    scene.add_controllers(da.Controller("p", period=T, inputs={u: -k * x - x.diff()}))
+    return da.compile_model(scene)
+
+
+def press(monkeypatch, number):
+    """Let Ctrl-C be pressed when a loop returns to Python for the time of that number."""
+    real, calls = sweeps.check, []
+
+    def check(t=np.nan):
+        calls.append(t)
+        if len(calls) >= number:
+            raise KeyboardInterrupt
+        real(t)
+
+    monkeypatch.setattr(sweeps, "_QUICK", 0.0)
+    monkeypatch.setattr(sweeps, "_ROUNDS", 7)
+    monkeypatch.setattr(sweeps, "check", check)
+
+
+def assert_parts(broken, whole):
+    """Return how many cases have ended."""
+    stopped = broken.status == Status.INTERRUPTED
+    assert np.all(broken.success | stopped)
+    columns = [(broken.t, whole.t), *((broken[name], whole[name]) for name in ("x", "x_dot"))]
+    columns += [(broken.reduced[name], whole.reduced[name]) for name in whole.reduced]
+    for name, events in whole.events.items():
+        assert not np.any(broken.events[name].count[stopped])
+        counts = np.where(stopped, np.nan, broken.events[name].count), events.count
+        columns += [counts, *((getattr(broken.events[name], n), getattr(events, n)) for n in ("first", "last"))]
+    for found, expected in columns:
+        assert np.all(np.isnan(found[stopped]))
+        np.testing.assert_array_equal(found[~stopped], expected[~stopped])
+    return np.sum(~stopped)
+
+
+@pytest.mark.parametrize("number", [1, 40, 100])
+@pytest.mark.parametrize("options", [{"t_eval": [0, 2, 5]}, {**WATCHED, "t_eval": [0, 2, 5]}], ids=["times", "events"])
+def test_sweeps_in_blocks(sleigh, monkeypatch, options, number):
+    whole = sleigh.sweep((0, 5), SLEIGH, VALUES, threads=1, **options)
+    press(monkeypatch, number)
+    ended = assert_parts(sleigh.sweep((0, 5), SLEIGH, VALUES, threads=1, **options), whole)
+    assert (ended > 0) == (number > 1) and ended < COUNT
+
+
+@pytest.mark.parametrize("number", [1, 17, 40])
+@pytest.mark.parametrize("options", [{}, {"t_eval": [0, 0.3, 1]}, {**WATCHED, "t_eval": [0, 0.3, 1]}, WATCHED])
+def test_sweeps_with_controllers(cart, monkeypatch, options, number):
+    """A case between two instants has not ended."""
+    values = {m: 1, k: np.linspace(1, 4, COUNT), T: 0.1}
+    whole = cart.sweep((0, 1), {x: 1, x.diff(): 0}, values, threads=1, **options)
+    press(monkeypatch, number)
+    ended = assert_parts(cart.sweep((0, 1), {x: 1, x.diff(): 0}, values, threads=1, **options), whole)
+    assert ended < COUNT
+
+
+@pytest.mark.parametrize("options", [{}, WATCHED, {"error_estimate": True}], ids=["plain", "events", "estimate"])
+def test_sweeps_of_one_run(sleigh, monkeypatch, options):
+    """All cases are one run of the loop, at whose bar Ctrl-C is pressed."""
+
+    def pressed(finished):
+        raise KeyboardInterrupt
+
+    ends = np.where(np.arange(COUNT) < 50, 1.0, 1e9)  # most never end
+    options = {"threads": 1, "max_step": 0.01, "max_steps": 10**12, **options}
+    whole = sleigh.sweep((0, 1), SLEIGH, VALUES, **options)
+    monkeypatch.setattr(case_blocks, "_BETWEEN_LOOKS", 0.01)
+    with monkeypatch.context() as patched:
+        patched.setattr(case_blocks, "meter", lambda total, wanted: contextlib.nullcontext(pressed))
+        broken = sleigh.sweep((0, ends), SLEIGH, VALUES, progress=True, **options)
+    assert np.all(broken.status[50:] == Status.INTERRUPTED)
+    assert_parts(broken, whole)
+    if options.get("error_estimate"):
+        assert np.all(np.isnan(broken.error_estimate["x"]))
+
+
+@pytest.mark.parametrize("options", [{}, {"t_eval": [0, 0.5, 2]}, {**WATCHED, "t_eval": [0, 0.5, 2]}])
+def test_sweeps_with_contacts(monkeypatch, options):
+    calls = []
+
+    def pressed(finished):
+        calls.append(finished)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+
+    model = da.compile_model(da.scenes.corner_plate(friction=True))
+    values = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81, "F_A": 0.0, "mu": np.linspace(0.7, 0.95, 60)}
+    values = {name: value for name, value in values.items() if name in model.layout.given}
+    start = {"x": -0.5 / np.tan(0.5), "theta": 0.5, "theta_dot": 0.0}
+    whole = model.sweep((0, 2), start, values, **options)
+    with monkeypatch.context() as patched:
+        patched.setattr(hybrid_sweep, "_BETWEEN_LOOKS", 20)
+        patched.setattr(hybrid_sweep, "meter", lambda total, wanted: contextlib.nullcontext(pressed))
+        broken = model.sweep((0, 2), start, values, progress=True, **options)
+    assert 0 < assert_parts(broken, whole) < 60
+    stopped = broken.status == Status.INTERRUPTED
+    assert not np.any(broken.phases[stopped]) and not np.any(broken.steps[stopped])
+    assert np.all(broken.mode("corner")[stopped] == "none")
